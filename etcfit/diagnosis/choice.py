@@ -99,7 +99,6 @@ def promising(
         signatures: of all candidates, the most promising first.
         before: score of the model without them.
         far: whether that model is far from the data.
-        settings: what decides.
     """
     rival = settings.rival_promise_far if far else settings.rival_promise
     worth = []
@@ -118,7 +117,6 @@ def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSett
     Args:
         signatures: the most promising first.
         most: of the others.
-        settings: what decides.
     """
     single = [g for g in signatures if is_of_one_channel(g.variant.effect)]
     others = [g for g in signatures if not is_of_one_channel(g.variant.effect)]
@@ -149,7 +147,6 @@ def choose(
 
     Args:
         verdicts: of the effects tried, the lowest BIC first.
-        settings: what decides.
         most: chi2 that an effect must get below to be proven.
         noise: chi2 of noise alone; an effect that explains little of what it leaves above it imitates something else.
     """

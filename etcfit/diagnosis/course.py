@@ -34,10 +34,8 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
     """The final model as the result of a fit; the first fit itself where nothing was added.
 
     Args:
-        result: the first fit.
         progress: the final model, where one that was guided along the data is let run free, and what is known of its
             effects.
-        report: progress in words.
     """
     s = progress.model
     if not s.added:

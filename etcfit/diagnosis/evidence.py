@@ -92,8 +92,6 @@ def signals(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -
     """Signals of each trace along a run drawn along its measured angle.
 
     Args:
-        problem: the traces.
-        x: coordinates, shape (P,).
         guide_stiffness: V/rad, or N m/rad where torque drives.
     Returns:
         for each trace, by name, shape (n,): "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m
@@ -266,7 +264,6 @@ def shares(
         enters: "torque" or "voltage".
         along: signals of each trace by name, shape (n,) each.
         missing: of each trace, N m or V, shape (n,); NaN where it is not known.
-        settings: `share_samples` and `share_bins`.
     """
     y = np.concatenate(missing)
     seen = np.isfinite(y)

@@ -161,9 +161,7 @@ def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Prun
     inexact formulas of the others would leave. One that was found alone stays.
 
     Args:
-        s: the model.
         first_chi2_per_dof: of the first fit.
-        report: progress in words.
     """
     words = []
     for effect in s.added if len(s.added) > 1 else ():
@@ -211,9 +209,7 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
     """The model with one effect in place of two that were added, where that explains as much for fewer parameters.
 
     Args:
-        s: the model.
         found: the effects added, and what is known of them.
-        report: progress in words.
     """
     if s.far or len(s.added) < 2:
         return LookBack(s, tuple(found), ())

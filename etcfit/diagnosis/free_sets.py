@@ -111,10 +111,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
     """A set of effects grown from the first fit's free run, one effect after the other.
 
     Args:
-        result: the first fit, far from its data.
         names: of effects that may be taken.
-        report: progress.
-        settings: what is asked of an effect.
     """
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     known, plan = result.rig.config.effects, result.settings
@@ -142,10 +139,7 @@ def searched_free(
     """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared.
 
     Args:
-        result: the first fit.
-        first: the model of the first round.
         progress: what the rounds came to, far from the data.
-        report: progress in words.
     """
     s, settings = progress.model, first.settings
     names = pool(progress.rounds, settings)

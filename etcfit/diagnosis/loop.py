@@ -65,8 +65,6 @@ def run_round(s: CandidateModel, report: Report, formula_chi2: float = 0.0) -> R
     """One round.
 
     Args:
-        s: the model that it begins with.
-        report: progress.
         formula_chi2: chi2 above the noise's that inexact formulas of the effects added may leave: it is not judged.
     """
     before, samples = score(s), s.weighted.samples
@@ -108,7 +106,6 @@ def score_candidates(
     `inside`.
 
     Args:
-        s: the model.
         candidates: effects that are not at work.
         kept: what is kept of each signature.
     """

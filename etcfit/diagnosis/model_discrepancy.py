@@ -63,7 +63,6 @@ def chi2_left_by_formula(phi: float, explained: float, n: float, settings: Diagn
         phi: relative error of the formula.
         explained: chi2 that the effect explained.
         n: fitted samples; 0.04 is `formula_ceiling`.
-        settings: what decides.
     """
     return min(phi**2 * explained, settings.formula_ceiling * n)
 
@@ -96,7 +95,6 @@ def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> I
     """J^T c_b of every stretch of every trace, shape (P,) each.
 
     Args:
-        s: the model.
         jacobian: of the residual, shape (T, L, M, P).
         effect: c, what the effect does to the residual, shape (T, L, M).
     """

@@ -113,10 +113,7 @@ def of_another_rig(
     """The piece that is of another rig; None where none is shown to be.
 
     Args:
-        result: the first fit, which says what was measured.
-        s: a model of all data that leaves more than noise.
         errors: of its free run, fitted traces; the pieces that it predicts worst are asked.
-        report: progress.
         one: the model with the single effect that does most for all data; None where none does anything.
     """
     for places in _pieces(errors, s.settings):
@@ -293,9 +290,7 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
 
     Args:
         here: the model of all data with the parameters of the others.
-        result: the first fit.
         apart: sum of squares above which a body more does better.
-        report: progress.
     """
     settings = here.settings
     candidates = [e for e in here.composition.candidates if not here.at_work(e)]

@@ -50,7 +50,6 @@ def credits(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float
     it explained: no later round, or a name that did not stay.
 
     Args:
-        rounds: of the diagnosis.
         added: the effects of its final model.
     """
     return [_credit(k, rounds, added) for k in range(len(rounds))]
@@ -61,7 +60,6 @@ def doubted(rounds: Sequence[RoundReport], added: Collection[str], settings: Dia
 
     Args:
         rounds, added: as of `credits`.
-        settings: `least_credit`.
     """
     believed = zip(rounds, credits(rounds, added), strict=True)
     return [str(each.added) for each, credit in believed if credit < settings.least_credit]
@@ -164,10 +162,8 @@ def questions(
     to each question, of probability `slow_log`.
 
     Args:
-        rounds: of the diagnosis.
         added: the effects that are in its final model and not in doubt.
         curve: whether a curve without a name was found.
-        settings: `bic_temper`, `lapse`, `missed` and `slow_log`.
         slow: whether a fitted test was logged so.
         doubts: other effects of that model, which something else outdoes (`credit.doubted`).
     """

@@ -82,10 +82,7 @@ def whitened(
     """The model at other coordinates, its residual weighed there.
 
     Args:
-        s: effects and settings.
-        problem: the fitted traces.
         held_out: the others; releases of their plates are sought from where these traces have them.
-        x: coordinates, shape (P,).
         end: how the refit that led there ended.
     """
     new = _weigh(problem, held_out, x, end.far, s.settings)
@@ -135,7 +132,6 @@ def further_from_data(after: float | None, before: float | None, settings: Diagn
     Args:
         after, before: chi2 per sample, each by its own whitening; None far from the data, where it is 1 by construction
             and compares with nothing.
-        settings: what decides.
     """
     if before is None:
         return False

@@ -49,11 +49,8 @@ def screen_of_single_traces(
     of which nothing here tells what it does.
 
     Args:
-        background: of the model and residual without them.
         tangents: of that model with effects of the rig in whole tests beside it.
-        problem, x, weighted: that model.
         candidates: effects of the rig in single traces that do not delay.
-        settings: `single_traces`.
     """
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     if not rigs:
@@ -152,7 +149,6 @@ def _standing_out(
 
     Args:
         alone: the effects, and what each would do to all samples, shape (n,).
-        background: of the model without them.
         rows: of the fitted samples, by file.
     """
     gains: dict[RigEffect, float] = {}
@@ -216,12 +212,6 @@ def screen_of_late(
 ) -> tuple[Signature, ...]:
     """The signature of every candidate that logs late, the most promising first; of those of single traces, and of
     single channels of them, only the few that stand out the most.
-
-    Args:
-        background: of the model and residual without them.
-        problem, x, weighted: that model.
-        candidates: effects of the rig that delay.
-        settings: `single_traces`.
     """
     rows, intervals = rows_by_file(problem, weighted), _Intervals.of(problem)
     changes = _changes(problem, x, weighted, intervals.of_tests)
@@ -250,7 +240,6 @@ def of_one_event(s: CandidateModel, effect: Effect) -> float:
 
     Args:
         s: the model with it.
-        effect: one of those added.
     """
     without = s.without(effect)
     with_it, before = (

@@ -49,9 +49,7 @@ def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
     next one is tried too.
 
     Args:
-        result: the first fit.
         turned: the first round as it went, after which the model is still far from the data.
-        report: progress.
     """
     candidates = (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before))
     found = nearest(_near(candidates, result, turned, report))
@@ -127,11 +125,8 @@ def fitted_with(
     and the steps of the integrator are of a rig that can be, and its optimum is where the effect's refit begins.
 
     Args:
-        effect: the one more.
-        result: the first fit.
         before: the model that it is to take the place of.
         was: score of that.
-        report: progress.
         stated: the effect's first parameter, SI, by the rig's checks; the graph readings and nominal values where None.
     """
     config, first = result.rig.config, parameters_of(effect)[0]
@@ -215,9 +210,7 @@ def forward(
     """Rounds from here until one adds nothing or `most` are made in all.
 
     Args:
-        result: the first fit.
         progress: where to go on from.
-        report: progress in words.
         most: rounds in all; `rounds` of the settings where None.
         keep: is given the progress after every round that added something.
     """
@@ -289,9 +282,7 @@ def first_from_checks(result: FitResult, progress: Progress, report: Report) -> 
     """The progress with each effect added that a finding of the rig's checks states, where a fit with it stands.
 
     Args:
-        result: the first fit, whose rig has the findings.
         progress: so far; a round is added for each effect.
-        report: progress in words.
     """
     for effect, value in progress.model.composition.stated.items():
         if not progress.model.at_work(effect):

@@ -129,7 +129,6 @@ class Background:
         """The score test of one variant.
 
         Args:
-            variant: of a candidate.
             columns: d residual / d amplitude over its scale, shape (n, k); what is not finite counts as 0.
             parameters: of the candidate, by symbol.
         """
@@ -198,9 +197,7 @@ def screen_of_the_rig(
     Their tangents are columns of the Jacobian of the lean model with all of them free, some at a time.
 
     Args:
-        background: of the model and residual without them.
         tangents: of the model with all of them at work, at their off values.
-        candidates: effects of the rig.
         kept: what is kept of each signature.
     """
     layout, found = tangents.problem.layout, []

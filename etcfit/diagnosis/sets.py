@@ -70,7 +70,6 @@ def pairs(signatures: Sequence[Signature], r: np.ndarray, most: int) -> tuple[Pa
     Args:
         signatures: of every variant of every candidate, their columns free of what the fitted parameters can do.
         r: the residual free of it, shape (n,).
-        most: how many pairs.
     """
     blocks = _blocks([s for s in signatures if s.own > 0.0])
     if len(blocks) < 2:
@@ -188,10 +187,7 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
     """The rounds' progress, or one that begins with a pair of effects and explains clearly more.
 
     Args:
-        result: the first fit.
-        first: the model of the first round.
         progress: what the rounds came to.
-        report: progress in words.
     """
     if first.far or not is_open(len(progress.model.added), progress.rounds[-1].evidence.white):
         return Searched(progress, ())
@@ -350,8 +346,6 @@ def rivals(
     """Effects that in the place of one of a pair explain a good part of it, with their parameters' values.
 
     Args:
-        effect: the one of the pair.
-        pair: the pair.
         every: pairs, the largest gain first.
         promise: what each explains alone.
         settings: `exchange_rival`, and `refits` as the most of them.

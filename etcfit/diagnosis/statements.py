@@ -46,7 +46,6 @@ def statements(
         values: of that model, SI by symbol.
         probabilities: of the effects; one without any is taken as proven.
         rounds: of the diagnosis, and what each `asked`.
-        settings: `suspicion`.
     """
     answers = {each.added: question.answers for each, question in zip(rounds, asked, strict=False)}
     return tuple(
@@ -86,7 +85,6 @@ def statement(
         effect, named: the effect, and its words.
         probability: that it is there.
         answers: of the round that added it.
-        settings: `suspicion`.
     """
     instead = dict(likely({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion

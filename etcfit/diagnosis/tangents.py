@@ -156,9 +156,7 @@ def _directions(problem: EstimationProblem, rest: np.ndarray, every: Sequence[Va
     """The model at rest first, then one row for each amplitude of each variant; padded to whole batches.
 
     Args:
-        problem: of the composed model.
         rest: all its values with every candidate off, shape (Q,).
-        every: variants.
     """
     layout, index = problem.layout, problem.layout.form.index
     fulls, ways = [rest], [np.zeros(rest.size)]
@@ -273,7 +271,6 @@ def tangents_along_path(
     scale, (n, k).
 
     Args:
-        problem, x, weighted: a model at its optimum.
         every: variants of effects that it has not, and that it `serves`.
         use: called by several threads.
     """
@@ -326,7 +323,6 @@ def tangents_inside(
     them in it.
 
     Args:
-        s: the model, at its optimum.
         every: variants of candidates that act in the throttle and are not at work.
         use: called by several threads.
     """

@@ -38,7 +38,6 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
     """-2 ln prior of an effect of the rig at its size; 0 of an effect of the throttle.
 
     Args:
-        effect: at work.
         values: of the model, SI by symbol.
         stated: effects that the rig's checks state.
     """
@@ -177,7 +176,6 @@ def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect:
         s: the model of the first trial, whose whitening stays.
         full: that model refitted in full.
         before: score without the effect.
-        effect: the one tried.
     """
     trial = judged(effect, before, replace(s, x=full.x))
     return replace(trial, verdict=replace(trial.verdict, slack=s.settings.refit_rise))

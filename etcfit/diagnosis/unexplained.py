@@ -44,10 +44,7 @@ def unexplained(
     """The smooth curve that the residual asks for most; None where it is not worth its parameters.
 
     Args:
-        result: the first fit.
-        s: the final model, at its optimum.
         worth: by how much BIC fell when each effect was added.
-        report: progress.
     """
     report("looking for structure without a name", 0.9)
     s = widened(result, s)
@@ -64,12 +61,6 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
 
     Names found one after the other may each imitate a part of something that has none. Names that brought a model near
     its data give way only to a curve that does so too: far from the data a guided residual is no proof.
-
-    Args:
-        result: the first fit.
-        first: the model of the first round.
-        s: the final model, at its optimum.
-        report: progress.
     """
     if not s.added or not much_is_left(None if s.far else s.chi2_per_sample, s.settings):
         return None
@@ -109,10 +100,8 @@ def questioned(
     With the effect a curve explains no less than alone, so one that explained nearly all of both is not in doubt.
 
     Args:
-        added: the effects.
         worth: by how much BIC fell when each was added.
         curve_bic_change: of the curve beside them all; below 0.
-        settings: what decides.
     """
     return [e for e in added if worth[e] < -settings.surely_named * curve_bic_change]
 
@@ -226,7 +215,6 @@ def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], tr
     """What of a curve's axis was measured while the plate moved; everywhere, where no torque is read at all.
 
     Args:
-        effect: the curve.
         along: signals of each trace by name, shape (n,) each; "torque" is NaN where the plate rests.
         travel: closed and open, rad.
     """
@@ -265,7 +253,6 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
     """sqrt(diag(H C H^T)), H_jk = scale_k hat_k(a_j): the curve is linear in its K amplitudes.
 
     Args:
-        effect: the curve.
         where: a, values of its axis, shape (n,).
         covariance: C, of the amplitudes' coordinates, shape (K, K).
         scale: amplitude over coordinate, shape (K,).
@@ -298,10 +285,7 @@ def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel
     Far from the data it is a compromise anyway, and there is no noise to measure what is left by.
 
     Args:
-        result: the first fit.
         after: the fit of the final model.
-        s: the final model.
-        report: progress.
     """
     if s.far or after.far:
         return Allowed(after)

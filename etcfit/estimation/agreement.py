@@ -78,9 +78,6 @@ def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarra
 
     Args:
         clusters: what each says; together all the data.
-        believed: the priors.
-        reach: of each coordinate, shape (P,).
-        unknown: standard deviation above which a parameter is not known, reaches.
     """
     everything = reduce(add, clusters, believed)
     splits = [Split(own, everything - own, reach, unknown) for own in clusters]
@@ -182,7 +179,6 @@ class Influence:
 
         Args:
             least: standard errors that a pull must have.
-            most: how many.
         """
         return tuple(pull for pull in self.pulls[:most] if abs(pull.pull) >= least)
 
@@ -197,11 +193,7 @@ def influence(
     """Leave out every test and, where it has more than one, every trace of it.
 
     Args:
-        symbols: free parameters, P.
         traces: what each trace says, by test and file.
-        believed: the priors.
-        reach: of each coordinate, shape (P,).
-        unknown: standard deviation above which a parameter is not known, reaches.
     """
     everything = reduce(add, traces.values(), believed)
     sd = np.sqrt(np.diag(np.linalg.inv(everything.information)))
@@ -278,7 +270,6 @@ class Compromise:
         Args:
             half: half width of an interval, standard deviations.
             stated: covariance for all the data, shape (P, P).
-            x: coordinates, shape (P,).
             most: as in `ends`.
         """
         variance = np.diag(stated)
@@ -296,7 +287,6 @@ def compromise_reason(far: bool, chi2: float, contradicting: Iterable[str], sett
         far: the model is far from the data.
         chi2: per degree of freedom.
         contradicting: tests that contradict the others.
-        settings: what decides.
     """
     if far or chi2 >= settings.contradiction.compromise:
         return f"the model is far from the data (chi2/dof {chi2:.3g})"
@@ -403,12 +393,9 @@ def agreement(
     """Compare every trace and every test of a fit with the others.
 
     Args:
-        problem, weighted: the data as fitted.
-        x: the optimum, shape (P,).
         pieces: every channel of every trace, linearised there.
         covariance: of the coordinates, widened channel by channel, shape (P, P).
         misfit: whether the model is far from the data, and chi2 per degree of freedom.
-        settings: what decides.
     """
     if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
         return Agreement(Influence(), covariance)

@@ -49,10 +49,8 @@ def fitted_to(
     """Descend from x with some tests alone.
 
     Args:
-        problem, weighted: all the data, as they were fitted.
         x: the optimum of all, shape (P,).
         tests: those to count.
-        settings: `steps`, the budget of the descent.
     """
     counts = muted(problem, weighted, lambda trace: trace.test.name in tests)
     end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
@@ -66,9 +64,7 @@ def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> 
     are not comparable.
 
     Args:
-        problem: all the data.
         here: the subset's fit under the whitening of all.
-        settings: see `fitted_to`.
     """
     fresh = replace(problem, sigma=problem.batch.slots.sigma)
     for _ in range(_RENEWALS):
@@ -170,9 +166,7 @@ def parted(
 
     Args:
         here: the others fitted, or all of them with the test among them.
-        test: which.
         believed: the priors, at that point.
-        reach, unknown: see `Split`.
         whiteness: see `inflation`.
         alone: the fit to this test alone, where its own optimum is more than one step away: linearised there.
     """
@@ -278,9 +272,7 @@ def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknow
     combination of parameters, moves by more.
 
     Args:
-        each: the test.
         believed: the priors, at the fit with it.
-        reach, unknown: see `Split`.
     """
     own, others = sides_of(each.together, each.test)
     split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)

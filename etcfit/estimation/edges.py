@@ -67,10 +67,7 @@ def with_edges_in_step(
 
     Args:
         rig: as read; where rig.toml names the effect itself, nothing is looked for.
-        problem: of its fitted traces.
         held_out: its other traces: their edges have turns too, and say nothing of the phase.
-        x: coordinates near the optimum, shape (P,).
-        settings: what counts as in step.
     """
     if any(effect.startswith(EdgePhase.kind) for effect in rig.config.effects):
         return None
@@ -96,12 +93,7 @@ def with_edges_in_step(
 
 
 def edge_places(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> dict[str, tuple[EdgePlace, ...]]:
-    """Every edge of every trace, by file.
-
-    Args:
-        problem: the traces.
-        x: coordinates near the optimum, shape (P,).
-    """
+    """Every edge of every trace, by file."""
     seen = (replace(problem, batch=problem.batch.jumping(share)).free_run(x) for share in SHARES)
     traces = problem.batch.traces
     return {t.measurement.file: tuple(_read(t, paths)) for t, *paths in zip(traces, *seen, strict=True)}
@@ -241,7 +233,6 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places, settings: 
         rig: with the tests named whose edges are in step, see `edges_in_step`.
         reached: the end of its fit.
         places: of all edges, as seen without a common phase.
-        settings: what counts as on a sample.
     """
     near = list(_near_a_sample(reached.problem, reached.x, settings))
     if not near:
@@ -275,7 +266,6 @@ def accepts(places: Sequence[EdgePlace], turn: float, settings: EdgesInStepSetti
     Args:
         places: of its edges.
         turn: 0 or 1: the share at which they would be.
-        settings: `in_company`, standard errors.
     """
     share = np.array([p.share for p in places])
     weight = 1.0 / np.hypot([p.sd for p in places], settings.scatter) ** 2

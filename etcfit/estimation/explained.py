@@ -156,8 +156,6 @@ def drive_scale(problem: EstimationProblem, x: np.ndarray, trace: Trace) -> Driv
     """The scale of a trace's drive at which the model comes nearest to it.
 
     Args:
-        problem: of the fitted traces.
-        x: coordinates where the fit ended, shape (P,).
         trace: driven, by no ECU in the model.
     """
     before, *coarse = _errors(problem, x, trace, np.array([1.0, *_FACTORS]))
@@ -178,11 +176,7 @@ def drives_of_another_session(
     """Held-out traces that the model misses far more than the fitted ones, and misses little with another drive.
 
     Args:
-        problem: of the fitted traces.
-        x: coordinates where the fit ended, shape (P,).
-        held_out: the other traces.
         errors: of the free run, of the fitted and of the held-out traces.
-        settings: what is far more, and what is little.
     """
     fitted, others = errors
     usual, found = pooled(fitted), []

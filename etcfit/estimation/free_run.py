@@ -75,7 +75,6 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
         values: parameters, SI by symbol.
         gear: N.
         record: of the measured angle.
-        settings: what decides.
     Returns:
         V/rad, or N m/rad where torque drives.
     """
@@ -92,11 +91,6 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
 
 def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings = FitSettings()) -> np.ndarray:
     """Where the guide leads that is let go step by step, if that free run is likelier than the one of x; else x itself.
-
-    Args:
-        problem: the traces, guided or not.
-        x: coordinates, shape (P,).
-        settings: shares of the guide's stiffness one after the other, tolerance and budget of each descent.
     """
     stiffness, here = guide_stiffness_of(problem, x, settings.guide), x
     if stiffness == 0.0:
@@ -132,10 +126,6 @@ def fitted_free_running(
     is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
 
     Args:
-        problem: the traces.
-        x: coordinates to start from, shape (P,).
-        report: progress.
-        settings: budgets.
         led: a guide led to x already, so none is tried again.
     """
     for k in range(settings.reweighings):
@@ -173,10 +163,7 @@ def freed(
     to which a guide leads from there, where that is likelier.
 
     Args:
-        problem: the traces.
-        x: coordinates, shape (P,).
         spread: of the points searched, in units of each coordinate's reach.
-        settings: budgets of search and descent.
         guided: whether a guide is tried.
     """
     problem = weights.discounted(problem, x)
@@ -256,13 +243,10 @@ def no_higher_than_smaller(
     """The end of a model that stayed far from its data, or the lower one to which smaller models inside it lead.
 
     Args:
-        rig: whose rig.toml names the effects.
         model: with all of them.
         own: where it ended from its own starts.
         begin: the model of another rig.
         end_of: fits a model from its own starts.
-        report: progress.
-        settings: budgets of guide, search and descent.
     """
     names = growing(rig)
     base = tuple(name for name in rig.config.effects if name not in names)
@@ -294,10 +278,8 @@ def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model
 
     Args:
         smaller: the model that ended there.
-        x: coordinates of its end, shape (P,).
         name: of the effect that the larger one has besides.
         larger: where to start.
-        settings: of the guide.
     Returns:
         coordinates in the larger model, shape (P + free parameters of the effect,).
     """

@@ -69,7 +69,6 @@ def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) 
     Source: Geyer 1992, Statistical Science 7(4), for the sum. Differs from source: it is cut by single lags, not pairs.
     Args:
         r: residual, shape (n,).
-        settings: what is significant, and how many samples it takes to tell.
     """
     n = r.size
     if n < 4 * settings.lags:
@@ -94,7 +93,6 @@ def widen(
     Args:
         covariance: C, shape (P, P).
         pieces: for each channel of each trace its Jacobian (n, P) and residual (n,).
-        settings: see `inflation`, which gives f_s.
     """
     extra = np.zeros_like(covariance)
     count = 0
@@ -183,11 +181,9 @@ def goodness_of(
     """Of every channel of these traces.
 
     Args:
-        traces: as measured.
         residuals: whitened, shape (n, M) each; of a model too far from the data to whiten the free-running error over
             the sensors' noise.
         free_run: errors of the free run of these traces, of others too.
-        settings: `whiteness`, and `contradiction.compromise`.
     """
     free = {(row.file, row.channel): row.rms / row.sigma for row in free_run}
     out = []

@@ -69,10 +69,7 @@ def analyse(
         sd_k = 1 / sqrt(eigenvalue_k)
 
     Args:
-        layout: which parameters x stands for.
-        x: coordinates, shape (P,).
         information: J^T J of the whitened residual and the priors that the user gave, shape (P, P).
-        settings: from when on a direction or a parameter counts as not known.
     """
     reach = layout.reach(x)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))  # relative changes
@@ -103,10 +100,8 @@ def _readable(
     """Directions that span a null space, chosen so that each is led by a symbol that leads no other.
 
     Args:
-        symbols: free parameters, P.
         basis: orthonormal, any basis of the space, shape (P, K).
         sd: standard deviations along it, shape (K,).
-        settings: see `analyse`.
     """
     out, rest = [], basis.copy()
     leaders: list[int] = []
@@ -273,12 +268,7 @@ EXCITED_BY: dict[str, str] = {
 
 
 def sentences(directions: Iterable[Direction], traces: Iterable[Trace]) -> tuple[str, ...]:
-    """Each null or weak direction in words, with a cure that these traces are not yet.
-
-    Args:
-        directions: as found by `identifiability.analyse`.
-        traces: that were fitted.
-    """
+    """Each null or weak direction in words, with a cure that these traces are not yet."""
     made = frozenset(trace.test.name for trace in traces)
     return tuple(sentence(direction, made) for direction in directions)
 
@@ -287,7 +277,6 @@ def sentence(direction: Direction, made: Collection[str] = ()) -> str:
     """A null or weak direction in words, with its cure.
 
     Args:
-        direction: as found by `identifiability.analyse`.
         made: rig tests of which traces were fitted.
     """
     says, cure = _verdict(direction.symbols, made)

@@ -293,8 +293,6 @@ def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData)
     """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there.
 
     Args:
-        problem: the data.
-        x: coordinates, shape (P,).
         weighted: of the problem, instants forgiven.
     """
     there = problem.with_integrator_states(x)

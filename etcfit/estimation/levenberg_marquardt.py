@@ -37,7 +37,6 @@ def least_squares(
         chi2: the sum of squares alone, cheaper.
         y0: where to start, shape (P,).
         tolerance: relative change of the sum, and absolute one of y, that ends it.
-        steps: at most.
     Returns:
         where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
     """
@@ -96,10 +95,8 @@ def minimise(
     """Minimise chi2 from x.
 
     Args:
-        problem, weighted: the residual.
         x: coordinates, shape (P,). Where residual or Jacobian are not finite there, nothing is done.
         tolerance: relative change of chi2, and absolute one of the stretched coordinates, that ends the descent.
-        steps: at most.
     Returns:
         coordinates of the end, shape (P,), and the number of steps; x itself and 0 where nothing was done.
     """
@@ -206,10 +203,7 @@ def approach(
     that no small step of a parameter changes.
 
     Args:
-        problem: the data.
-        x: coordinates to start from, shape (P,).
         tolerance: relative change of chi2 that ends each descent.
-        settings: `late`, by how much instants are forgiven, and `steps`.
         hopeless: chi2 from which on a descent is the last: what is forgiven less only adds to it.
     Returns:
         coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.

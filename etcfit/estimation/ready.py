@@ -87,7 +87,6 @@ def refuse_wrong_places(rig: Rig, traces: Iterable[Trace]) -> None:
     """Refuse an effect of the rig at a place that this folder does not have.
 
     Args:
-        rig: whose rig.toml names effects.
         traces: those that the model can predict, held out and set aside ones included.
     Raises:
         MeasurementError: at the first, with the places that there are.

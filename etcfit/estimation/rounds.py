@@ -70,12 +70,8 @@ def rounds(
     """Renew the whitening filter, the releases and the outliers at each optimum until nothing moves any more.
 
     Args:
-        problem: the traces.
-        x: coordinates near an optimum, shape (P,).
-        report: progress.
         still: what counts as not moving, standard errors.
         most: rounds.
-        settings: thresholds of the verdict, tolerance and budget of each descent.
     """
     moved, outliers, about = np.inf, 0, x
     k = 0
@@ -107,7 +103,6 @@ def after_rounds(moved: float, gain: float, outliers: int = 0, settings: FitSett
     Args:
         moved: by how much the last round moved the parameter that it moved most, standard errors.
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
-        outliers: samples weighed down.
         settings: `wandering` and `alternating`, the limits of `moved`.
     """
     if not np.isfinite(gain):
@@ -129,8 +124,6 @@ def after_search(gain: float, outliers: int = 0, settings: FitSettings = FitSett
 
     Args:
         gain: chi2 that the last points drawn still gained, in units of chi2 per degree of freedom.
-        outliers: samples weighed down.
-        settings: `rough`, the limit of `gain`.
     """
     if gain > settings.rough:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
@@ -182,7 +175,6 @@ def evolve_population(
         cost: what is minimised, positive.
         x: coordinates, shape (P,); one of the population, so the end is never worse.
         spread: standard deviations of the first population, coordinates, shape (P,).
-        settings: budgets.
     Returns:
         coordinates, shape (P,).
     """
@@ -232,10 +224,8 @@ def search_about(
 
     Args:
         cost: what is minimised.
-        x: coordinates, shape (P,).
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
         unit: of the cost in which a gain counts; chi2 per degree of freedom, say.
-        settings: budgets.
     Returns:
         coordinates of the end, shape (P,), and the last gain in those units: what a further move might still bring.
     """
@@ -301,8 +291,6 @@ def likeliest_nearby(
     Args:
         reached: end of the rounds.
         start: coordinates with which the fit began.
-        report: progress.
-        settings: `neighbours` to `likelier`, and those of approach and rounds.
     """
     best = _End(reached, deviance(reached))
     if not settings.neighbours or not np.isfinite(best.deviance):

@@ -43,12 +43,7 @@ class Piece(NamedTuple):
 
 
 def pieces_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> tuple[Piece, ...]:
-    """Every channel of every trace.
-
-    Args:
-        problem, weighted: the residual.
-        x: coordinates at which it is linearised, shape (P,).
-    """
+    """Every channel of every trace."""
     out = []
     every = zip(problem.batch.traces, problem.batch.places, problem.linearise_traces(x, weighted), strict=True)
     for trace, (lane, _, marks), (r, columns) in every:
@@ -152,7 +147,6 @@ def statement(pieces: Iterable[Piece], inflations: Iterable[float]) -> Statement
     """What some channels say together; at least one.
 
     Args:
-        pieces: the channels.
         inflations: f of each.
     """
     return reduce(add, (_of_one(piece, f) for piece, f in zip(pieces, inflations, strict=True)))
