@@ -9,9 +9,9 @@ Parts:
     identifiability, intervals, goodness, explained       what the data tell, how sure, and what is left
     result, fitted_model                                  what a fit leaves behind; the model alone, of one unit or many
 
-Words of all functions, here and in `diagnosis`, which their docstrings do not repeat: `x` are the coordinates of the
-free parameters, shape (P,); `problem` the traces, `weighted` their data under one whitening; `reach` of each coordinate,
-shape (P,); `unknown` the standard deviation, reaches, above which a parameter is not known; `believed` what the priors
-say; `settings` the thresholds and budgets; `report` is called with what is going on and the share done; `result` is the
-first fit, `s` a `CandidateModel`.
+Arguments that recur here and in `diagnosis`, so that docstrings do not repeat them: `x`, coordinates of the free
+parameters, shape (P,); `problem`, the traces; `weighted`, their data under one whitening; `reach` of each coordinate,
+shape (P,); `unknown`, standard deviation in reaches above which a parameter is not known; `believed`, what the priors
+say; `settings`, thresholds and budgets; `report`, called with what is going on and the share done; `result`, the first
+fit; `s`, a `CandidateModel`.
 """
