@@ -66,7 +66,7 @@ def test_a_round_is_reported_with_its_choice_and_the_model_that_it_began_with(tu
     assert (told.fit_rms, told.holdout_rms) == (pytest.approx(1.5), pytest.approx(1.5))
     assert told.effects == ()
     assert len(told.evidence.rows) == len(turned.before.problem.batch.traces[0].channels)
-    nothing = reported(replace(turned, choice=turned.choice.spoilt()))
+    nothing = reported(replace(turned, choice=turned.choice.with_refit_refused()))
     assert (nothing.added, nothing.ties) == (None, ())
 
 
