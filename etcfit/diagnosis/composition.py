@@ -15,8 +15,7 @@ from ..model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_p
 from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace, by_test
-from ..rig.base import Rig
-from ..rig.finding import Finding
+from ..rig.base import Finding, Rig
 
 
 def stated_effects(

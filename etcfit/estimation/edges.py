@@ -21,7 +21,7 @@ from ..problem.instants import SHARES, place
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Fixed, Measurement, Rig, Start
-from ..rig.circle import apart, arc_chance, on_circle
+from ..rig.checks.edges import apart, arc_chance, on_circle
 from .levenberg_marquardt import local
 from .rounds import Reached
 from .settings import EdgesInStepSettings
