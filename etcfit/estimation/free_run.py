@@ -90,7 +90,7 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
 
 
 def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings = FitSettings()) -> np.ndarray:
-    """Where the guide leads that is let go step by step, if that free run is likelier than the one of x; else x itself."""
+    """Where the guide, relaxed step by step, leads, if that free run is likelier than the one of x; else x itself."""
     stiffness, here = guide_stiffness_of(problem, x, settings.guide), x
     if stiffness == 0.0:
         return x
