@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from ..control.request import DesignRequest
     from ..control.settings import DesignSettings, FrequencySettings
     from ..diagnosis.findings import Diagnosis
-    from ..estimation.fitted_model import Fitted
-    from ..estimation.fleet_model import FleetModel
+    from ..estimation.fitted_model import Fitted, FleetModel
     from ..estimation.result import FitResult
     from ..exporting import ExportSettings, Format
     from ..model.ecu import Ecu

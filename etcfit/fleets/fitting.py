@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..estimation.fleet_model import SUMS
+from ..estimation.fitted_model import SUMS
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import fit
 from ..estimation.levenberg_marquardt import believed

@@ -10,7 +10,7 @@ from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, U
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..errors import command
-from ..estimation.remedies import listed
+from ..estimation.identifiability import listed
 from ..estimation.result import FitResult
 from ..files import plain, put_aside
 from ..rig.base import Finding

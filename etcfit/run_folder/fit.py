@@ -11,8 +11,8 @@ import numpy as np
 
 from .. import __version__
 from ..estimation.explained import Explained, by_place, explained, share_of
+from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
-from ..estimation.remedies import sentences
 from ..estimation.result import FitResult
 from ..files import plain
 from ..model.parameters import Parameter

@@ -13,9 +13,8 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError, command, require_extra
-from ..estimation.fleet_model import FleetModel, fleet_model
+from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
-from ..estimation.population_law import PopulationLaw
 from ..files import whole, write_json
 from ..fleets.line import FIGURE_BY_NAME, FigureResult
 from ..fleets.prediction import Prediction, Spread
