@@ -31,7 +31,7 @@ from etcfit.control.pid.judge import judge, with_effort
 from etcfit.control.response import Run
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.throttle import Throttle
-from etcfit.run_folder.parts import parts_of
+from etcfit.run_folder.fleet import parts_of
 from independent.control import Computer, noisy
 from independent.effects import NONE
 from independent.fleet import UnitTruth, draw_fleet, make_fleet

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..car_log.log import Series
-from ..estimation.fleet_model import FleetModel
+from ..estimation.fitted_model import FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile

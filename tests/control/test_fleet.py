@@ -25,7 +25,7 @@ from etcfit.files import write_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
-from etcfit.run_folder import design_json
+from etcfit.run_folder.design import design_json
 
 NOISE = 1e-4  # rad
 SPREAD = 0.22  # so wide that no gains please all units: a promise of 100 % would be easy to keep

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...estimation.autocorrelation import inflation
+from ...estimation.goodness import inflation
 from ..settings import FrequencySettings
 
 _ROUNDS = 8

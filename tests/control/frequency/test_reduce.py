@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import results
 from etcfit.cli import app
-from etcfit.run_folder import save_fit
+from etcfit.run_folder.state import save_fit
 from independent.bench_twin import TRUTH, UNDECLARED
 from independent.control import follow
 from independent.instruments import Bench
