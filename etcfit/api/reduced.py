@@ -10,8 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ..control.frequency import FrequencyResponse
-from ..control.linearise import Reduction
-from ..control.motor_constants import SYMBOLS, UNITS
+from ..control.linearise import SYMBOLS, UNITS, Reduction
 from ..reporting.numbers import Digits, short
 from . import words
 from .fit import Fit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from ..control.design import Design
-from ..control.pid.sliding import Sliding
+from ..control.pid.feedforward import Sliding
 from ..model.feed_forward import Term, listed
 
 

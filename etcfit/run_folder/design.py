@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 
 from ..control.design import Design
-from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
-from ..control.judged import Tuned
+from ..control.fleet import FleetVerdict, PartsVerdict
+from ..control.judged import OneByOne, Share, Tuned
 from ..control.loop_figures import FIGURES, MARGINS, LoopFigures
 from ..control.own_numbers import said, shares
-from ..control.parts_verdict import PartsVerdict
+from ..control.pid.ecu import UNIT, Gains
 from ..control.pid.feedforward import Bias
-from ..control.pid.front import FrontPoint
-from ..control.pid.gains import UNIT, Gains
-from ..control.pid.setpoint import Setpoint
+from ..control.pid.optimal import FrontPoint
+from ..control.setpoint import Setpoint
 from ..files import plain
 from ..model.ecu import Ecu, Notation
 from ..model.ecus import NOT_DIVIDED, RUSEFI, BiasTable, differences

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..control.frequency import FrequencyResponse, Lag, Order, Ratio, phases
-from ..control.frequency.point import DRIVE, POSITION, SETPOINT
+from ..control.frequency.response import DRIVE, POSITION, SETPOINT
 from ..estimation.fitted_model import Fitted
 from ..files import plain
 from .fit import versions

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..control.fleet import EVERY_UNIT
-from ..control.parts import Parts
+from ..control.fleet import EVERY_UNIT, Parts
 from ..errors import UsageError
 from .fleet import model_in, read_fleet_files
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..control.linearise import INPUTS, Reduction
-from ..control.motor_constants import SYMBOLS, UNITS, MotorConstants
+from ..control.linearise import INPUTS, SYMBOLS, UNITS, MotorConstants, Reduction
 from ..estimation.fitted_model import Fitted
 from ..files import plain
 from .fit import versions

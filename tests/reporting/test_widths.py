@@ -21,11 +21,11 @@ import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
 from etcfit.control.design import PAPERS, ecu_of, propose, task_of
-from etcfit.control.fleet_verdict import FleetVerdict, OneByOne, Share
+from etcfit.control.fleet import FleetVerdict, OnParts, PartsVerdict
 from etcfit.control.frequency import frequency_response
+from etcfit.control.judged import OneByOne, Share
 from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
-from etcfit.control.parts_verdict import OnParts, PartsVerdict
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.estimation.budget import Budget

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ...control.motion import Bands, Experiment, Motion, Watching, moved
 from ...control.pid.loop import Body
-from ...control.safety.spring_return import falls
+from ...control.safety.unpowered import falls
 from ...control.settings import SafetySettings
 from ...estimation.fleet_model import FleetModel
 from ...model.effects import AbstractEffect

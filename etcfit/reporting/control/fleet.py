@@ -6,7 +6,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.fleet_verdict import STABLE, OddOne, Share
+from ...control.judged import STABLE, OddOne, Share
 from ...control.loop_figures import FIGURES
 from ..blocks import headed, plain_table
 from ..numbers import short

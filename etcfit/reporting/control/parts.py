@@ -7,8 +7,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.fleet_verdict import Share
-from ...control.parts_verdict import OnParts, PartsVerdict
+from ...control.fleet import OnParts, PartsVerdict
+from ...control.judged import Share
 from ..blocks import headed, plain_table
 from ..numbers import short
 from .fleet import hardest, share_in_words, some_of
