@@ -45,7 +45,6 @@ REGISTRIES = {
     "rig": "AbstractRigTest",
     "rig/checks": "AbstractDetector",
     "experiment/excitation": "AbstractShape",
-    "fleets/line": "AbstractFigure",
 }
 FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy
 

@@ -43,7 +43,6 @@ from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSe
 from etcfit.exporting.settings import ExportSettings
 from etcfit.files import plain
 from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
-from etcfit.fleets.line.settings import LineSettings, TemperatureSettings
 from etcfit.fleets.statistics.settings import ChartSettings, FleetSettings, OddSettings, PopulationSettings
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
@@ -84,8 +83,6 @@ KINDS: list[Any] = [
     ExportSettings,
     EngineSettings,
     StoreSettings,
-    LineSettings,
-    TemperatureSettings,
     PopulationSettings,
     OddSettings,
     ChartSettings,

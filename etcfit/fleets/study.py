@@ -13,7 +13,7 @@ from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
 from .line import FigureResult, measured
-from .line.predict import Prediction, predict
+from .prediction import Prediction, predict
 from .results import Results
 from .statistics.capability import Capability, Line, Spec, capability
 from .statistics.charts import Chart, chart

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..fleets.line import FIGURE_BY_NAME, FigureResult
-from ..fleets.line.predict import Prediction, Spread
+from ..fleets.prediction import Prediction, Spread
 
 
 def figures_json(
@@ -26,7 +26,7 @@ def figures_json(
     return {
         name: {
             "meaning": FIGURE_BY_NAME[name].meaning,
-            **asdict(Spread.of(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
+            **asdict(Spread.over_units(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
             "value": {unit: float(v) for unit, v in zip(units, told.value, strict=True) if np.isfinite(v)},
         }
         for name, told in measured.items()

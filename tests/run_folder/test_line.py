@@ -8,7 +8,7 @@ import pytest
 
 import fleets
 from etcfit.fleets.line import FIGURES, Condition, measured
-from etcfit.fleets.line.predict import predict
+from etcfit.fleets.prediction import predict
 from etcfit.run_folder.line import figures_json, predictions_json
 
 

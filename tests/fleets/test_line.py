@@ -14,9 +14,8 @@ from scipy.optimize import brentq
 import fleets
 from etcfit.errors import UsageError
 from etcfit.estimation.fleet_model import fleet_model
-from etcfit.fleets.line import FIGURES, Condition, LineSettings, TemperatureSettings, measured
-from etcfit.fleets.line.conditions import conditions
-from etcfit.fleets.line.predict import predict
+from etcfit.fleets.line import FIGURES, Condition, measured
+from etcfit.fleets.prediction import conditions, predict
 from etcfit.model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity
 from independent.drives import Drive
 from independent.effects import NONE, Effects, LimpHomeSpring
@@ -221,9 +220,8 @@ def test_further_conditions_of_a_fleet_compile_nothing() -> None:
 
 def test_friction_in_the_cold_is_left_alone_unless_asked_for() -> None:
     model = fleets.of(fleets.truths(2, 6))
-    stiff = TemperatureSettings(cold_friction=1.5)
-    plain, more = (measured(model, conditions((12.0,), how)[-1], LineSettings(), how)["current_hysteresis"].value
-                   for how in (TemperatureSettings(), stiff))  # fmt: skip
+    plain, more = (measured(model, conditions((12.0,), cold_friction)[-1])["current_hysteresis"].value
+                   for cold_friction in (1.0, 1.5))  # fmt: skip
     assert more == pytest.approx(1.5 * plain)
 
 
