@@ -1,5 +1,5 @@
-"""Gains for a fleet and for the parts of a design: what is counted and refused, and whether the share promised is met by
-plants that share no code."""
+"""Gains for a fleet and for the parts of a design: what is counted and refused, and whether the share promised is met
+by plants that share no code."""
 
 from __future__ import annotations
 

@@ -172,7 +172,9 @@ def test_every_rule_is_registered() -> None:
         node.name
         for file in folder.glob("*.py")
         for node in ast.parse(file.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.FunctionDef) and ast.unparse(node.args) == "task: Task" and "Source:" in ast.unparse(node)
+        if isinstance(node, ast.FunctionDef)
+        and ast.unparse(node.args) == "task: Task"
+        and "Source:" in ast.unparse(node)
     }
     assert len(rules) >= 8
     assert rules == set(RULES)
