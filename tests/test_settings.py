@@ -48,8 +48,6 @@ from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
-from etcfit.rig.checks import DETECTORS, SynchronousEdges
-from etcfit.rig.checks.edge_phase import EdgeSettings
 
 KINDS: list[Any] = [
     AdviceSettings,
@@ -88,8 +86,6 @@ KINDS: list[Any] = [
     ChartSettings,
     FleetSettings,
     Judgement,
-    EdgeSettings,
-    *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),
 ]
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 IN_ARGS = [(kind, name) for kind, name in FIELDS if kind is not DiagnosisSettings]  # its fields are explained in place

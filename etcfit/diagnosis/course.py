@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult
-from ..rig.checks.slow_log import SlowLog
+from ..rig.base import SLOW_LOG
 from .candidate_model import CandidateModel
 from .check_findings import first_from_checks
 from .credit import UNSAID, doubted
@@ -163,7 +163,7 @@ def _told(
 ) -> Diagnosis:
     """All that was found as plain data."""
     s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
-    slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
+    slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
     doubts = () if s.far else doubted(progress.rounds, present, settings)
     added, doubts, asked, chance = said(progress.rounds, present, doubts, left is not None, settings, slow)

@@ -44,8 +44,8 @@ def questions(
 ) -> tuple[Question, ...]:
     """What each round asked, and at last what is left without a name.
 
-    Where a log is slower than what acts in it (`rig.checks.slow_log`), any misfit may be of that: it is one answer more
-    to each question, of probability `slow_log`.
+    Where a log is slower than what acts in it (`rig.checks.lags`), any misfit may be of that: it is one answer more to
+    each question, of probability `slow_log`.
 
     Args:
         rounds: of the diagnosis.

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from ..model.effects import AbstractEffect
 from ..model.rig_effects import AbstractRigEffect
-from ..rig.finding import Finding
+from ..rig.base import Finding
 
 
 def stated_effects(

@@ -21,7 +21,7 @@ from ..problem.instants import SHARES, place
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Measurement, Rig, Start
-from ..rig.circle import apart, arc_chance, on_circle
+from ..rig.checks.edges import apart, arc_chance, on_circle
 from .settings import EdgesInStepSettings
 
 _AFTER, _BEFORE = 60, 8  # samples of the current that may tell of an edge, at most

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, Unexplained
 from ..files import plain
-from ..rig.finding import Finding
+from ..rig.base import Finding
 from .fit import effects_of, hashes, parameters_json, rows_json, score_json, versions
 from .influence import influence_json
 

@@ -15,8 +15,8 @@ from etcfit.diagnosis.stated import stated_effects
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
 from etcfit.model.rig_effects import RIG_EFFECTS, at_places
+from etcfit.rig.base import Finding
 from etcfit.rig.checks import DETECTORS
-from etcfit.rig.finding import Finding
 from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, Truth, draw_truth, make_folder
 from independent.instruments import Bench

@@ -50,8 +50,7 @@ from etcfit.reporting.plain_table import PlainTable
 from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior.table import posterior_table
 from etcfit.reporting.tables import fit_table
-from etcfit.rig.base import RigConfig
-from etcfit.rig.finding import Finding
+from etcfit.rig.base import Finding, RigConfig
 from gaussian import SEEDS
 from independent import hunting
 

@@ -15,7 +15,7 @@ from ...estimation.goodness import STRAYS, Left
 from ...estimation.joint_fit import MISFIT
 from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
-from ...rig.finding import ALLOWED_FOR
+from ...rig.base import ALLOWED_FOR
 from ..control.sentence import sentence
 from ..numbers import is_share, short
 from .contents import Contents, rows_of
