@@ -23,8 +23,9 @@ import etcfit
 from etcfit.backend import use_compilation_cache
 from etcfit.control.design import ecu_of, task_of
 from etcfit.control.fleet import Parts, best_for_parts, sought_over
-from etcfit.control.judged import Share, over_models
+from etcfit.control.judged import over_models
 from etcfit.control.loop_figures import OF_THE_PAPER, Run, judge, with_effort
+from etcfit.control.on_units import Share
 from etcfit.control.pid import RULES, Gains, Refusal, Task
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.throttle import Throttle

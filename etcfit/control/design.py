@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .judged import Robust, Tuned, judged, outside_the_bench
 from .linearise import reduce, stops
+from .on_units import FleetVerdict, PartsVerdict
 from .own_numbers import checked
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
 from .pid.conditions import DRY_FRICTION, course, of_log, scaled
@@ -31,9 +32,6 @@ from .safety import safety as safety_of
 from .setpoint import Setpoint
 from .settings import DesignSettings
 from .supply_table import SupplyTable, supply_table
-
-if TYPE_CHECKING:
-    from .fleet import FleetVerdict, PartsVerdict
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1

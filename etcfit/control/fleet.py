@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,67 +17,13 @@ from ..model.ecus import EcuProfile
 from ..model.feed_forward import Asked
 from ..model.throttle import Throttle
 from .design import BEST, NOTHING, PAPERS, Design, must_be_known, propose, task_of
-from .judged import OddOne, OneByOne, Share, unit_by_unit
+from .judged import unit_by_unit
 from .loop_figures import Requirements
+from .on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict
 from .pid import RULES, Gains, Refusal, Rule, Task
 from .pid.conditions import Conditions, corners, scattered, under
 from .pid.optimal import best_over_draws, optimal
 from .settings import DesignSettings, FleetDesignSettings
-
-
-@dataclass(frozen=True, eq=False)
-class FleetVerdict:
-    """Whether gains meet everything on enough units.
-
-    Args:
-        settings: share of the units that must, and how gains for them were searched.
-        share: of the units of the fleet that do.
-        future: of units drawn from the population, none of which the search has seen; None where the fleet is too
-            small to say how its units scatter.
-        worst: units, the worst first.
-        fails: units that miss each requirement, by its name, "stable" among them; those that none misses are left out.
-        searches: made until these gains were found.
-    """
-
-    settings: FleetDesignSettings
-    share: Share
-    future: Share | None
-    worst: tuple[OddOne, ...]
-    fails: Mapping[str, tuple[str, ...]]
-    searches: int
-
-    @property
-    def asked(self) -> float:
-        """Share of the units that must meet everything."""
-        return self.settings.share
-
-    @property
-    def reached(self) -> bool:
-        """Whether enough units of the fleet meet everything."""
-        return self.share.value >= self.asked
-
-    @property
-    def says(self) -> str:
-        """In a sentence."""
-        s = self.share
-        met = f"{s.met} of {s.of} units meet everything"
-        if self.reached:
-            return f"{met}: the {self.asked:.0%} asked for are reached"
-        return f"{met}: FEWER than the {self.asked:.0%} asked for; no gains were found that reach more"
-
-
-def verdict(found: OneByOne, future: OneByOne | None, settings: FleetDesignSettings, searches: int) -> FleetVerdict:
-    """What figures unit by unit come to.
-
-    Args:
-        found: of the fleet's own units.
-        future: of drawn ones, or None.
-        settings: share of the units that must meet everything, and how many are named.
-        searches: made.
-    """
-    ahead = None if future is None else future.share
-    return FleetVerdict(settings, found.share, ahead, found.named(settings.named), found.fails, searches)
-
 
 ORIGIN = "fleet"
 EVERY_UNIT = FleetDesignSettings()
@@ -193,7 +138,8 @@ def design_for_fleet(
     if future is not None:
         fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
         ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, gains, asked.at_once)
-    return replace(found, fleet=verdict(own, ahead, asked, max(1, search.made)))
+    verdict = FleetVerdict(asked, own, None if ahead is None else ahead.share, max(1, search.made))
+    return replace(found, fleet=verdict)
 
 
 def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gains, at_once: int) -> OneByOne:
@@ -238,56 +184,6 @@ def future_units(model: FleetModel, asked: FleetDesignSettings = EVERY_UNIT) -> 
     if model.law.units < asked.fewest:
         return None
     return model.future(asked.future, np.random.default_rng(asked.seed + 1))
-
-
-class OnParts(NamedTuple):
-    """One set of gains.
-
-    Args:
-        measured: on each unit of the fleet.
-        drawn: on units drawn from its population.
-    """
-
-    measured: OneByOne
-    drawn: OneByOne
-
-    @property
-    def worst(self) -> OddOne:
-        """The measured unit that fares worst."""
-        return self.measured.named(1)[0]
-
-
-@dataclass(frozen=True, eq=False)
-class PartsVerdict:
-    """Gains of every rule on the parts, at the bench and, those that are proposed, outside it.
-
-    Args:
-        where, name: of the fleet, see `Parts`.
-        of_run: parameters that the fleet does not tell, taken from the run.
-        left_out: units that are none of the parts, with why.
-        rules: by name, those that have gains.
-        corners: of supply, winding and friction, the proposed gains on every measured unit at each of them; a unit's
-            corners one after another.
-        anywhere: the proposed gains on the drawn units, each under conditions drawn for it.
-    """
-
-    where: str
-    name: str
-    of_run: tuple[str, ...]
-    left_out: Mapping[str, str]
-    rules: Mapping[str, OnParts]
-    corners: OneByOne
-    anywhere: OneByOne
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Names of the measured ones."""
-        return next(iter(self.rules.values())).measured.units
-
-    @property
-    def share_at_corners(self) -> Share:
-        """Of the measured units, those that meet everything at every corner."""
-        return Share.counted(np.all(self.corners.met.reshape(len(self.units), -1), axis=1))
 
 
 _ALIKE = 1e-3  # relative, within which two gear ratios are the same

@@ -8,129 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .loop_figures import FIGURES, OF_THE_PAPER, REQUIRED, judge, judge_each
-from .pid import Gains, LoopFigures, Refusal, Requirements, Task, linear_loop
+from .loop_figures import FIGURES, OF_THE_PAPER, judge, judge_each
+from .on_units import OneByOne
+from .pid import Gains, LoopFigures, Refusal, Requirements, Task
 from .pid.conditions import Conditions, at_corners, corners, scattered, under
-from .pid.linear_loop import margins
+from .pid.linear_loop import margins, respond
 from .pid.loop import Loop
 from .setpoint import trapezoid
 
 PAPERS_SETPOINT = trapezoid()
-STABLE = "stable"  # what a unit whose linear loop is not stable misses
-_LEVEL = 0.95
-
-
-class Share(NamedTuple):
-    """Of units that meet everything.
-
-    Args:
-        met: how many.
-        of: how many there are.
-        low, high: 95 % interval of the share in the population that they come from, exact for independent units
-            (Clopper and Pearson 1934, Biometrika 26).
-    """
-
-    met: int
-    of: int
-    low: float
-    high: float
-
-    @property
-    def value(self) -> float:
-        """The share itself."""
-        return self.met / self.of
-
-    @classmethod
-    def counted(cls, met: np.ndarray) -> Share:
-        """Of truth values, shape (U,)."""
-        from scipy.stats import binomtest
-
-        count = int(np.sum(met))
-        ends = binomtest(count, met.size).proportion_ci(_LEVEL, "exact")
-        return cls(count, met.size, float(ends.low), float(ends.high))
-
-
-class OddOne(NamedTuple):
-    """A unit that fares badly.
-
-    Args:
-        unit: its name.
-        requirement: the one that it misses by most, or meets most narrowly.
-        figure, limit: of it; of a stable loop its gain margin (dB) and 0.
-        meets: whether it meets everything all the same.
-    """
-
-    unit: str
-    requirement: str
-    figure: float
-    limit: float
-    meets: bool
-
-
-@dataclass(frozen=True, eq=False)
-class OneByOne:
-    """Figures of gains on many units.
-
-    Args:
-        units: names, U of them.
-        figures: of each unit, shape (U,).
-        asked: of them.
-    """
-
-    units: tuple[str, ...]
-    figures: LoopFigures
-    asked: Requirements
-
-    def taking(self, which: np.ndarray) -> OneByOne:
-        """Of some of the units, by their numbers, shape (C,)."""
-        units = tuple(self.units[k] for k in which.tolist())
-        return replace(self, units=units, figures=self.figures.each(lambda figure: figure[which]))
-
-    @property
-    def missed(self) -> dict[str, np.ndarray]:
-        """Whether each unit misses each requirement, stability among them, shape (U,)."""
-        over = {symbol: ~met for symbol, met in self.asked.met(self.figures).items()}
-        return over | {STABLE: ~(self.figures.gain_margin_db > 0.0)}
-
-    @property
-    def met(self) -> np.ndarray:
-        """Every requirement, by a stable loop, shape (U,)."""
-        return ~np.any(list(self.missed.values()), axis=0)
-
-    @property
-    def strain(self) -> np.ndarray:
-        """Each figure over its limit, infinite where the loop is unstable, shape (R, U) in the order of REQUIRED."""
-        over = np.stack(list(self.asked.strain(self.figures).values()))
-        stable = (self.figures.gain_margin_db > 0.0)[None]
-        return np.where(stable, np.nan_to_num(over, nan=np.inf, posinf=np.inf), np.inf)
-
-    @property
-    def worst_first(self) -> np.ndarray:
-        """Numbers of the units, shape (U,)."""
-        return np.argsort(-np.max(self.strain, axis=0), kind="stable")
-
-    @property
-    def share(self) -> Share:
-        """Of the units that meet everything."""
-        return Share.counted(self.met)
-
-    @property
-    def fails(self) -> dict[str, tuple[str, ...]]:
-        """Units that miss each requirement, by its name, "stable" among them; those that none misses are left out."""
-        names = np.array(self.units, dtype=object)
-        return {symbol: tuple(names[missed].tolist()) for symbol, missed in self.missed.items() if missed.any()}
-
-    def named(self, count: int) -> tuple[OddOne, ...]:
-        """So many units at most, the worst first."""
-        return tuple(_odd(self, int(k)) for k in self.worst_first[:count])
-
-
-def _odd(found: OneByOne, k: int) -> OddOne:
-    if not (margin := float(found.figures.gain_margin_db[k])) > 0.0:
-        return OddOne(found.units[k], STABLE, margin, 0.0, False)
-    symbol = REQUIRED[int(np.argmax(found.strain[:, k]))]
-    limit = float(getattr(found.asked, symbol))
-    return OddOne(found.units[k], symbol, float(getattr(found.figures, symbol)[k]), limit, bool(found.met[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,7 +169,7 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
     figures, share = over_draws
     asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
     gain, phase = (float(m) for m in margins(gains, task.plant, task.ecu))
-    straight = linear_loop.respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
+    straight = respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
     follows = judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)
     linear = replace(follows.each(float), gain_margin_db=gain, phase_margin_deg=phase)
     nonlinear = replace(figures.each(lambda of: float(of[0])), gain_margin_db=gain, phase_margin_deg=phase)

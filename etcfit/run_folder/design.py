@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..control.design import Design
-from ..control.fleet import FleetVerdict, PartsVerdict
-from ..control.judged import OneByOne, Share, Tuned
+from ..control.judged import Tuned
 from ..control.loop_figures import FIGURES, MARGINS, LoopFigures
+from ..control.on_units import FleetVerdict, OneByOne, PartsVerdict, Share
 from ..control.own_numbers import said, shares
 from ..control.pid.ecu import UNIT, Gains
 from ..control.pid.feedforward import Bias

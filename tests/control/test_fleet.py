@@ -24,10 +24,9 @@ from etcfit.control.fleet import (
     future_units,
     one_by_one,
     representatives,
-    verdict,
 )
-from etcfit.control.judged import OneByOne, Share
 from etcfit.control.loop_figures import FIGURES, LoopFigures
+from etcfit.control.on_units import FleetVerdict, OneByOne, Share
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.errors import UsageError
@@ -57,7 +56,7 @@ def invented(count: int = 50) -> OneByOne:
 
 
 def test_what_fails_on_which_unit_is_counted_and_named() -> None:
-    found = verdict(invented(), None, FleetDesignSettings(named=4), 2)
+    found = FleetVerdict(FleetDesignSettings(named=4), invented(), None, 2)
     assert (found.share.met, found.share.of) == (47, 50)
     assert found.fails == {"overshoot_pct": ("u3", "u7", "u9"), "stable": ("u9",)}
     assert [(odd.unit, odd.requirement, odd.meets) for odd in found.worst] == [
@@ -65,7 +64,7 @@ def test_what_fails_on_which_unit_is_counted_and_named() -> None:
         ("u49", "settling_s", True)]  # fmt: skip
     assert not found.reached
     assert "47 of 50 units meet everything: FEWER than the 99%" in found.says
-    assert verdict(invented(), None, FleetDesignSettings(share=0.94), 1).reached
+    assert FleetVerdict(FleetDesignSettings(share=0.94), invented(), None, 1).reached
 
 
 def test_the_interval_of_a_share_is_clopper_and_pearsons() -> None:
