@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from ..control.linearise import Reduction
     from ..control.request import DesignRequest
     from ..control.settings import DesignSettings, FrequencySettings
-    from ..estimation.fitted_model import Fitted
-    from ..estimation.fleet_model import FleetModel
+    from ..estimation.fitted_model import Fitted, FleetModel
     from ..estimation.result import FitResult
     from ..model.ecu import Ecu
     from ..model.ecus import EcuProfile

@@ -16,7 +16,7 @@ from .progress import Report, silent
 
 if TYPE_CHECKING:
     from ..control.design import Design
-    from ..estimation.fleet_model import FleetModel
+    from ..estimation.fitted_model import FleetModel
     from .fleet_plots import FleetPlots
 
 

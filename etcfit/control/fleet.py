@@ -9,8 +9,7 @@ import numpy as np
 
 from ..car_log.log import Series
 from ..errors import UsageError
-from ..estimation.fitted_model import Fitted
-from ..estimation.fleet_model import FleetModel, body_types
+from ..estimation.fitted_model import Fitted, FleetModel, body_types
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu
 from ..model.ecus import EcuProfile

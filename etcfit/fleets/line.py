@@ -16,7 +16,7 @@ from ..control.pid.conditions import DRY_FRICTION, scaled
 from ..control.pid.loop import Body
 from ..control.safety.unpowered import falls
 from ..control.settings import SafetySettings
-from ..estimation.fleet_model import FleetModel
+from ..estimation.fitted_model import FleetModel
 from ..model.effects import AbstractEffect, Inputs, State
 from ..model.effects.coulomb_friction import CoulombFriction
 from ..model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity

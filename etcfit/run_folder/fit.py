@@ -11,9 +11,9 @@ import numpy as np
 
 from .. import __version__
 from ..estimation.explained import Explained, by_place, explained, share_of
+from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
-from ..estimation.remedies import sentences
 from ..files import plain
 from ..model.parameters import Parameter
 from ..problem.prediction_error import PredictionError

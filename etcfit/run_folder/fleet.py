@@ -13,14 +13,12 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError, command, require_extra
-from ..estimation.fleet_model import FleetModel, fleet_model
+from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
-from ..estimation.population_law import PopulationLaw
 from ..files import whole, write_json
 from ..fleets.line import FIGURE_BY_NAME
-from ..fleets.statistics.charts import Chart
-from ..fleets.statistics.odd import OddUnit
-from ..fleets.study import FleetStudy, Series
+from ..fleets.statistics.charts import DECISION, Chart, run_length
+from ..fleets.study import FleetStudy
 from ..fleets.unit import UnitResult
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
@@ -180,7 +178,7 @@ def fleet_json(study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> dict[s
         "uninformed": study.population.uninformed,
         "left_out": [unit.unit for unit in study.fitted if unit.unit not in study.population.units],
         "correlation": {"symbols": study.population.symbols, "matrix": study.population.correlation},
-        "odd": [_odd(unit) for unit in study.odd],
+        "odd": study.odd,
         "effects": {
             each.effect: {
                 "units": each.units, "of": each.of, "median": each.median, "symbol": each.symbol,
@@ -195,16 +193,12 @@ def fleet_json(study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> dict[s
             }
             for each in study.drifts
         ],
-        "charts": {symbol: _chart(study, symbol, each) for symbol, each in study.series.items()},
+        "charts": {symbol: _chart(study, symbol, each) for symbol, each in study.charts.items()},
         "capability": {
-            name: {
-                "low": each.low, "high": each.high, "unit": _unit_of(study, name), "mean": each.mean,
-                "sd": each.sd, "cp": each.cp, "cp_ci95": each.cp_interval, "cpk": each.cpk,
-                "cpk_ci95": each.cpk_interval, "outside": each.outside, "outside_ci95": each.outside_interval,
-            }
+            name: {"unit": _unit_of(study, name), **asdict(each)}
             for name, each in study.capability.items()
         },
-        "gauge": {symbol: _gauge(study, symbol) for symbol in study.gauge} or None,
+        "gauge": {name: {"unit": _unit_of(study, name), **asdict(each)} for name, each in study.gauge.items()} or None,
         "figures": figures_json(study.model.units, study.figures, odd),
         "predictions": predictions_json(study.predictions),
         "settings": study.settings,
@@ -250,29 +244,11 @@ def _population(study: FleetStudy) -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def _odd(unit: OddUnit) -> dict[str, Any]:
+def _chart(study: FleetStudy, symbol: str, chart: Chart) -> dict[str, Any]:
+    """The limits are those of a unit that is known as well as most: of one that is known worse they are wider."""
     return {
-        "unit": unit.unit, "distance": unit.distance, "rank": unit.rank, "p": unit.p, "rate": unit.rate,
-        "symbols": unit.symbols, "scores": unit.scores, "drives": unit.drives, "misfit": unit.misfit,
-        "traces": [{"file": trace.file, "misfit": trace.misfit, "z": trace.z} for trace in unit.traces],
-        "why": unit.why,
+        "unit": _unit_of(study, symbol), "order": chart.units, "value": chart.value, "stderr": chart.stderr,
+        "centre": chart.centre, "sd": chart.sd, "lower": float(np.median(chart.lower)),
+        "upper": float(np.median(chart.upper)), "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low,
+        "decision": DECISION, "run_length": run_length(),
     }  # fmt: skip
-
-
-def _chart(study: FleetStudy, symbol: str, series: Series) -> dict[str, Any]:
-    chart = series.chart
-    return {
-        "unit": _unit_of(study, symbol), "order": series.units, "value": series.value, "stderr": series.stderr,
-        "centre": chart.centre, "sd": chart.sd, **_limits(chart),
-        "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low, "decision": chart.decision,
-        "run_length": chart.run_length,
-    }  # fmt: skip
-
-
-def _limits(chart: Chart) -> dict[str, float]:
-    """Of a unit that is known as well as most: limits of one that is known worse are wider."""
-    return {"lower": float(np.median(chart.lower)), "upper": float(np.median(chart.upper))}
-
-
-def _gauge(study: FleetStudy, symbol: str) -> dict[str, Any]:
-    return {"unit": _unit_of(study, symbol), **asdict(study.gauge[symbol])}

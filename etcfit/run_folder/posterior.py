@@ -14,7 +14,7 @@ import numpy as np
 
 from ..diagnosis.model_discrepancy import percent_off
 from ..errors import UsageError
-from ..estimation.remedies import listed
+from ..estimation.identifiability import listed
 from ..files import plain, whole
 from ..posterior.predictive import Band
 from ..posterior.profile import Profile

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..errors import command
-from ..estimation.remedies import listed
+from ..estimation.identifiability import listed
 from ..estimation.result import FitResult
 from ..files import put_aside
 from . import codec

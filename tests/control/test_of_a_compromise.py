@@ -17,7 +17,7 @@ from etcfit.control.design import Design, design, ecu_of
 from etcfit.control.linearise import reduce
 from etcfit.control.request import DesignRequest
 from etcfit.control.settings import DesignSettings, OptimumSettings
-from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.agreement import Compromise
 from etcfit.estimation.intervals import Z_95, intervals
 from etcfit.estimation.joint_fit import FitResult, quiet
 from etcfit.files import write_json

@@ -38,7 +38,7 @@ from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
-from etcfit.estimation.fit_state import FitState
+from etcfit.estimation.fitted_model import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
 from etcfit.exporting.formats import c
 from etcfit.exporting.formats.tune import gains_in

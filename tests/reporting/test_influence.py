@@ -11,9 +11,8 @@ import pytest
 import results
 import runs
 from etcfit.api.fit import Fit
-from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.agreement import Compromise, Influence, Pull
 from etcfit.estimation.contradiction import Contradiction
-from etcfit.estimation.influence import Influence, Pull
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.reporting.compromise import cautioned
 from etcfit.reporting.page import write_page

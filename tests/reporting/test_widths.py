@@ -27,10 +27,10 @@ from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
-from etcfit.estimation.budget import Budget
+from etcfit.estimation.agreement import Influence, Pull
 from etcfit.estimation.identifiability import Identifiability
-from etcfit.estimation.influence import Influence, Pull
 from etcfit.estimation.joint_fit import FitResult
+from etcfit.estimation.result import Budget
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
 from etcfit.posterior.chain import Chain

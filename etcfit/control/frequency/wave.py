@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...estimation.autocorrelation import inflation
+from ...estimation.goodness import inflation
 from ...rig.signals import even_grid
 from ..settings import FrequencySettings
 

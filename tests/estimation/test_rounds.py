@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from etcfit.estimation.global_search import evolve_population, search_about
+from etcfit.estimation.rounds import evolve_population, search_about
 from etcfit.estimation.settings import GlobalSearchSettings
 
 MINIMUM = np.array([0.7, -0.3])
