@@ -45,7 +45,7 @@ from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
 from etcfit.model.parameters import Scalar
 from etcfit.model.throttle import Throttle, catalogue
 from etcfit.reporting.blocks import plain_table, render
-from etcfit.run_folder import load_final
+from etcfit.run_folder.state import load_final
 
 _TICK = 1e-3  # s
 _LIMIT = 10.0  # V

@@ -29,7 +29,7 @@ from etcfit.control.on_units import Share
 from etcfit.control.pid import RULES, Gains, Refusal, Task
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.throttle import Throttle
-from etcfit.run_folder.parts import parts_of
+from etcfit.run_folder.fleet import parts_of
 from independent.control import Computer, noisy
 from independent.effects import NONE
 from independent.fleet import UnitTruth, draw_fleet, make_fleet

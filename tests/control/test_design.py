@@ -36,7 +36,11 @@ from etcfit.reporting.control.misses import hardest_place, misses
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.reporting.numbers import short
-from etcfit.run_folder import design_json, load_final, read_draws, reduction_json, replacing, rusefi, save_fit
+from etcfit.run_folder.design import design_json, rusefi
+from etcfit.run_folder.manifest import replacing
+from etcfit.run_folder.plant import reduction_json
+from etcfit.run_folder.reading import read_draws
+from etcfit.run_folder.state import load_final, save_fit
 from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
 
 

@@ -19,7 +19,7 @@ from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
 from ...model.feed_forward import Term, listed
-from ...run_folder import written_for
+from ...run_folder.design import written_for
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short

@@ -20,7 +20,7 @@ from etcfit.control.frequency.response import point_of
 from etcfit.control.settings import FrequencySettings
 from etcfit.errors import MeasurementError
 from etcfit.rig.base import Channel, Measurement, RigConfig
-from etcfit.run_folder import save_fit
+from etcfit.run_folder.state import save_fit
 from independent.bench_twin import TRUTH, UNDECLARED
 from independent.control import follow
 from independent.instruments import Bench

@@ -1,17 +1,92 @@
-"""frequency_response.json."""
+"""transfer_function.json and frequency_response.json."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..control.frequency import FrequencyResponse, Lag, Order, Ratio, phases
 from ..control.frequency.response import DRIVE, POSITION, SETPOINT
+from ..control.linearise import INPUTS, SYMBOLS, UNITS, MotorConstants, Reduction
 from ..estimation.fitted_model import Fitted
-from ..files import plain
+from ..files import plain, write_json
 from .fit import versions
+from .manifest import replacing
+
+
+def save_reduction(
+    run: Path,
+    fitted: Fitted,
+    reduction: Reduction,
+    response: FrequencyResponse | None,
+    exit: int,
+    settings: Mapping[str, Any],
+    beside: Callable[[Path], None],
+) -> None:
+    """RUN/transfer_function.json, and what sine traces say beside it: RUN/frequency_response.json.
+
+    Args:
+        run: the run folder.
+        fitted, reduction: the model and its linear plant.
+        response: of the sine traces; None where the rig has none.
+        exit, settings: of the stage; `pade_order` among the settings, see `reduction_json`.
+        beside: draws into a folder that stands for RUN until all is there.
+    """
+    with replacing(run, "reduce", exit, settings) as draft:
+        plant = reduction_json(fitted, reduction, int(settings.get("pade_order", 0)))
+        write_json(draft / "transfer_function.json", "transfer_function", plant)
+        if response is not None:
+            write_json(draft / "frequency_response.json", "frequency_response", frequency_json(fitted, response))
+        beside(draft)
+
+
+def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dict[str, Any]:
+    """The object of transfer_function.json (docs/formats.md), and what else a reader may want to know.
+
+    Args:
+        fitted: the model.
+        reduction: of it.
+        pade_order: of the approximated delay in `with_delay_and_lag`; 0 leaves that out.
+    """
+    plant, unit = reduction.plant, reduction.output_unit
+    extra = None
+    if pade_order:
+        appended = reduction.to_control(pade_order)
+        extra = {"pade_order": pade_order, "num": appended.num[0][0].tolist(), "den": appended.den[0][0].tolist()}
+    return plain({
+        "rig": fitted.config.name,
+        "synthetic": fitted.config.synthetic,
+        "model": {"effects": [effect.name for effect in fitted.free_parameters.layout.types]},
+        "fit": fitted.state,
+        "input": {"name": INPUTS[reduction.input_unit], "unit": reduction.input_unit},
+        "output": {"name": "position", "unit": unit},
+        "operating_point": {
+            "position_rad": reduction.theta, "position_pct": 100.0 * reduction.share,
+            "voltage_V": reduction.volts, "current_A": reduction.current,
+        },
+        "num": list(plant.num),
+        "den": list(plant.den),
+        "poles": [[float(p.real), float(p.imag)] for p in plant.poles],
+        "stderr": {"num": [reduction.stderr[0]], "den": [0.0, *reduction.stderr[1:].tolist()]},
+        "feedforward": _constants(reduction.constants),
+        "open_loop_dc_gain": plant.dc_gain,
+        "delay_s": plant.delay,
+        "sensor_lag_s": plant.lag,
+        "with_delay_and_lag": extra,
+        "versions": versions(),
+    })  # fmt: skip
+
+
+def _constants(found: MotorConstants | None) -> dict[str, Any] | None:
+    """kS, kV and kA; null where nobody asked for them."""
+    if found is None:
+        return None
+    return {**dict(zip(SYMBOLS, found.values.tolist(), strict=True)),
+            "stderr": dict(zip(SYMBOLS, found.stderr.tolist(), strict=True)),
+            "unit": dict(zip(SYMBOLS, UNITS, strict=True))}  # fmt: skip
 
 
 def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any]:
