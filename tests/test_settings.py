@@ -43,7 +43,7 @@ from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSe
 from etcfit.exporting.settings import ExportSettings
 from etcfit.files import plain
 from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
-from etcfit.fleets.statistics.settings import ChartSettings, FleetSettings, OddSettings, PopulationSettings
+from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
@@ -82,8 +82,6 @@ KINDS: list[Any] = [
     EngineSettings,
     StoreSettings,
     PopulationSettings,
-    OddSettings,
-    ChartSettings,
     FleetSettings,
     Judgement,
 ]
