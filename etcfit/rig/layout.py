@@ -86,7 +86,15 @@ def read_text(text: str, where: str) -> TextTable:
         if begins(lines):
             return _read(*layout_of(lines, where), where)
     bare, layout = _pairs(lines) or _with_header(lines, where)
-    _refuse_spoilt(bare, layout, where)
+    # a row between the header and the body that is none because of a cell must not be lost unsaid
+    for k in range(layout.head, layout.first):
+        cells = cells_of(bare[k], layout.separator)
+        filled = [cell for cell in cells if cell]
+        odd = [cell for cell in filled if not is_number(cell)]
+        if len(cells) == len(layout.names) and odd and len(odd) < len(filled):
+            raise MeasurementError(f"{where}:{k + 1}", f"'{odd[0][:40]}' among the numbers.",
+                                   "Below the header every cell must be a number or empty.",
+                                   "Correct the cell, or empty it for a gap.")  # fmt: skip
     return _read(bare, layout, where)
 
 
@@ -235,22 +243,6 @@ def _names_in_comments(lines: Sequence[str], body: _Body) -> tuple[list[str], in
 
 def _padded(cells: Sequence[str], width: int) -> tuple[str, ...]:
     return tuple([*cells, *[""] * width][:width])
-
-
-def _refuse_spoilt(lines: Sequence[str], layout: Layout, where: str) -> None:
-    """Refuse a row between the header and the body that is none because of a cell: rows must not be lost unsaid.
-
-    Raises:
-        MeasurementError: naming the line and the cell.
-    """
-    for k in range(layout.head, layout.first):
-        cells = cells_of(lines[k], layout.separator)
-        filled = [cell for cell in cells if cell]
-        odd = [cell for cell in filled if not is_number(cell)]
-        if len(cells) == len(layout.names) and odd and len(odd) < len(filled):
-            raise MeasurementError(f"{where}:{k + 1}", f"'{odd[0][:40]}' among the numbers.",
-                                   "Below the header every cell must be a number or empty.",
-                                   "Correct the cell, or empty it for a gap.")  # fmt: skip
 
 
 def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -176,18 +176,12 @@ def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log,
                                "Check its permissions.") from err  # fmt: skip
     text = decode(raw, where)
     log, odd = log_of(parse(text, where), where, file, config, toml)
-    return log, [*odd, *_cut_off(text, where)]
-
-
-def _cut_off(text: str, where: str) -> list[str]:
-    """A warning where the last line has no end and its last cell is shorter than each above: digits may be lost."""
-    if text.endswith("\n"):
-        return []
-    *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
-    if not last or len(above) < 3 or len(last) >= min(map(len, above)):
-        return []
-    return [f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: the file "
-            "may be cut off. Copy it again, or delete the line."]  # fmt: skip
+    if not text.endswith("\n"):  # where the last cell is shorter than each above, digits may be lost
+        *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
+        if last and len(above) >= 3 and len(last) < min(map(len, above)):
+            odd.append(f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: "
+                       "the file may be cut off. Copy it again, or delete the line.")  # fmt: skip
+    return log, odd
 
 
 def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:
@@ -246,28 +240,30 @@ def _check_required(log: Log, config: RigConfig) -> None:
 
 
 def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:
-    bare = []
+    """Every channel with its noise: given, or pooled over the traces logged under the same header."""
+    bare: list[Measurement] = []
+    looks: dict[tuple[str, str], Texture] = {}
     for log in logs:
         time = _frozen(log.time)
         channels = {name: _channel(column, time) for name, column in log.channels.items()}
         bare.append(Measurement(log.file, log.test, time, channels, log.file in config.holdout))
-    looks = {(m.file, name): look for m in bare for name, look in _textures(m).items()}
+        together: dict[bytes, list[str]] = {}  # channels logged at the same instants are looked at together
+        for name, channel in channels.items():
+            together.setdefault(channel.time.tobytes(), []).append(name)
+        for names in together.values():
+            found = textures(channels[names[0]].time, [channels[name].value for name in names])
+            looks |= {(log.file, name): look for name, look in zip(names, found, strict=True)}
+
+    def with_noise(trace: Measurement, name: str, channel: Channel) -> Channel:
+        same = [m for m in bare if name in m.channels and m.channels[name].header == channel.header]
+        own = [looks[m.file, name] for m in same if m.test == trace.test]
+        sigma, quantum = pooled(own, [looks[m.file, name] for m in same])
+        given = config.noise.get(name)
+        return replace(channel, sigma=sigma if given is None else given, sigma_estimated=given is None, quantum=quantum)
+
     return tuple(
-        replace(m, channels={name: _with_noise(c, name, m, bare, looks, config) for name, c in m.channels.items()})
-        for m in bare
+        replace(m, channels={name: with_noise(m, name, channel) for name, channel in m.channels.items()}) for m in bare
     )
-
-
-def _textures(trace: Measurement) -> dict[str, Texture]:
-    """Of every channel, those logged at the same instants together."""
-    together: dict[bytes, list[str]] = {}
-    for name, channel in trace.channels.items():
-        together.setdefault(channel.time.tobytes(), []).append(name)
-    found: dict[str, Texture] = {}
-    for names in together.values():
-        channels = [trace.channels[name] for name in names]
-        found |= zip(names, textures(channels[0].time, [each.value for each in channels]), strict=True)
-    return found
 
 
 def _channel(column: Column, time: np.ndarray) -> Channel:
@@ -283,19 +279,3 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     array = np.ascontiguousarray(array)
     array.flags.writeable = False
     return array
-
-
-def _with_noise(
-    channel: Channel,
-    name: str,
-    trace: Measurement,
-    traces: Iterable[Measurement],
-    looks: Mapping[tuple[str, str], Texture],
-    config: RigConfig,
-) -> Channel:
-    """The channel with its noise: given, or pooled over the traces logged under the same header."""
-    same = [m for m in traces if name in m.channels and m.channels[name].header == channel.header]
-    own = [looks[m.file, name] for m in same if m.test == trace.test]
-    sigma, quantum = pooled(own, [looks[m.file, name] for m in same])
-    given = config.noise.get(name)
-    return replace(channel, sigma=sigma if given is None else given, sigma_estimated=given is None, quantum=quantum)

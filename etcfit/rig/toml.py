@@ -122,18 +122,15 @@ def read_text(path: str | Path) -> str:
     try:
         return decode(read_regular(Path(path), str(path), MOST_BYTES), str(path)).removeprefix("\ufeff")
     except OSError as err:
+        folder = Path(path).parent  # it may be one level down, or the folder may be another kind
+        below = sorted(place.parent.name for place in folder.glob("*/rig.toml"))
+        mend = 'Create it with two lines: [rig] and name = "bench".'
+        if (folder / "run.json").is_file():
+            mend = "This is a run folder, which `etcfit fit` made: name the folder of the measurements instead."
+        elif below:
+            mend = f"One level down there is one: {folder / below[0]}. Name that folder."
         raise MeasurementError(str(path), f"no rig.toml can be read here ({err.strerror}).",
-                               "Every measurement folder needs one.", _instead(Path(path).parent)) from err  # fmt: skip
-
-
-def _instead(folder: Path) -> str:
-    """What to do where a folder has no rig.toml: it may be one level down, or the folder may be another kind."""
-    if (folder / "run.json").is_file():
-        return "This is a run folder, which `etcfit fit` made: name the folder of the measurements instead."
-    below = sorted(path.parent.name for path in folder.glob("*/rig.toml"))
-    if below:
-        return f"One level down there is one: {folder / below[0]}. Name that folder."
-    return 'Create it with two lines: [rig] and name = "bench".'
+                               "Every measurement folder needs one.", mend) from err  # fmt: skip
 
 
 def parse(text: str, path: str) -> dict[str, Any]:

@@ -87,10 +87,12 @@ def refuse_foreign_names(folder: str, *names: str) -> None:
         MeasurementError: at the first, its foreign bytes written as \xe9, its unseen characters as (U+202E).
     """
     for path in (folder, *(f"{folder}/{name}" for name in names)):
-        if not _is_utf8(path):
+        try:
+            path.encode("utf-8")
+        except UnicodeEncodeError:
             raise MeasurementError(escaped(path), "the name is no UTF-8.",
                                    "Names of files and folders must be UTF-8; reports and JSON files repeat them.",
-                                   "Rename it; plain letters, digits, - and _ are always right.")  # fmt: skip
+                                   "Rename it; plain letters, digits, - and _ are always right.") from None  # fmt: skip
         if found := unseen(PurePath(path).name):
             raise MeasurementError(one_line(path), f"{found} in the name.", VISIBLE, "Rename it.")
 
@@ -101,11 +103,3 @@ def escaped(path: str) -> str:
         return os.fsencode(path).decode("utf-8", "backslashreplace")
     except UnicodeEncodeError:  # half a character that no file system made
         return path.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-def _is_utf8(path: str) -> bool:
-    try:
-        path.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True

@@ -119,7 +119,14 @@ def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
         return np.empty(0)
     y = np.array([row[0] for row in read])
     noise = np.array([row[1] for row in read])
-    a, R = _circuit(y)
+    # a and R of all edges together: y_(j+1) = (1 - a)/R + a y_j, medians of slope and level
+    x, z = y[:, :-1].ravel(), y[:, 1:].ravel()
+    slope, level = np.polyfit(x, z, 1) if np.ptp(x) > 0.0 else (0.0, 1.0)
+    for _ in range(10):
+        miss = np.abs(z - slope * x - level)
+        near = miss <= max(3.0 * float(np.median(miss)), 1e-12)
+        slope, level = np.polyfit(x[near], z[near], 1)
+    a, R = float(slope), float((1.0 - slope) / level) if level > 0.0 else -1.0
     if not (0.0 < a < 1.0 - MIN_RISE and R > 0.0):
         return np.empty(0)
     left = 1.0 - R * y[:, 0]
@@ -127,17 +134,6 @@ def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
     sure = (left > 0.0) & (error < ERROR)
     phases = np.log(left[sure]) / np.log(a)
     return phases[(phases > -0.3) & (phases < 1.3)]
-
-
-def _circuit(y: np.ndarray) -> tuple[float, float]:
-    """a and R of all edges together: y_(j+1) = (1 - a)/R + a y_j, medians of slope and level."""
-    x, z = y[:, :-1].ravel(), y[:, 1:].ravel()
-    slope, level = np.polyfit(x, z, 1) if np.ptp(x) > 0.0 else (0.0, 1.0)
-    for _ in range(10):
-        miss = np.abs(z - slope * x - level)
-        near = miss <= max(3.0 * float(np.median(miss)), 1e-12)
-        slope, level = np.polyfit(x[near], z[near], 1)
-    return float(slope), float((1.0 - slope) / level) if level > 0.0 else -1.0
 
 
 def _edges(trace: Measurement) -> list[tuple[np.ndarray, float]]:

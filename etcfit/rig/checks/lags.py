@@ -230,14 +230,12 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
         return None
     past = np.column_stack([own, *(y[k - j] for j in range(LAGS))])
     rate = 1.0 / float(np.median(np.diff(drive.time)))
-    return Look(_t_of_next(_remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])), new, rate)
-
-
-def _t_of_next(ahead: np.ndarray, move: np.ndarray) -> float:
-    """t of d: both less what the past tells of them (Frisch and Waugh 1933)."""
+    # t of d: both less what the past tells of them (Frisch and Waugh 1933)
+    ahead, move = _remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])
     power = float(ahead @ ahead)
     slope = float(ahead @ move) / max(power, 1e-300)
-    return slope / max(float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300))), 1e-300)
+    error = float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300)))
+    return Look(slope / max(error, 1e-300), new, rate)
 
 
 def _about_lone_edges(u: np.ndarray, sigma: float) -> np.ndarray:

@@ -64,7 +64,10 @@ def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
         return None
     even = np.interp(np.arange(time[0], time[-1], step), time, value)
     block = max(1, int(1.0 / (RATE * frequency * step)))
-    x = _bare(even[: even.size // block * block].reshape(-1, block).mean(axis=1))
+    second = np.diff(even[: even.size // block * block].reshape(-1, block).mean(axis=1), 2)
+    second = second - np.median(second)
+    most = CUT * MAD_TO_SIGMA * float(np.median(np.abs(second)))
+    x = np.clip(second, -most, most) if most > 0.0 else second
     size, index = 1 << int(np.ceil(np.log2(4 * x.size))), np.arange(1, x.size + 1)
     order = np.arange(1, tapers + 1)[:, None]
     windows = np.sqrt(2.0 / (x.size + 1)) * np.sin(np.pi * order * index / (x.size + 1))
@@ -80,14 +83,6 @@ def line_near(s: Spectrum, frequency: float, band: float) -> Line:
     if line.chance > UNCLEAR:
         return line
     return line._replace(beside=min(_clearest(s, part * frequency, band).chance for part in BESIDE))
-
-
-def _bare(value: np.ndarray) -> np.ndarray:
-    """Second differences without what exceeds their noise."""
-    second = np.diff(value, 2)
-    second = second - np.median(second)
-    spread = CUT * MAD_TO_SIGMA * float(np.median(np.abs(second)))
-    return np.clip(second, -spread, spread) if spread > 0.0 else second
 
 
 def _clearest(s: Spectrum, frequency: float, band: float) -> Line:
