@@ -59,7 +59,6 @@ def obtain(source: Source, data: Path | None = None) -> Path:
     """The file, checked against its SHA-256.
 
     Args:
-        source: which file.
         data: folder of local copies; without it, the one that the environment variable ETCFIT_DATA names.
 
     Raises:
@@ -101,8 +100,6 @@ def refuse_to_overwrite(to: Path) -> None:
 def whole_folder(to: Path) -> Iterator[Path]:
     """A draft beside `to`, to be filled, then renamed: a reader sees all of the folder or none of it.
 
-    Args:
-        to: the folder; must not exist, or be empty.
     Raises:
         UsageError: it holds something already.
     """
@@ -125,12 +122,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def write_folder(to: Path, files: Mapping[str, str]) -> Path:
-    """Write every file, or none of them.
-
-    Args:
-        to: the folder; must not exist, or be empty.
-        files: path inside the folder -> text.
-    """
+    """Write every file, or none of them."""
     with whole_folder(to) as draft:
         write_files(draft, files)
     return to

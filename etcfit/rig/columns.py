@@ -87,7 +87,6 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dic
     """Every column that is not to be ignored, by quantity.
 
     Args:
-        where: path of the CSV.
         toml: the rig.toml, which is at fault where [columns] names the header.
 
     Raises:
@@ -176,11 +175,6 @@ def _example(quantity: str) -> str:
 def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: str) -> Mapping[str, Column]:
     """The columns, `current` in the place of `supply_current`.
 
-    Args:
-        columns: by quantity.
-        config: of the rig.
-        where: path of the CSV.
-
     Raises:
         MeasurementError: `current` is there too, or the duty can be worked out of nothing.
     """
@@ -222,10 +216,6 @@ def sign_bit(values: np.ndarray, quantity: str) -> int | None:
     """The bit that holds the sign of these numbers; None where they are no such register.
 
     Both parts must lie well below the bit, with one sample beside the other across it.
-
-    Args:
-        values: as logged, shape (n,).
-        quantity: that they are.
     """
     there = values[np.isfinite(values)]
     if there.size < 3 or np.any(there < 0) or np.any(there != np.round(there)):

@@ -63,10 +63,6 @@ def parse_config(text: str, path: str) -> RigConfig:
 def config_of(toml: Toml, name: str) -> RigConfig:
     """As `read_config`, from the tables.
 
-    Args:
-        toml: the tables, and what messages call them.
-        name: of a rig that has none.
-
     Raises:
         MeasurementError: as `read_config`.
     """

@@ -58,9 +58,6 @@ class Shared:
 def refuse_duplicates(logs: Sequence[Log]) -> list[str]:
     """Refuse records that lie in a folder twice, whole or in part.
 
-    Args:
-        logs: every trace of the folder.
-
     Returns:
         a warning for each file that repeats another one number for number, but without noise that would tell a copy
         from a simulation made twice.

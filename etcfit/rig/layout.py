@@ -75,9 +75,6 @@ class TextTable:
 def read_text(text: str, where: str) -> TextTable:
     """The table in a text of any known layout.
 
-    Args:
-        text: line ends made `\\n`.
-        where: what messages call the file.
     Raises:
         MeasurementError: no rows of numbers, or something else among them.
     """

@@ -80,9 +80,6 @@ def read_mlg(raw: bytes, where: str) -> Table:
     Records whose check sum is wrong are left out, which `losses` says; so is what was cut off. A log without a time of
     its own gets that of its blocks, which cannot tell a pause of more than 0.3 s.
 
-    Args:
-        raw: the file.
-        where: its path, as the user gave it.
     Raises:
         MeasurementError: another format or version, damaged, or cut off before the second record.
     """

@@ -42,12 +42,7 @@ class Texture:
 
 
 def texture(time: np.ndarray, value: np.ndarray) -> Texture:
-    """Noise, resolution and range of one trace; zero where nothing is seen.
-
-    Args:
-        time: s, shape (n,), strictly rising.
-        value: SI, shape (n,).
-    """
+    """Noise, resolution and range of one trace; zero where nothing is seen."""
     return textures(time, [value])[0]
 
 

@@ -57,7 +57,6 @@ def rig_toml(base: str, common: Toml | None = None) -> Toml:
     """The tables of a folder's rig.toml, laid over those that are common.
 
     Args:
-        base: the folder.
         common: None where nothing is; else the folder needs no rig.toml.
 
     Raises:
@@ -88,11 +87,6 @@ def _digests(folder: Path, files: Iterable[str]) -> dict[str, str]:
 def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
     """The config, once it names only tests and traces that are there.
 
-    Args:
-        config: as read.
-        files: every trace, as `Measurement.file` will have it.
-        toml: where it was read, for messages.
-
     Raises:
         MeasurementError: a test nobody knows, or a held-out trace that is not there.
     """
@@ -116,10 +110,7 @@ def assembled(
     """The rig that these logs make.
 
     Args:
-        folder, config: of the rig.
         read: each log, and warnings about it.
-        odd: further warnings.
-        toml: where the config was read, for messages.
 
     Raises:
         MeasurementError: all logs of a test together cannot be, or one record lies there twice.
@@ -188,11 +179,7 @@ def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -
     """A table as the log of a rig test, checked; and warnings about columns without any number.
 
     Args:
-        table: as written.
-        where: what messages call the table.
-        toml: where the config was read, for messages.
         file: `<test>/<name>`.
-        config: of the rig.
 
     Raises:
         MeasurementError: a column, a row or the trace as a whole cannot be.

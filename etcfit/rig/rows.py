@@ -115,9 +115,7 @@ def read_rows(
 
     Args:
         rows: line, counted from 1, and its text; not blank.
-        separator: between cells.
         names: of the columns, for messages; "" where one has none.
-        where: what messages call the file.
         tolerant: take what instruments write in place of a number as a gap, a column of words as none.
         short: what a row with too few cells is: "" a mistake, "fill" one whose last cells are empty, "drop" a damaged
             one, as is a cell that is no number.
@@ -261,11 +259,6 @@ def fast_cells(body: str, separator: str, width: int) -> np.ndarray | None:
 
     Plain rows have a number or nothing in each of `width` cells and nothing between them: no comment, quote or blank
     line, and a decimal mark that cannot part thousands.
-
-    Args:
-        body: the rows, each ended by `\\n`, the last perhaps not.
-        separator: between cells.
-        width: cells in a row.
     """
     mark = _plain_mark(body, separator) if body.isascii() else None
     if mark is None:

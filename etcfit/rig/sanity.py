@@ -101,9 +101,6 @@ def check_log(log: Log, config: RigConfig) -> None:
 def check_peaks(test: str, logs: Iterable[Log]) -> None:
     """Refuse a rig test in all of whose traces a channel is too small to be anything but a slip of units.
 
-    Args:
-        logs: all of this test.
-
     Raises:
         MeasurementError: naming the first file.
     """

@@ -71,8 +71,6 @@ class LowPass:
 
         Both ends are continued by their own reflection through the end point.
 
-        Args:
-            x: shape (n, ...).
         Raises:
             ValueError: n is not larger than pad.
         """

@@ -136,9 +136,6 @@ def read_text(path: str | Path) -> str:
 def parse(text: str, path: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
-    Args:
-        text: of the file.
-        path: what messages call it.
     Raises:
         MeasurementError: it is no TOML, with the line, or a value is still to be filled in.
     """

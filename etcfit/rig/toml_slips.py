@@ -60,8 +60,6 @@ def slip(text: str, message: str, number: int) -> Slip | None:
     """What is wrong in a text that is no TOML; None where no slip is known that looks so.
 
     Args:
-        text: of the file.
-        message: of the parser.
         number: of the line at which it gave up.
     """
     lines = list(_lines(text))

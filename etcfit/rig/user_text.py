@@ -82,7 +82,6 @@ def refuse_foreign_names(folder: str, *names: str) -> None:
 
     Args:
         folder: where they lie, as the user gave it; its own name counts too.
-        names: of what lies in it.
     Raises:
         MeasurementError: at the first, its foreign bytes written as \xe9, its unseen characters as (U+202E).
     """

@@ -103,12 +103,7 @@ class Detector:
 
 
 def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Finding) -> Finding:
-    """The finding with its place in front of its sentence: every trace of a rig test, or these files of it.
-
-    Args:
-        files: that show it.
-        traces: all of the test.
-    """
+    """The finding with its place in front of its sentence: every trace of a rig test, or these files of it."""
     test, shown = traces[0].test, list(files)
     if len(shown) < len(traces):
         more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""
