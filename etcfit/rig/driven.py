@@ -79,11 +79,7 @@ def read_motion(title: str, traces: Sequence[Measurement], config: RigConfig, kn
 
 
 def _by_voltage(
-    title: str,
-    used: Sequence[Measurement],
-    systems: Sequence[Equations],
-    config: RigConfig,
-    known: Mapping[str, float],
+    title: str, used: Sequence[Measurement], systems: Sequence[Equations], config: RigConfig, known: Mapping[str, float]
 ) -> Reading:
     """v = R_a/(N K_m) (J a + B w + K_s theta + T_PL + T_f sgn w + T_g sin theta) + N K_b w; inductance neglected."""
     nothing = {symbol: 0.0 for symbol, value in held_values(config, known["N"]).items() if value == 0}
