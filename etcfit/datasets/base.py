@@ -85,7 +85,7 @@ def obtain(source: Source, data: Path | None = None) -> Path:
 
 
 def refuse_to_overwrite(to: Path) -> None:
-    """A folder can be written, and nobody's files are replaced.
+    """Refuse a folder that cannot be written, or has files in it.
 
     Raises:
         UsageError: `to` is a file, or a folder with something in it.
@@ -98,7 +98,7 @@ def refuse_to_overwrite(to: Path) -> None:
 
 @contextmanager
 def whole_folder(to: Path) -> Iterator[Path]:
-    """A draft beside `to`, to be filled, then renamed: a reader sees all of the folder or none of it.
+    """A draft next to `to`, to be filled, then renamed: a reader sees all of the folder or none of it.
 
     Raises:
         UsageError: it holds something already.

@@ -32,7 +32,9 @@ CHANNELS: dict[str, str] = {
     "temperature": "degC",
 }
 DRIVES = ("voltage", "duty", "torque")  # any of them drives the plate
-ALLOWED_FOR = frozenset({"synchronous_edges"})  # kinds that are a habit: the fit estimates what it is, nobody mends it
+ALLOWED_FOR = frozenset(
+    {"synchronous_edges"}
+)  # kinds that are a habit: the fit estimates it, and there is nothing to mend
 SLOW_LOG = "slow_log"  # the kind that leaves every diagnosis unsure
 
 
@@ -81,7 +83,7 @@ class Measurement:
         channels: by quantity, see `CHANNELS`.
         held_out: named in [holdout]: scored, never fitted.
         edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are in step with
-            the samples, and NaN where no such edge came, shape (n - 1,); None where nobody looked.
+            the samples, and NaN where no such edge came, shape (n - 1,); None before edges are looked at.
     """
 
     file: str
@@ -287,7 +289,7 @@ class Graph:
 class Reading:
     """What the paper's graph reading makes of all traces of one rig test."""
 
-    values: Mapping[str, float]  # SI, by symbol; besides parameters it may hold the lumped `J_eq`, `B_eq`
+    values: Mapping[str, float]  # SI, by symbol; parameters, and perhaps the lumped `J_eq`, `B_eq`
     graphs: tuple[Graph, ...] = ()  # what was read, to look at
     notes: tuple[str, ...] = ()  # what could not be read, and why
     # symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading

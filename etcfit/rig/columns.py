@@ -6,7 +6,7 @@ A current logged at the bridge's supply is made that of the motor.
 
     i = i_s / d,    d = duty, or v / V_s
 
-Where the duty is near zero the supply's current tells nothing of the motor's: no value there. The noise grows as the
+Where the duty is near zero the supply's current says nothing about the motor's: no value there. The noise grows as the
 duty falls, and is taken as one for all samples of a test.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (full bridge: mean current of its source). Differs from source: no.
@@ -215,7 +215,7 @@ def without_sign_bit(values: np.ndarray, bit: int) -> np.ndarray:
 def sign_bit(values: np.ndarray, quantity: str) -> int | None:
     """The bit that holds the sign of these numbers; None where they are no such register.
 
-    Both parts must lie well below the bit, with one sample beside the other across it.
+    Both parts must lie well below the bit, with one sample next to the other across it.
     """
     there = values[np.isfinite(values)]
     if there.size < 3 or np.any(there < 0) or np.any(there != np.round(there)):

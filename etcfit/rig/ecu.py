@@ -44,7 +44,7 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notat
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
     read = {symbol: _gain(toml, key, table[key], scales[key]) for key, symbol in GAINS.items()}
     gains = {symbol: gain for symbol, gain in read.items() if gain is not None}
-    # The limit of the output is a nameplate value: what the supply was while the ECU was at its limit nobody logged, so
+    # The limit of the output is a nameplate value: the supply while the ECU was at its limit was not logged, so
     # it is believed within a share of it; and where no gain gives voltages a scale, the limit must not either.
     volts = ecu.constants["V_e"]
     scaled = any(isinstance(gain, (Fixed, Prior)) and gain.value > 0.0 for gain in gains.values())

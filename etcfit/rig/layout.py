@@ -188,7 +188,7 @@ def _body_at(block: Sequence[str], first: int) -> _Body | None:
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Two numbers or more, or one beside an instant; one alone among gaps, where a channel is logged now and then."""
+    """Two numbers or more, or one next to an instant; one alone among gaps, where a channel is logged now and then."""
     numbers = sum(map(is_number, cells))
     instants = sum(map(is_instant, cells))
     sparse = len(cells) > 2 and numbers + sum(map(is_gap, cells)) == len(cells)

@@ -13,7 +13,7 @@ Source: EFI Analytics, MLG binary log format, versions 1 and 2, as rusEFI quotes
 its console write it, and as mlg-converter and LibreTune read it. Differs from source: bit fields (types 10 to 12, which
 have a style, an index of names and a number of bits in place of scale, transform and digits) are skipped, as nothing
 here is a switch. A field of a type that the format does not name is skipped too: its width is what the others leave of
-a record, its meaning nobody says (mlg-converter, whose v2.mlg has such a field, reads one byte).
+a record, its meaning is unknown (mlg-converter, whose v2.mlg has such a field, reads one byte).
 """
 
 from __future__ import annotations

@@ -41,11 +41,6 @@ class Texture:
     span: float
 
 
-def texture(time: np.ndarray, value: np.ndarray) -> Texture:
-    """Noise, resolution and range of one trace; zero where nothing is seen."""
-    return textures(time, [value])[0]
-
-
 def textures(time: np.ndarray, values: Sequence[np.ndarray]) -> list[Texture]:
     """Those of several channels logged at the same instants: what depends on these alone is done once for all."""
     quanta = [quantum(value) for value in values]
@@ -80,11 +75,6 @@ def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, fl
     )
     quantum = _median(seen_here) or _median(seen)
     return max(sigma, quantum / math.sqrt(12), FLOOR * span, 1e-12), quantum
-
-
-def noise(time: np.ndarray, value: np.ndarray, clip: float = ROBUST) -> float:
-    """Standard deviation of the white part of a trace; 0 where it is frozen or too short."""
-    return _noises(time, [value], [(clip,)])[0][0]
 
 
 def _noises(

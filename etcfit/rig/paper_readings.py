@@ -26,11 +26,6 @@ class Readings:
         """By test."""
         return {name: reading.graphs for name, reading in self.tests.items()}
 
-    @property
-    def notes(self) -> dict[str, tuple[str, ...]]:
-        """By test."""
-        return {name: reading.notes for name, reading in self.tests.items()}
-
 
 def read_graphs(rig: Rig) -> Readings:
     """Run all tests' readings, in order, over the traces that are neither held out nor set aside.

@@ -88,7 +88,7 @@ def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
     """The config, once it names only tests and traces that are there.
 
     Raises:
-        MeasurementError: a test nobody knows, or a held-out trace that is not there.
+        MeasurementError: an unknown test, or a held-out trace that is not there.
     """
     for test in config.series_ohm:
         if test not in KNOWN_TESTS:

@@ -35,7 +35,7 @@ _DAY = 86400.0  # s
 _FEW = 3  # rows from which a last one that is short was cut off
 LINES_TO_LOOK_AT = 20
 GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
-_OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of besides a decimal mark and the separator
+_OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of, with a decimal mark and the separator
 
 
 class Numbers(NamedTuple):

@@ -5,7 +5,7 @@ Smoothing and derivative by a parabola through the samples about each one:
     y(t + k step) ~ c_0 + c_1 k + c_2 k^2,   |k| <= window // 2,   least squares;   y ~ c_0,   dy/dt ~ c_1 / step
 
 Source: Savitzky and Golay 1964 (Anal. Chem. 36), eq. 11. Differs from source: within half a window of an end the
-parabola of the end's own window is read off beside its middle. It is SciPy's `savgol_filter(y, window, 2)`.
+parabola of the end's own window is read off next to its middle. It is SciPy's `savgol_filter(y, window, 2)`.
 
 Low passes without phase: a recursive filter of even order run forwards, then backwards.
 

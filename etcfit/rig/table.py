@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeasurementError
-from .layout import TextTable, read_text
+from .layout import read_text
 from .rows import LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
 
 LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
@@ -86,14 +86,6 @@ def parse(text: str, where: str) -> Table:
     return parse_with_care(text, where) if table is None else table
 
 
-def as_table(found: TextTable, losses: tuple[str, ...] = ()) -> Table:
-    """Columns called `name [unit]`; those without name and number, which a trailing separator makes, left out."""
-    layout, cells = found.layout, found.numbers.cells
-    there = [k for k, name in enumerate(layout.names) if name or np.isfinite(cells[:, k]).any()]
-    header = tuple(headed(layout.names[k] or f"column {k + 1}", found.units[k]) for k in there)
-    return Table(header, layout.head, found.numbers.lines, cells[:, there], losses=(*found.numbers.losses, *losses))
-
-
 def headed(name: str, unit: str) -> str:
     """A header as our CSVs have it."""
     return f"{name} [{unit}]" if unit and not name.rstrip().endswith("]") else name
@@ -110,7 +102,12 @@ def _of_another_layout(text: str, where: str) -> Table | None:
     first_line = layout.head == _announced_separator(numbered)[1][0][0]
     if not layout.head or (first_line and not any(layout.units)) or len(layout.names) < 2:
         return None
-    return without_blanks(as_table(found), where)
+    # without columns that have neither name nor number, which a trailing separator makes
+    cells = found.numbers.cells
+    there = [k for k, name in enumerate(layout.names) if name or np.isfinite(cells[:, k]).any()]
+    header = tuple(headed(layout.names[k] or f"column {k + 1}", found.units[k]) for k in there)
+    table = Table(header, layout.head, found.numbers.lines, cells[:, there], losses=found.numbers.losses)
+    return without_blanks(table, where)
 
 
 def parse_plain(text: str, where: str) -> Table | None:

@@ -22,7 +22,7 @@ VISIBLE = "A name must hold no control characters and no marks of direction: the
 
 
 def one_line(text: str) -> str:
-    """Printable characters alone: any white space is one space, what nobody sees is its number, as (U+202E)."""
+    """Printable characters alone: any white space is one space, what is invisible is its number, as (U+202E)."""
     return "".join(c if c.isprintable() else f"(U+{ord(c):04X})" for c in " ".join(text.split()))
 
 
@@ -78,7 +78,7 @@ def _filled(text: str, mark: str, width: int) -> str:
 
 
 def refuse_foreign_names(folder: str, *names: str) -> None:
-    r"""Refuse a name that is no UTF-8, or holds what nobody sees; Linux allows any bytes.
+    r"""Refuse a name that is no UTF-8, or holds what is invisible; Linux allows any bytes.
 
     Args:
         folder: where they lie, as the user gave it; its own name counts too.

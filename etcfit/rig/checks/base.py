@@ -65,7 +65,7 @@ class Records:
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
         """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test.
 
-        One trace tells little apart: a sign of its own is believed against its test's only for a value about as large.
+        One trace separates little: a sign of its own is believed against its test's only for a value about as large.
         """
         both = [c for c in (self.circuit_of.get(trace.file), self.circuits.get(trace.test)) if c is not None]
         if not both:
@@ -82,7 +82,7 @@ class Records:
 
 
 class Signs(NamedTuple):
-    """-1, 1, or 0 where it cannot be told."""
+    """-1, 1, or 0 where the sign is not significant."""
 
     R: int
     L: int

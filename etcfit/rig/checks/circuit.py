@@ -5,7 +5,7 @@
 over windows of some samples, [x] being what x gained over the window. Nothing is differentiated, so noise hardly
 matters, and it holds whatever torque acts on the plate: with the plate held [theta] = 0, with open terminals i = 0,
 with the gear apart theta is the motor's angle and k its K_b; at the plate k = N K_b. Robust least squares: L over all
-windows, all else over those without a jump of the voltage, whose instant within a sample nobody knows.
+windows, all else over those without a jump of the voltage, whose instant within a sample is unknown.
 
 Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
 
@@ -16,7 +16,7 @@ Is the logged current that of the motor, or what another place or another instru
     without its sign   |i|                          so   i = |i| sgn(v - k w)
 
 Each reading is put into the equation, over the same windows, and the right one leaves the least. What is near no
-voltage tells nothing: the duty d is zero there.
+voltage says nothing: the duty d is zero there.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (mean current of the source of a bridge). Differs from source: no.
 """
@@ -38,8 +38,8 @@ SAMPLES, LEAST_SAMPLES, WINDOWS = 20, 5, 20  # in a window, at least, and how ma
 FEWEST = 12  # windows that carry a reading
 SEEN = 5.0  # noises that a gain over a window must reach, rms, to say anything
 JUMP, JUMP_SHARE = 8.0, 0.02  # noises, and of the span: a change from sample to sample that is a jump
-ALIKE = 0.97  # correlation at which brushes and resistance cannot be told apart
-NEAR = 0.1  # of the largest voltage: a smaller one tells nothing of another current
+ALIKE = 0.97  # correlation at which brushes and resistance cannot be separated
+NEAR = 0.1  # of the largest voltage: windows at a smaller one are left out where currents are compared
 ROUNDS = 3  # in which the sign of the current and k are found together
 
 
@@ -79,7 +79,7 @@ class Circuit:
     R: Value | None  # ohm; of the whole circuit
     L: Value | None  # H
     k: Value | None  # V s/rad; N K_b at the plate, K_b where the gear is apart
-    drop: float  # V, at the brushes; 0 where it cannot be told from R
+    drop: float  # V, at the brushes; 0 where it cannot be separated from R
     amperes: float  # typical current, rms, A
 
 
@@ -169,7 +169,7 @@ def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Value | None:
-    """R of these traces' circuit, the brushes' drop (V) being known from another test; None where it cannot be told."""
+    """R of these traces' circuit, the brushes' drop (V) being known from another test; None where it is unknown."""
     w = joined(windows_of(trace, config) for trace in traces)
     if w is None:
         return None
@@ -227,7 +227,7 @@ class OtherCurrent:
 
     motor: Windows  # windows with the current as logged
     supply: Windows  # with that of the motor, were a supply's logged; for a supply of `volts`
-    volts: float  # of the supply; 1 where nobody knows it, and then R is one of 1 V
+    volts: float  # of the supply; 1 where it is unknown, and then R is one of 1 V
 
     @cached_property
     def sign(self) -> np.ndarray:
@@ -290,7 +290,7 @@ def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurr
 
 
 def supply_of(traces: Sequence[Measurement], config: RigConfig) -> float | None:
-    """Voltage of the supply, logged or in rig.toml, V; None where nobody knows it."""
+    """Voltage of the supply, logged or in rig.toml, V; None where it is unknown."""
     logged = [float(np.median(t.channels["supply"].value)) for t in traces if "supply" in t.channels]
     return float(np.median(logged)) if logged else config.supply_V
 

@@ -2,7 +2,7 @@
 
     y_j = (i_j - i_before) / (v_after - v_before) = (1 - a^(phi + j)) / R,   a = exp(-R dt / L),   j = 0, 1, 2, ...
 
-With y_(j+1) = (1 - a)/R + a y_j every edge tells a and R; a robust line through those of all edges of a test is taken,
+With y_(j+1) = (1 - a)/R + a y_j every edge gives a and R; a robust line through those of all edges of a test is taken,
 and with it each edge's own phase phi = log(1 - R y_0)/log a, in sample intervals: 0 where the edge came with the sample
 that first shows it, 1 where it came a whole interval earlier. One clock for output and logger makes them all the same;
 else they are uniform. A common phase is a habit, no mistake, but a fit that takes each instant as independent is biased
@@ -79,7 +79,7 @@ class EdgePhase:
 
     phase: float  # mean on the circle, 0 to 1; of edges on the samples the end that most of them show
     error: float  # its standard error
-    edges: int  # how many told it
+    edges: int  # how many it was read from
     # probability that edges at any instants would have phases as close together: twice the lesser of Rayleigh's and
     # that of the arc they lie in
     chance: float
@@ -99,8 +99,7 @@ def synchronous_edges(records: Records) -> Iterator[Finding]:
 
 
 def edge_phase(traces: Sequence[Measurement]) -> EdgePhase | None:
-    """The common phase of the voltage's edges in traces of one rig test; None where they have none, or it cannot be
-    told."""
+    """The common phase of the voltage's edges in traces of one rig test; None where there is none."""
     phases = edge_phases(traces)
     if phases.size < FEWEST:
         return None
@@ -113,7 +112,7 @@ def edge_phase(traces: Sequence[Measurement]) -> EdgePhase | None:
 
 
 def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
-    """Of every edge that tells its phase, in sample intervals, shape (edges,)."""
+    """Of every edge that shows its phase, in sample intervals, shape (edges,)."""
     read = [row for trace in traces for row in _edges(trace)]
     if not read:
         return np.empty(0)

@@ -7,8 +7,8 @@ y_k is the Fourier transform of the trace under the k-th of K sine tapers, U_k t
 phase and size under all tapers; a motion that has power there too has not. Before, the trace is differenced twice (slow
 motion goes), and what exceeds its noise is cut (steps and impacts go).
 
-Periodic motion makes lines too. They are no mains where they are as clear in the bands beside it, so `beside` says how
-clear the clearest of those is.
+Periodic motion makes lines too. They are no mains where they are as clear in the bands next to it, so `neighbours` says
+how clear the clearest of those is.
 
 Source: Thomson 1982, harmonic F-test; Riedel and Sidorenko 1995, sine tapers. Differs from source: differences first.
 """
@@ -28,8 +28,8 @@ UNEVEN = 0.2  # rms of the intervals over their median; beyond it a Fourier tran
 LONGEST = 1 << 16  # samples looked at
 TRIED = 8.0  # frequencies that count as tried, times the band over the resolution; 2 would be independent ones
 RATE = 6.0  # times the frequency: a faster log is averaged down to that
-UNCLEAR = 0.1  # chance above which no line beside it need be looked for
-BESIDE = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
+UNCLEAR = 0.1  # chance above which no neighbouring line need be looked for
+NEIGHBOURS = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
 
 
 class Line(NamedTuple):
@@ -39,7 +39,7 @@ class Line(NamedTuple):
     error: float  # of the frequency, Hz
     amplitude: float  # SI
     chance: float  # probability that noise would show one as clear within the band that was searched
-    beside: float = 1.0  # that of the clearest line in the bands beside it
+    neighbours: float = 1.0  # that of the clearest line in the bands next to it
 
 
 class Spectrum(NamedTuple):
@@ -82,7 +82,7 @@ def line_near(s: Spectrum, frequency: float, band: float) -> Line:
     line = _clearest(s, frequency, band)
     if line.chance > UNCLEAR:
         return line
-    return line._replace(beside=min(_clearest(s, part * frequency, band).chance for part in BESIDE))
+    return line._replace(neighbours=min(_clearest(s, part * frequency, band).chance for part in NEIGHBOURS))
 
 
 def _clearest(s: Spectrum, frequency: float, band: float) -> Line:
