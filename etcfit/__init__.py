@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from .experiment.settings import AdviceSettings as AdviceSettings
     from .experiment.settings import CampaignSettings as CampaignSettings
     from .experiment.settings import CheckSettings as CheckSettings
-    from .exporting.settings import ExportSettings as ExportSettings
+    from .exporting.base import ExportSettings as ExportSettings
     from .fleets.statistics.settings import FleetSettings as FleetSettings
     from .importing.tuning import TuneSettings as TuneSettings
     from .model.ecus import ECUS as ECUS
@@ -105,7 +105,7 @@ MODULE_OF = {
     "AdviceSettings": "experiment.settings",
     "CampaignSettings": "experiment.settings",
     "CheckSettings": "experiment.settings",
-    "ExportSettings": "exporting.settings",
+    "ExportSettings": "exporting.base",
     "TuneSettings": "importing.tuning",
     "FleetSettings": "fleets.statistics.settings",
     "FleetDesignSettings": "control.settings",

@@ -44,7 +44,6 @@ REGISTRIES = {
     "model/rig_effects": "AbstractRigEffect",
     "rig": "AbstractRigTest",
     "rig/checks": "AbstractDetector",
-    "experiment/excitation": "AbstractShape",
     "fleets/line": "AbstractFigure",
 }
 FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy

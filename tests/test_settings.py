@@ -40,12 +40,11 @@ from etcfit.estimation.settings import (
     WhitenessSettings,
 )
 from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
-from etcfit.exporting.settings import ExportSettings
+from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
 from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
 from etcfit.fleets.line.settings import LineSettings, TemperatureSettings
 from etcfit.fleets.statistics.settings import ChartSettings, FleetSettings, OddSettings, PopulationSettings
-from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
@@ -57,7 +56,6 @@ KINDS: list[Any] = [
     CampaignSettings,
     CheckSettings,
     PlanSettings,
-    GuessSettings,
     ContradictionSettings,
     EdgesInStepSettings,
     FitSettings,

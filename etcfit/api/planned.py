@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from ..experiment.campaign import Campaign, remark
+from ..experiment.campaign import Campaign
 from . import words
 from .frames import indexed, numbers
 from .frames import words as texts
@@ -36,7 +36,7 @@ class Planned:
             "current": numbers(float(np.abs(t.forecast.shown.get("current", np.zeros(1))).max()) for t in every),
             "temperature": numbers(ambient + float(t.forecast.warmth.max()) for t in every),
             "pause": numbers(t.pause for t in every),
-            "remark": texts(remark(t, self.campaign.setting) for t in every),
+            "remark": texts(self.campaign.remark(t) for t in every),
         }
         return indexed(columns, [t.file for t in every], "file")
 

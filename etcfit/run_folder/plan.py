@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MeasurementError
-from ..experiment.campaign import Campaign, PlannedTest, band, remark
-from ..experiment.logger import LoggedColumn, logger
+from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, band, logger
 from ..files import plain
 from ..rig.config import parse_config
 from .fit import versions
@@ -67,7 +66,7 @@ def _test(campaign: Campaign, number: int, test: PlannedTest) -> dict[str, Any]:
         "test": plan.test,
         "shape": test.candidate.kind,
         "how": plan.says,
-        "remark": remark(test, campaign.setting) or None,
+        "remark": campaign.remark(test) or None,
         "seconds": test.candidate.seconds,
         "keeps_off_stops_s": test.candidate.window,
         "play": None if played is None else {

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...experiment.campaign import Campaign, PlannedTest, remark
-from ...experiment.logger import logger
+from ...experiment.campaign import Campaign, PlannedTest, logger
 from ...files import whole
 from ...rig import TEST_BY_NAME
 from ..html import environment
@@ -145,7 +144,7 @@ def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> S
         number,
         TEST_BY_NAME[name].title,
         test.candidate.plan.says,
-        remark(test, campaign.setting),
+        campaign.remark(test),
         _wiring(name),
         tuple(_watch(name, test)),
         "" if played is None else f"play/plan_{number}.csv, or the sketch play/plan_{number}/plan_{number}.ino",

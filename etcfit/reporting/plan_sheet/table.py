@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from rich.console import Group, RenderableType
 
-from ...experiment.campaign import Campaign, PlannedTest, remark
+from ...experiment.campaign import Campaign, PlannedTest
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..numbers import short
 
@@ -27,7 +27,7 @@ def _tests(campaign: Campaign) -> RenderableType:
     table = plain_table("record as", "what", "current, A", "winding, degC", "pause, s", left=2, prose=("what",),
                         paths=("record as",))  # fmt: skip
     for test in campaign.tests:
-        note = remark(test, campaign.setting)
+        note = campaign.remark(test)
         says = test.candidate.plan.says + (f" ({note})" if note else "")
         table.add_row(test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}")
     return headed("In this order", table)
