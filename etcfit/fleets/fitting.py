@@ -6,7 +6,7 @@
 theta: the free parameters, SI; F = J^T J and g = J^T r of the whitened residual at the optimum, J beside it where it
 lies on a bound. The user's priors are not in it: one that all units share would be counted as often as there are units.
 Nor is what the fit widens its intervals by: of a handful of traces nobody can tell whether they disagree; of the traces
-of many units one can, see `statistics.robust`.
+of many units one can, see `statistics.stack.robust`.
 
 Motor and plate turn together: a rig mostly tells N^2 J_m + J_L and N^2 B_m + B_L, and of each sum's parts nothing. The
 sums take the place of the motor's part, so that what is told has a symbol of its own.
@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..estimation.fleet_model import SUMS
+from ..estimation.fitted_model import SUMS
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import fit
 from ..estimation.levenberg_marquardt import believed
