@@ -66,7 +66,7 @@ def fit_all(
         first = run_units(pilots, work, crew, store, report, settings)
         work = replace(work, about=_middle(store, pilots))
         others = tuple(unit for unit in config.units if unit not in pilots)
-        tally = first.and_also(run_units(others, work, crew, store, report, settings))
+        tally = first.plus(run_units(others, work, crew, store, report, settings))
         ends = {end.unit: end for end in store.ends(config.units)}
     known = [ends[unit] for unit in config.units if unit in ends]
     fitted = tuple(end for end in known if isinstance(end, UnitResult))
