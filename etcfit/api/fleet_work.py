@@ -82,7 +82,7 @@ def work_through(
 def _worked_through(
     config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report, remark: Callable[[str], None]
 ) -> FleetFiles:
-    from ..fleets.results import fit_all
+    from ..fleets.fitting import fit_all
     from ..fleets.study import study
     from ..run_folder.fleet import read_fleet_files, save_fleet
     from .unit_pages import write_unit_pages

@@ -10,7 +10,7 @@ from ..fleets.engine.cluster import Crew
 from ..fleets.engine.run import run_units
 from ..fleets.engine.store import Store
 from ..fleets.engine.work import AbstractWork
-from ..fleets.fit_work import FitWork
+from ..fleets.fitting import FitWork
 from ..fleets.unit import UnitResult
 
 FOLDER = "units"  # below the run folder of the fleet
