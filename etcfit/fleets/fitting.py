@@ -268,7 +268,7 @@ def _widened(result: FitResult, jacobian: np.ndarray, to_sums: np.ndarray) -> Fl
 
 
 def _with_sums(layout: Layout, gear_ratio: float) -> tuple[list[str], Float[np.ndarray, "P P"]]:
-    """Symbols of the parameters with sums in place of motors' parts, and the matrix from the free parameters to them."""
+    """Symbols with sums in place of motors' parts, and the matrix from the free parameters to them."""
     symbols, forth = list(layout.free), np.eye(len(layout.free))
     for motor, (whole, plate) in SUMS.items():
         if motor in layout.free and plate in layout.free:
