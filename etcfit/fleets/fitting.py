@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import MeasurementError
-from ..estimation.fleet_model import SUMS
+from ..estimation.fitted_model import SUMS
 from ..estimation.intervals import LUMPS, intervals, lumped
 from ..estimation.joint_fit import fit
 from ..estimation.levenberg_marquardt import believed

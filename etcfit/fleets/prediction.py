@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ..estimation.fleet_model import FleetModel
+from ..estimation.fitted_model import FleetModel
 from .line import BENCH, FIGURE_BY_NAME, Condition, FigureResult, measured
 
 SUPPLIES = (9.0, 12.0, 14.0, 16.0)  # V

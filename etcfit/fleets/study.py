@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.fleet_model import FleetModel, fleet_model, parted
+from ..estimation.fitted_model import FleetModel, fleet_model, parted
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 import fleets
 from etcfit.errors import UsageError
-from etcfit.estimation.fleet_model import fleet_model
+from etcfit.estimation.fitted_model import fleet_model
 from etcfit.fleets.line import FIGURES, Condition, measured
 from etcfit.fleets.prediction import conditions, predict
 from etcfit.model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity

@@ -21,9 +21,8 @@ from etcfit.fleets.config import FleetConfig, read_fleet
 from etcfit.fleets.fitting import FitWork, Results
 from etcfit.fleets.study import FleetStudy, study
 from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
-from etcfit.run_folder import FLEET
-from etcfit.run_folder.fleet import UNITS, read_fleet_files, save_fleet
-from etcfit.run_folder.parts import parts_of
+from etcfit.run_folder.fleet import UNITS, parts_of, read_fleet_files, save_fleet
+from etcfit.run_folder.manifest import FLEET
 
 N = 20.68
 DESIGN = {"R_a": 1.5, "L_a": 1.5e-3, "K_b": 0.016, "J_eq": 1.7e-3, "B_eq": 9.0e-3, "K_s": 0.13, "T_PL": 0.35,

@@ -12,8 +12,8 @@ from ...diagnosis.probabilities import UNEXPLAINED
 from ...estimation import explained
 from ...estimation.contradiction import digits_apart
 from ...estimation.goodness import STRAYS, Left
+from ...estimation.identifiability import listed
 from ...estimation.joint_fit import MISFIT
-from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
 from ...rig.base import ALLOWED_FOR
 from ..control.sentence import sentence
