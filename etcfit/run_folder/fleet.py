@@ -24,8 +24,7 @@ from ..fleets.unit import UnitResult
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
-from ..rig.toml import Toml
-from ..rig.toml_text import written
+from ..rig.toml import Toml, written
 from .commit import settle
 from .fit import versions
 from .manifest import FLEET
