@@ -19,7 +19,7 @@ from ..model.parameters import Parameter, parameters_of
 from ..model.rig_effects import AbstractRigEffect
 from ..model.throttle import Throttle
 from ..ranges import check_ranges, real
-from ..rig.comments import c_comment, in_c, one_line
+from ..rig.user_text import c_comment, in_c, one_line
 
 BODY: Mapping[str, tuple[str, str]] = {
     "N": ("1", "gear ratio, motor angle over plate angle"),

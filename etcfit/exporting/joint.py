@@ -11,7 +11,7 @@ from xml.etree import ElementTree as Xml
 from ..control.design import gains_as_found
 from ..control.pid import Gains, Refusal
 from ..errors import UsageError
-from ..rig.comments import python_comment, xml_comment
+from ..rig.user_text import python_comment, xml_comment
 from .base import Export, Format, Source, rendered
 
 _SOFTEST = 1e-6  # N m/rad: a spring that is preload alone still has a rest angle

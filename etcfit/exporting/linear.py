@@ -10,7 +10,7 @@ import numpy as np
 
 from ..model.effects.actuation_delay import ActuationDelay
 from ..model.effects.position_sensor_lag import PositionSensorLag
-from ..rig.comments import matlab_comment, one_line, python_comment
+from ..rig.user_text import matlab_comment, one_line, python_comment
 from .base import BODY, Export, Format, Source, rendered
 
 _KEPT = (ActuationDelay, PositionSensorLag)  # stand beside the transfer function

@@ -17,11 +17,11 @@ from .. import __version__
 from ..errors import MeasurementError
 from ..rig.base import Rig, RigConfig
 from ..rig.checks import refuse
-from ..rig.comments import hash_comment
 from ..rig.config import config_of
 from ..rig.reader import assembled, checked, log_of
 from ..rig.table import Table
 from ..rig.toml import Toml, parse
+from ..rig.user_text import hash_comment
 from .answers import Answers, Doubt, column_doubt, loss_doubt, rig_doubt, rig_test_doubt
 from .guesses import NameplateGuess, nameplate_guesses, rig_test_of, turned
 from .quantities import takes_of

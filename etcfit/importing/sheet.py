@@ -12,7 +12,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from ..rig.supply_side import SUPPLY_CURRENT
+from ..rig.columns import SUPPLY_CURRENT
 from ..rig.units import SI_UNIT, UnitError, conversion, is_percent, is_unit_text
 from .names import PEDAL_IN_SOME, is_engines, known, may_be_position, plain_words, quantity_named
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
-from ..rig.registers import sign_bit, without_sign_bit
+from ..rig.columns import sign_bit, without_sign_bit
 from ..rig.units import conversion, is_percent
 from .answers import Answers
 from .names import quantity_named

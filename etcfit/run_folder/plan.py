@@ -17,8 +17,8 @@ from ..experiment.advice import Advice, Option
 from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, band, logger
 from ..experiment.candidates import FULL, Played
 from ..files import held, plain, write_json
-from ..rig.comments import c_comment, hash_comment
 from ..rig.config import parse_config
+from ..rig.user_text import c_comment, hash_comment
 from .fit import versions
 
 _POINTS = 300  # of an expected curve
