@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import UsageError
-from ..reporting.fleet.columns import Columns
-from ..reporting.fleet.drawn import charts, correlation, odd, population
+from ..reporting.fleet import pictures
+from ..reporting.fleet.page import Columns
 from ..run_folder.fleet import FleetFiles
 from .plots import panels_of
 
@@ -26,11 +26,11 @@ class FleetPlots:
     def population(self) -> np.ndarray:
         """Every unit's parameters with their intervals, and the population."""
         content = self.files.content
-        return panels_of(lambda: population.draw(content, Columns.of(content["units"], self.files.units)))
+        return panels_of(lambda: pictures.draw_population(content, Columns.of(content["units"], self.files.units)))
 
     def correlation(self) -> np.ndarray:
         """Which parameters go together from unit to unit."""
-        return panels_of(lambda: correlation.draw(self.files.content))
+        return panels_of(lambda: pictures.draw_correlation(self.files.content))
 
     def charts(self, *symbols: str) -> np.ndarray:
         """Control chart and cumulative sums, a figure a symbol.
@@ -43,11 +43,11 @@ class FleetPlots:
         there = self.files.content["charts"]
         if unknown := [symbol for symbol in symbols if symbol not in there]:
             raise UsageError(f"there is no chart of {unknown[0]}. There are: {', '.join(there) or 'none'}.")
-        drawn = [panels_of(lambda s=s: charts.draw(self.files.content, s)) for s in symbols or there]
+        drawn = [panels_of(lambda s=s: pictures.draw_chart(self.files.content, s)) for s in symbols or there]
         return np.concatenate(drawn) if drawn else np.empty(0, dtype=object)
 
     def odd(self) -> np.ndarray:
         """How far each unit is from the population, and by what the odd ones are."""
         if not self.files.content["odd"]:
             raise UsageError("no unit of this fleet is odd: there is nothing to draw.")
-        return panels_of(lambda: odd.draw(self.files.content))
+        return panels_of(lambda: pictures.draw_odd(self.files.content))

@@ -22,8 +22,8 @@ from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
-from ..reporting import overview, pictures, style
-from ..reporting.control import bode, front, responses, safety, scenarios, sines
+from ..reporting import pictures, style
+from ..reporting.control import bode, front, responses, safety
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.numbers import short
@@ -88,7 +88,7 @@ class FitPlots:
 
     def parameters(self) -> Axes:
         """How well each parameter is known, and how far off reading a graph with a ruler is."""
-        return panel_of(lambda: overview.draw(pictures.parameter_picture(self.result)))
+        return panel_of(lambda: pictures.draw_parameters(pictures.parameter_picture(self.result)))
 
     def test(self, name: str) -> np.ndarray:
         """The graph that the paper reads of one rig test, with the fit drawn into it.
@@ -251,7 +251,7 @@ class ReductionPlots:
         response = self.response
         if response is None or not response.points:
             raise UsageError("no sine trace of this rig says anything: there is no measured response to draw.")
-        return panels_of(lambda: sines.draw(self.fitted.config, response))
+        return panels_of(lambda: bode.draw_sines(self.fitted.config, response))
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +270,7 @@ class DesignPlots:
 
     def scenarios(self) -> np.ndarray:
         """The proposed gains in every scenario, a panel each."""
-        return panels_of(lambda: scenarios.draw(self.design))
+        return panels_of(lambda: responses.draw_scenarios(self.design))
 
     def front(self) -> Axes:
         """Tracking error over the duty's activity: the best gains, and every rule."""
@@ -283,6 +283,6 @@ class DesignPlots:
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:
     """Operating range, spectrum and the busiest seconds of a log from the car."""
-    from ..reporting import car_log
+    from ..reporting.car_log.writing import draw
 
-    return panels_of(lambda: car_log.draw(study, config.synthetic))
+    return panels_of(lambda: draw(study, config.synthetic))

@@ -17,8 +17,8 @@ from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.setting import USUAL, Setting
 from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
+from etcfit.reporting.check_table import advice_table
 from etcfit.rig.base import Rig
 from independent.effects import NONE
 from independent.folder import SIZES, write_folder, write_trace

@@ -15,7 +15,7 @@ from etcfit.estimation.compromise import Compromise
 from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.influence import Influence, Pull
 from etcfit.estimation.joint_fit import FitResult
-from etcfit.reporting.compromise import cautioned
+from etcfit.reporting.blocks import cautioned
 from etcfit.reporting.page import write_page
 from etcfit.reporting.tables import fit_table, render
 from etcfit.run_folder import fit_json
