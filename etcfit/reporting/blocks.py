@@ -14,7 +14,7 @@ from rich.text import Text
 from ..errors import visible
 
 if TYPE_CHECKING:  # a console needs none of what these load
-    from ..estimation.fit_state import FitState
+    from ..estimation.fitted_model import FitState
     from ..rig.base import RigConfig
 
 _GAP = 2, 1  # characters between columns: usually, and where it is tight

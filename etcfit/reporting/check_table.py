@@ -11,7 +11,7 @@ from rich.text import Text
 
 from ..experiment.advice import Advice, Option, Pair
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
-from ..rig.finding import Finding
+from ..rig.base import Finding
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .car_log.tables import good_enough
 from .numbers import short

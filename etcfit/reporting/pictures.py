@@ -22,7 +22,7 @@ from ..problem.trace import Trace
 from ..rig import TEST_BY_NAME
 from ..rig.base import RigConfig
 from ..rig.paper_readings import known
-from ..run_folder import readings_of
+from ..run_folder.fit import readings_of
 from . import style, traces
 from .drawing import Job
 from .numbers import Digits, is_share, short

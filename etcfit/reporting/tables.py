@@ -8,17 +8,16 @@ from itertools import groupby
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ..estimation.agreement import Pull
 from ..estimation.explained import explained, motion_explained, share_of
-from ..estimation.influence import Pull
+from ..estimation.identifiability import listed
+from ..estimation.identifiability import sentences as directions_in_words
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult, StartSummary
-from ..estimation.remedies import listed
-from ..estimation.remedies import sentences as directions_in_words
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Measurement
-from ..run_folder import GEAR_RATIO, readings_of
-from ..run_folder.budget import budget_json
+from ..run_folder.fit import GEAR_RATIO, budget_json, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
 from .numbers import Digits, short

@@ -18,7 +18,7 @@ from . import Closing, number_of
 if TYPE_CHECKING:
     from ...control.design import Design
     from ...control.linearise import Reduction
-    from ...estimation.fit_state import FitState
+    from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
     from ..fleet.words import Content
 

@@ -16,10 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...control.frequency import FrequencyResponse, Order, Point, Ratio, phases
-from ...control.frequency.point import DRIVE, POSITION, SETPOINT
+from ...control.frequency.response import DRIVE, POSITION, SETPOINT
 from ...control.linearise import Reduction
-from ...estimation.fit_state import FitState
-from ...estimation.fitted_model import Fitted
+from ...estimation.fitted_model import FitState, Fitted
 from ...model.linear import TransferFunction
 from ...rig.base import RigConfig
 from .. import style

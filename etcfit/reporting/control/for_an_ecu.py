@@ -12,7 +12,7 @@ from rich.text import Text
 from ...control.pid import Gains, Task
 from ...control.supply_table import SupplyTable
 from ...model.ecus import Pasting, Scheduling, named
-from ...run_folder import supply_table_json
+from ...run_folder.design import supply_table_json
 from ..blocks import headed, plain_table, sentences
 from ..numbers import short
 

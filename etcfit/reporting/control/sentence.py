@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, Requirements
-from ...estimation.fit_state import SOUND, FitState
-from ...estimation.remedies import listed
+from ...estimation.fitted_model import SOUND, FitState
+from ...estimation.identifiability import listed
 from ..numbers import short
 
 if TYPE_CHECKING:  # the verdict of a page needs none of what it loads

@@ -7,10 +7,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.fleet_verdict import STABLE, OddOne, Share
 from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, LoopFigures, Requirements
-from ...control.parts_verdict import OnParts, PartsVerdict
-from ...run_folder import design_json
+from ...control.on_units import STABLE, OddOne, OnParts, PartsVerdict, Share
+from ...run_folder.design import design_json
 from ..blocks import headed, plain_table
 from ..numbers import short
 from .sentence import sentence

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...diagnosis.findings import Diagnosis
+from ...estimation.identifiability import listed
 from ...estimation.joint_fit import FitResult
-from ...estimation.remedies import listed
 from ...problem.prediction_error import PredictionError, logged_unit
 from ...problem.trace import Trace
 from ..numbers import short

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Unexplained
-from ...estimation.remedies import listed
+from ...estimation.identifiability import listed
 from ...problem.trace import Trace
 from .. import style
 from ..drawing import Job

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...files import plain, whole
-from ...fleets.members import ZERO_CELSIUS
+from ...fleets.config import ZERO_CELSIUS
 from .. import html, packed
 from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
 from .words import JUDGEMENT, Content, Judgement, title, verdict

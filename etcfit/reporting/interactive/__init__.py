@@ -11,7 +11,8 @@ from ... import __version__
 from ...estimation.goodness import STRAYS
 from ...estimation.settings import ContradictionSettings
 from ...files import plain, whole
-from ...run_folder import RunFolder, require
+from ...run_folder.folder import RunFolder
+from ...run_folder.manifest import require
 from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
 from ..page import Page
 from ..page.contents import read_run

@@ -19,7 +19,7 @@ from ...estimation.goodness import Goodness, Left, goodness_of, worst
 from ...estimation.result import FitResult
 from ...problem.prediction_error import columns
 from ...problem.trace import Trace
-from ...rig.finding import ALLOWED_FOR, Finding
+from ...rig.base import ALLOWED_FOR, Finding
 from ..numbers import short
 from ..pictures import all_traces
 

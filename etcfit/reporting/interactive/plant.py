@@ -19,10 +19,9 @@ from typing import Any
 import jax
 
 from ...control.linearise import stops
-from ...control.pid.ecu import Memory, tick
-from ...control.pid.gains import Gains
+from ...control.pid.ecu import Gains, Memory, tick
 from ...control.pid.loop import lagging
-from ...control.pid.setpoint import trapezoid
+from ...control.setpoint import trapezoid
 from ...control.settings import LoopSettings
 from ...estimation.result import FitResult
 from ...kernels.graph import Graph

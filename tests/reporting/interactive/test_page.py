@@ -25,7 +25,8 @@ from etcfit.reporting.interactive import NAME, SCRIPTS, part, write_interactive
 from etcfit.reporting.interactive.lights import Light, cures, lights
 from etcfit.reporting.interactive.plant import loop_json, simulation
 from etcfit.reporting.pictures import all_traces
-from etcfit.run_folder import RunFolder, save_fit
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.state import save_fit
 
 LIMIT = 8_000_000
 TWIN = Path(__file__).resolve().parents[3] / "measurements" / "bench_twin"
