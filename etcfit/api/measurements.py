@@ -170,8 +170,8 @@ class Advised:
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit check --advise` prints, for `print`."""
-        from ..reporting.advice import advice_table
         from ..reporting.blocks import render
+        from ..reporting.check_table import advice_table
 
         return render(advice_table(self.advice), width)
 

@@ -16,8 +16,8 @@ from etcfit.experiment.plan import PLANS, USUAL, Setting, channels, sweeps, trac
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
+from etcfit.reporting.check_table import advice_table
 from etcfit.rig.base import Rig
 from independent.effects import NONE
 from independent.folder import SIZES, write_folder, write_trace
