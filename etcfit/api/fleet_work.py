@@ -16,7 +16,7 @@ from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores
 from ..fleets.engine.run import run_units
 from ..fleets.engine.store import Store
 from ..fleets.engine.work import AbstractWork
-from ..fleets.fit_work import FitWork
+from ..fleets.fitting import FitWork
 from ..fleets.folder import local_copy, refuse_inside
 from ..fleets.unit import UnitResult
 from ..rig.toml import Toml
@@ -88,7 +88,7 @@ def work_through(
 def _worked_through(
     config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report, remark: Callable[[str], None]
 ) -> FleetFiles:
-    from ..fleets.results import fit_all
+    from ..fleets.fitting import fit_all
     from ..fleets.study import study
     from ..run_folder.fleet import read_fleet_files, save_fleet
 
@@ -115,7 +115,8 @@ def show(run: Path, files: FleetFiles, report: Report) -> None:
 
 
 def _draw(draft: Draft, files: FleetFiles, report: Report) -> None:
-    from ..reporting.fleet import draw_fleet, write_fleet_page
+    from ..reporting.fleet import write_fleet_page
+    from ..reporting.fleet.pictures import draw_fleet
 
     report("drawing", 0.5)
     draw_fleet(files.content, files.units, draft.files / _PICTURES)
