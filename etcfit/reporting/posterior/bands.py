@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...estimation.intervals import Z_95
-from ...posterior.predictive import Band
+from ...posterior.sampling import Band
 from .. import style
 from ..stack import headed, name_of, signal, source, stack
 

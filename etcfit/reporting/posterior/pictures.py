@@ -7,10 +7,9 @@ from functools import partial
 from pathlib import Path
 
 from ...estimation.intervals import intervals, lumped
-from ...posterior.predictive import Band
 from ...posterior.profile import Profile
-from ...posterior.sampling import Posterior
-from ...posterior.truth import truths
+from ...posterior.sampling import Band, Posterior
+from ...posterior.target import truths
 from ...run_folder.fit import readings_of
 from ...run_folder.posterior import disagree
 from ..drawing import Job
