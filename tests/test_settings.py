@@ -40,11 +40,10 @@ from etcfit.estimation.settings import (
     WhitenessSettings,
 )
 from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
-from etcfit.exporting.settings import ExportSettings
+from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
 from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
 from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
-from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
@@ -54,7 +53,6 @@ KINDS: list[Any] = [
     CampaignSettings,
     CheckSettings,
     PlanSettings,
-    GuessSettings,
     ContradictionSettings,
     EdgesInStepSettings,
     FitSettings,

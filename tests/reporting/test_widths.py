@@ -37,14 +37,12 @@ from etcfit.posterior.chain import Chain, Convergence
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.target import Target
-from etcfit.reporting.advice import advice_table
-from etcfit.reporting.blocks import render
+from etcfit.reporting.blocks import PlainTable, render
 from etcfit.reporting.car_log import drive_table
-from etcfit.reporting.check_table import check_table
+from etcfit.reporting.check_table import advice_table, check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
 from etcfit.reporting.diagnosis.table import diagnosis_table
 from etcfit.reporting.fleet import fleet_table
-from etcfit.reporting.plain_table import PlainTable
 from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior.table import posterior_table
 from etcfit.reporting.tables import fit_table

@@ -1,5 +1,5 @@
 "use strict";
-/* The numbers of the page's data, as etcfit/reporting/interactive/packed.py wrote them. */
+/* The numbers of the page's data, as etcfit/reporting/packed.py wrote them. */
 (function (etcfit) {
   const NOTHING = -32768;
 

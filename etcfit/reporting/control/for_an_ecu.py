@@ -1,4 +1,4 @@
-"""What to paste into an ECU: lines of its tune file, or settings to type in."""
+"""What is typed or pasted into an ECU, for stdout: lines of its tune file, settings, gains over the supply."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from xml.etree import ElementTree as Xml
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...model.ecus import Pasting, named
+from ...control.pid import Gains, Task
+from ...control.supply_table import SupplyTable
+from ...model.ecus import Pasting, Scheduling, named
+from ...run_folder.design import supply_table_json
 from ..blocks import headed, plain_table, sentences
 from ..numbers import short
 
@@ -69,3 +72,24 @@ def _by_hand(written: Mapping[str, Any]) -> RenderableType:
     for name, row in (written["bias"] or {}).items():
         table.add_row(name, " ".join(short(value, 4) for value in row), "%")
     return table
+
+
+_NOWHERE = (Scheduling.NONE, Scheduling.UNKNOWN)
+
+
+def supply_table(task: Task, gains: Gains, table: SupplyTable) -> RenderableType:
+    """The table where there is somewhere to type it in, and what is said of tables anywhere.
+
+    Args:
+        task, gains, table: as `run_folder.supply_table_json` takes them.
+    """
+    written, profile = supply_table_json(task, gains, table), task.profile
+    words = sentences("Tables of gains", written["says"])
+    assert words is not None, "there is always something to say"
+    if profile is not None and profile.scheduling in _NOWHERE:
+        return words
+    shown = plain_table("gain", *(f"{supply:g} V" for supply in written["supply_V"]))
+    for name, row in written["gains"].items():
+        shown.add_row(name, *(short(gain, 4) for gain in row))
+    unit = f"{written['unit']}, {written['form']}"
+    return Group(headed(f"Gains over the supply that keep the loop what it is, in {unit}", shown), words)
