@@ -25,8 +25,7 @@ import numpy as np
 from ..model.ecu import Ecu
 from ..model.linear import TransferFunction
 from .pid import Gains
-from .pid.linear_loop import controller
-from .pid.margins import OpenLoop
+from .pid.linear_loop import OpenLoop, controller
 
 MOST = 0.5  # of |Delta T|
 _SEGMENT = 1.0  # s, of one periodogram

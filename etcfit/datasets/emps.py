@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MeasurementError
-from .base import Dataset, Source, csv_text, on_github
-from .matlab import read_vectors
+from .base import Dataset, Source, csv_text, on_github, read_vectors
 
 _PERIOD = 0.001  # s
 
@@ -73,7 +72,6 @@ def on_schedule(file: Path, time: np.ndarray) -> None:
     """Refuse a record whose samples are not a period apart.
 
     Args:
-        file: named in the message.
         time: s, shape (n,).
     Raises:
         MeasurementError: it is not the published file.

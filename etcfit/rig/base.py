@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from ..model.ecu import Ecu, Notation
-from .finding import Finding
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,6 +32,10 @@ CHANNELS: dict[str, str] = {
     "temperature": "degC",
 }
 DRIVES = ("voltage", "duty", "torque")  # any of them drives the plate
+ALLOWED_FOR = frozenset(
+    {"synchronous_edges"}
+)  # kinds that are a habit: the fit estimates it, and there is nothing to mend
+SLOW_LOG = "slow_log"  # the kind that leaves every diagnosis unsure
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,7 @@ class Measurement:
         channels: by quantity, see `CHANNELS`.
         held_out: named in [holdout]: scored, never fitted.
         edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are in step with
-            the samples, and NaN where no such edge came, shape (n - 1,); None where nobody looked.
+            the samples, and NaN where no such edge came, shape (n - 1,); None before edges are looked at.
     """
 
     file: str
@@ -134,16 +137,11 @@ Knowledge = Fixed | Prior | Start | Tied
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What may be off, of one channel, the gear or the clock.
+    """What may be off, of one channel, the gear or the clock."""
 
-    Args:
-        relative: r, of the value; half-width or standard deviation, see `distribution`.
-        absolute: a, SI.
-        distribution: "rectangular": both are half-widths; "normal": both are standard deviations.
-    """
-
-    relative: float = 0.0
-    absolute: float = 0.0
+    relative: float = 0.0  # r, of the value; half-width or standard deviation, see `distribution`
+    absolute: float = 0.0  # a, SI
+    # "rectangular": both are half-widths; "normal": both are standard deviations
     distribution: Literal["rectangular", "normal"] = "rectangular"
 
     @property
@@ -188,6 +186,41 @@ class RigConfig:
         return not named.isdisjoint(self.effects)
 
 
+@dataclass(frozen=True)
+class Finding:
+    """A mistake or a habit of the rig itself, found in its records.
+
+    Args:
+        kind: of rig mistake, as in `series_resistance`; the names are part of the contract.
+        size: how large, in `unit`; what it is of, the sentence says.
+        unit: of the size; "" where it has none.
+        chance: probability that a rig without the mistake would look so.
+        found: one sentence: where, what was found, against what.
+        mend: the line of rig.toml or the header of the CSV that mends it, or what to do where no line can.
+        test, file, channel: where it lies; None: in all of them.
+        sure: physics rules the data out, whatever the rig: no fit takes them.
+    """
+
+    kind: str
+    size: float
+    unit: str
+    chance: float
+    found: str
+    mend: str
+    test: str | None = None
+    file: str | None = None
+    channel: str | None = None
+    sure: bool = False
+
+    @property
+    def where(self) -> str:
+        """File or test, and channel, for a table."""
+        return " ".join(part for part in (self.file or self.test or "rig", self.channel) if part)
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.found} {self.mend}"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Rig:
     """A measurement folder: its rig.toml, its traces in order of file name, and what is odd about them.
@@ -230,19 +263,12 @@ class Rig:
 
 @dataclass(frozen=True)
 class Boundary:
-    """How a rig test ties down the throttle: which of Eqs. 1-2 are alive in it.
+    """How a rig test ties down the throttle: which of Eqs. 1-2 are alive in it."""
 
-    Args:
-        plate_held: the plate cannot move; speed is zero.
-        terminals_open: no current flows.
-        gear_apart: the motor runs alone; no plate, spring, dry friction or stops.
-        released: somebody holds the plate where the trace begins and lets it go at an instant not logged.
-    """
-
-    plate_held: bool = False
-    terminals_open: bool = False
-    gear_apart: bool = False
-    released: bool = False
+    plate_held: bool = False  # the plate cannot move; speed is zero
+    terminals_open: bool = False  # no current flows
+    gear_apart: bool = False  # the motor runs alone; no plate, spring, dry friction or stops
+    released: bool = False  # somebody holds the plate where the trace begins and lets it go at an instant not logged
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,18 +287,12 @@ class Graph:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What the paper's graph reading makes of all traces of one rig test.
+    """What the paper's graph reading makes of all traces of one rig test."""
 
-    Args:
-        values: SI, by symbol; besides parameters it may hold the lumped `J_eq`, `B_eq`.
-        graphs: what was read, to look at.
-        notes: what could not be read, and why.
-        nominal: symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading.
-    """
-
-    values: Mapping[str, float]
-    graphs: tuple[Graph, ...] = ()
-    notes: tuple[str, ...] = ()
+    values: Mapping[str, float]  # SI, by symbol; parameters, and perhaps the lumped `J_eq`, `B_eq`
+    graphs: tuple[Graph, ...] = ()  # what was read, to look at
+    notes: tuple[str, ...] = ()  # what could not be read, and why
+    # symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading
     nominal: tuple[str, ...] = ()
 
 

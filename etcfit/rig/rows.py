@@ -2,12 +2,14 @@
 
 One reader for every text: strict for the CSV of a measurement folder, where each cell that is no number is refused;
 tolerant for files of other programs, where a column of words is no signal and an instrument writes what it could not
-measure.
+measure. Plain rows are read by NumPy's C reader: the same numbers in a tenth of the time. It knows no messages: what is
+not plain it leaves to the careful reader, which either takes it or says what is wrong.
 """
 
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeasurementError
-from .fast_table import GROUPED, fast_cells
 
 SEPARATORS = (",", ";", "\t")
 BLANKS = " "  # any white space parts the cells
@@ -32,24 +33,19 @@ _INSTANT = re.compile(
 )
 _DAY = 86400.0  # s
 _FEW = 3  # rows from which a last one that is short was cut off
+LINES_TO_LOOK_AT = 20
+GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
+_OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of, with a decimal mark and the separator
 
 
 class Numbers(NamedTuple):
-    """What the rows hold.
+    """What the rows hold."""
 
-    Args:
-        cells: shape (n, width); NaN where there is no number.
-        units: that reading the cells has settled; "" elsewhere.
-        lines: where each row stands, shape (n,), counted from 1.
-        remarks: what had to be decided.
-        losses: rows or cells that were left out, each in a sentence.
-    """
-
-    cells: np.ndarray
-    units: tuple[str, ...]
-    lines: np.ndarray
-    remarks: tuple[str, ...] = ()
-    losses: tuple[str, ...] = ()
+    cells: np.ndarray  # shape (n, width); NaN where there is no number
+    units: tuple[str, ...]  # that reading the cells has settled; "" elsewhere
+    lines: np.ndarray  # where each row stands, shape (n,), counted from 1
+    remarks: tuple[str, ...] = ()  # what had to be decided
+    losses: tuple[str, ...] = ()  # rows or cells that were left out, each in a sentence
 
 
 def cells_of(line: str, separator: str) -> list[str]:
@@ -119,18 +115,15 @@ def read_rows(
 
     Args:
         rows: line, counted from 1, and its text; not blank.
-        separator: between cells.
         names: of the columns, for messages; "" where one has none.
-        where: what messages call the file.
         tolerant: take what instruments write in place of a number as a gap, a column of words as none.
         short: what a row with too few cells is: "" a mistake, "fill" one whose last cells are empty, "drop" a damaged
             one, as is a cell that is no number.
     Raises:
         MeasurementError: a row of another length, a cell that is no number, or marks that may part thousands.
     """
-    if (short != "drop") and (
-        plain := fast_cells("\n".join(text for _, text in rows), separator, len(names), HUGE)
-    ) is not None:
+    plain = None if short == "drop" else fast_cells("\n".join(text for _, text in rows), separator, len(names))
+    if plain is not None:
         return Numbers(plain, ("",) * len(names), np.array([line for line, _ in rows]))
     split = [(line, quoted_cells(text, separator, f"{where}:{line}")) for line, text in rows]
     split, losses = _of_one_width(split, separator, len(names), where, tolerant, short)
@@ -220,17 +213,15 @@ def _values(
         if words:
             raise no_number(texts[words[0]], called, f"{where}:{lines[words[0]]}")
         return values, ""
+    said = ""
+    lost = [texts[k] for k in odd if texts[k]]
     if drop:
-        return values, f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(
-            texts
-        ) else ""
-    if words:
-        return np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
-    lost = [k for k in odd if texts[k]]
-    return (
-        values,
-        f"column '{called}': {len(lost)} samples beyond the range ('{texts[lost[0]]}') are gaps" if lost else "",
-    )
+        said = f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(texts) else ""
+    elif words:
+        values, said = np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
+    elif lost:
+        said = f"column '{called}': {len(lost)} samples beyond the range ('{lost[0]}') are gaps"
+    return values, said
 
 
 def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: str) -> bool:
@@ -250,13 +241,57 @@ def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: s
 def _seconds(texts: Sequence[str]) -> np.ndarray:
     """Seconds since the first instant, NaN where there is none; what falls back began another day."""
     found = [(k, match) for k, text in enumerate(texts) if (match := _INSTANT.fullmatch(text))]
-    clock = np.array([3600.0 * _hour(m) + 60.0 * int(m["m"]) + float(m["s"].replace(",", ".")) for _, m in found])
+
+    def seconds_of_day(match: re.Match[str]) -> float:
+        hour = int(match["h"])
+        hour = hour % 12 + 12 * (match["half"].casefold() == "pm") if match["half"] else hour
+        return 3600.0 * hour + 60.0 * int(match["m"]) + float(match["s"].replace(",", "."))
+
+    clock = np.array([seconds_of_day(match) for _, match in found])
     days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
     out = np.full(len(texts), np.nan)
     out[[k for k, _ in found]] = np.round(clock + _DAY * days - clock[0], 9)
     return out
 
 
-def _hour(match: re.Match[str]) -> int:
-    hour = int(match["h"])
-    return hour % 12 + 12 * (match["half"].casefold() == "pm") if match["half"] else hour
+def fast_cells(body: str, separator: str, width: int) -> np.ndarray | None:
+    """The numbers in these rows, shape (n, width), NaN where a cell is empty; None where the rows are not plain.
+
+    Plain rows have a number or nothing in each of `width` cells and nothing between them: no comment, quote or blank
+    line, and a decimal mark that cannot part thousands.
+    """
+    mark = _plain_mark(body, separator) if body.isascii() else None
+    if mark is None:
+        return None
+    rows, part = body.replace(mark, ".").rstrip("\n").encode("ascii"), separator.encode("ascii")
+    lines, foreign = rows.count(b"\n") + 1, rows.translate(None, _OF_NUMBERS.encode("ascii") + b"." + part)
+    blank = not rows or rows.startswith(b"\n") or b"\n\n" in rows
+    if blank or foreign or rows.count(part) != lines * (width - 1):
+        return None
+    cells = _numbers(rows, separator)
+    if cells is None:  # an empty cell is no number to NumPy
+        mark_of_cells = re.escape(part)
+        empty = rb"(?m)(?:^|(?<=" + mark_of_cells + rb")) *(?=" + mark_of_cells + rb"|$)"
+        cells = _numbers(re.sub(empty, b"nan", rows), separator)
+    return cells if cells is not None and cells.shape == (lines, width) and not np.any(np.abs(cells) > HUGE) else None
+
+
+def _plain_mark(body: str, separator: str) -> str | None:
+    """`.` or `,`; None where one could part thousands, which the careful reader decides from every cell."""
+    if separator == ",":
+        return "."
+    point, comma = "." in body, "," in body
+    if not (point or comma):
+        return "."
+    mark = "," if comma else "."
+    cells = (cell.strip() for line in body.split("\n", LINES_TO_LOOK_AT)[:-1] for cell in line.split(separator))
+    plain = any(mark in cell and not GROUPED[mark].fullmatch(cell) for cell in cells)
+    return mark if plain and not (point and comma) else None
+
+
+def _numbers(rows: bytes, separator: str) -> np.ndarray | None:
+    """None where a cell is no number or rows are of unequal width."""
+    try:
+        return np.loadtxt(io.BytesIO(rows), delimiter=separator, comments=None, ndmin=2)
+    except ValueError:
+        return None

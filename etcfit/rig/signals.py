@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .base import Channel, Measurement, RigConfig
-from .local_parabola import slope, smoothed
+from .smoothing import slope, smoothed
 
 BISQUARE = 4.685  # 95 % efficient on Gaussian noise (Tukey)
 MAD_TO_SIGMA = 1.4826
@@ -116,6 +117,17 @@ def plateaus(channel: Channel, least: float = 0.02) -> list[Plateau]:
     return [Plateau(float(a), float(b)) for a, b in zip(starts, stops, strict=True) if b - a > shortest]
 
 
+def settled_points(logged: Iterable[tuple[Channel | None, Channel | None, Channel | None]]) -> np.ndarray:
+    """Settled values of two channels at every plateau of a drive, SI, shape (n, 2): those that were logged there.
+
+    Args:
+        logged: of each trace the drive and both channels.
+    """
+    there = [(d, x, y) for d, x, y in logged if d is not None and x is not None and y is not None]
+    points = np.array([(p.settled(x), p.settled(y)) for d, x, y in there for p in plateaus(d)]).reshape(-1, 2)
+    return points[np.isfinite(points).all(axis=1)]
+
+
 def rise_time(channel: Channel, start: float, first: float, last: float, stop: float) -> float:
     """t_63 from `start`: when the channel has gone 1 - 1/e of its way from level `first` to level `last`.
 
@@ -185,25 +197,21 @@ def smoothing_window(position: Channel, relative: float = 0.05) -> float:
     if len(position.time) < FEWEST:
         return 0.0
     travel, step = float(np.ptp(position.value)), float(np.median(np.diff(position.time)))
-    steepest = steepest_part(position)
-    noise = max(position.sigma, position.quantum / np.sqrt(12))
-    speed = travel / max(steepest, step)
-    wanted = (12 * step * (noise / max(relative * speed, 1e-12)) ** 2) ** (1 / 3)
-    return float(np.clip(wanted, 5 * step, max(0.3 * steepest, 5 * step)))
-
-
-def steepest_part(position: Channel) -> float:
-    """Shortest time in which the position crosses the middle half of its span, doubled: the time of one travel, s."""
+    # the time of one travel, s: twice the shortest in which the position crosses the middle half of its span
     low, high = np.quantile(position.value, [0.0, 1.0])
     below = position.value < low + 0.25 * (high - low)
     above = position.value > low + 0.75 * (high - low)
     side = np.where(below, -1, np.where(above, 1, 0))
     ends = np.flatnonzero(side)
     turns = ends[1:][np.diff(side[ends]) != 0]
-    if not len(turns):
-        return float(position.time[-1] - position.time[0])
-    before = ends[np.searchsorted(ends, turns) - 1]
-    return 2 * float(np.min(position.time[turns] - position.time[before]))
+    steepest = float(position.time[-1] - position.time[0])
+    if len(turns):
+        before = ends[np.searchsorted(ends, turns) - 1]
+        steepest = 2 * float(np.min(position.time[turns] - position.time[before]))
+    noise = max(position.sigma, position.quantum / np.sqrt(12))
+    speed = travel / max(steepest, step)
+    wanted = (12 * step * (noise / max(relative * speed, 1e-12)) ** 2) ** (1 / 3)
+    return float(np.clip(wanted, 5 * step, max(0.3 * steepest, 5 * step)))
 
 
 def off_stops(angle: np.ndarray, config: RigConfig, sigma: float) -> np.ndarray:

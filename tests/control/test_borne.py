@@ -7,7 +7,7 @@ import pytest
 
 from etcfit.control.borne import Borne, borne
 from etcfit.control.pid import Gains
-from etcfit.control.pid.margins import margins
+from etcfit.control.pid.linear_loop import margins
 from etcfit.model.ecu import Ecu
 from etcfit.model.linear import TransferFunction
 

@@ -11,7 +11,7 @@ import results
 from etcfit.control import proposal
 from etcfit.control.design import Design, ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
-from etcfit.control.pid.margins import Margins
+from etcfit.control.pid.linear_loop import Margins
 from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way, safe_half_way
 from etcfit.control.settings import DesignSettings, OptimumSettings
 

@@ -21,37 +21,32 @@ import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
 from etcfit.control.design import PAPERS, ecu_of, propose, task_of
-from etcfit.control.fleet_verdict import FleetVerdict, OneByOne, Share
 from etcfit.control.frequency import frequency_response
 from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
-from etcfit.control.parts_verdict import OnParts, PartsVerdict
+from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
-from etcfit.estimation.budget import Budget
+from etcfit.estimation.agreement import Influence, Pull
 from etcfit.estimation.identifiability import Identifiability
-from etcfit.estimation.influence import Influence, Pull
 from etcfit.estimation.joint_fit import FitResult
+from etcfit.estimation.result import Budget
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
-from etcfit.posterior.chain import Chain
-from etcfit.posterior.convergence import Convergence
+from etcfit.posterior.chain import Chain, Convergence
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.target import Target
-from etcfit.reporting.advice import advice_table
-from etcfit.reporting.blocks import render
+from etcfit.reporting.blocks import PlainTable, render
 from etcfit.reporting.car_log import drive_table
-from etcfit.reporting.check_table import check_table
+from etcfit.reporting.check_table import advice_table, check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
 from etcfit.reporting.diagnosis.table import diagnosis_table
 from etcfit.reporting.fleet import fleet_table
-from etcfit.reporting.plain_table import PlainTable
 from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior.table import posterior_table
 from etcfit.reporting.tables import fit_table
-from etcfit.rig.base import RigConfig
-from etcfit.rig.finding import Finding
+from etcfit.rig.base import Finding, RigConfig
 from gaussian import SEEDS
 from independent import hunting
 
@@ -123,7 +118,7 @@ def of_posterior(fit: FitResult) -> RenderableType:
     known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, {("response/1.csv", "current"): 3.0})
     value = fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
     profile = Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))
-    return posterior_table(Posterior(fit, known, chain, Convergence.of(chain.ensembles)), {"J_L": profile})
+    return posterior_table(Posterior(fit, known, chain, Convergence.judge(chain.ensembles)), {"J_L": profile})
 
 
 def of_sines(fit: FitResult, folder: Path) -> RenderableType:
@@ -153,8 +148,7 @@ def of_design(fit: FitResult) -> RenderableType:
     on = OnParts(each, each)
     parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
                          each)  # fmt: skip
-    some = Share(2, 3, 0.1, 0.9)
-    fleet = FleetVerdict(FleetDesignSettings(), some, some, each.named(3), each.fails, 1)
+    fleet = FleetVerdict(FleetDesignSettings(named=3), each, Share(2, 3, 0.1, 0.9), 1)
     return design_table(replace(design, fleet=fleet, parts=parts))
 
 

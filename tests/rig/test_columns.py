@@ -1,4 +1,4 @@
-"""Headers that cannot be read, each by its own message."""
+"""Headers that cannot be read, each by its own message; a header is quantity and unit."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import pytest
 
 import folders
 from etcfit.errors import MeasurementError
+from etcfit.rig.columns import parse_header
 from etcfit.rig.reader import read_folder
-from folders import TOML, back_emf, inductance, only_response, resistance, response
+from folders import TOML, only_response, response
 from mistakes import assert_refused
 
-R, BACK_EMF, RESISTANCE, INDUCTANCE = response(), back_emf(), resistance(), inductance()
+R = response()
 WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
     "unknown channel": (
         only_response(R.with_header(2, "curent [mA]")),
@@ -22,12 +23,18 @@ WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
         r"\[columns\].*Did you mean 'current \[A\]'",
     ),
     "foreign header": (
-        only_response(R.with_header(2, "Lambda")),
-        r"1\.csv:1: column 'Lambda' is not known.*under \[columns\]",
+        only_response(R.with_header(2, "TP (Main) (V)")),
+        r"1\.csv:1: column 'TP \(Main\) \(V\)' is not known.*under \[columns\], as \"TP \(Main\) \(V\)\" =",
     ),
-    "no unit": (only_response(R.with_header(2, "current")), r"1\.csv:1: column 'current' has no unit.*A or mA"),
+    "no unit": (
+        only_response(R.with_header(2, "current")),
+        r"1\.csv:1: column 'current' has no unit.*A or mA.*as in 'current \[A\]'",
+    ),
     "empty unit": (only_response(R.with_header(2, "current []")), r"column 'current \[\]' has no unit"),
-    "wrong dimension": (only_response(R.with_header(2, "current [mV]")), r"unit 'mV' is not one of current"),
+    "wrong dimension": (
+        only_response(R.with_header(2, "current [mV]")),
+        r"unit 'mV' is not one of current.*Correct the unit",
+    ),
     "no such unit": (only_response(R.with_header(2, "current [quux]")), r"unit 'quux' is not known"),
     "a formula": (only_response(R.with_header(2, "current [9**9**9**9]")), r"unit '9\*\*9\*\*9\*\*9' is not known"),
     "per minute": (only_response(R.with_header(2, "motor_speed [1/min]")), r"'1/min' is not one of motor_speed.*rpm"),
@@ -84,3 +91,17 @@ def test_a_number_may_stand_before_the_unit(tmp_path: Path, header: str, factor:
 def test_but_not_any(tmp_path: Path, header: str) -> None:
     with pytest.raises(MeasurementError, match="current"):
         read_folder(folders.changed(tmp_path, folders.only_response(R.with_header(2, header))))
+
+
+@pytest.mark.parametrize(
+    ("header", "parsed"),
+    [
+        ("time [ms]", ("time", "ms")),
+        ("  Motor Speed [ rpm ] ", ("motor_speed", "rpm")),
+        ("position [%]", ("position", "%")),
+        ("current [-1 A]", ("current", "-1 A")),
+        ("time [1.02 s]", ("time", "1.02 s")),
+    ],
+)
+def test_case_spaces_and_factors_are_understood(header: str, parsed: tuple[str, str]) -> None:
+    assert parse_header(header) == parsed

@@ -7,15 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...diagnosis.likely import likely
+from ...diagnosis.probabilities import likely
 from ...errors import command
 from ...estimation.goodness import Left
-from ...estimation.remedies import listed
-from ...run_folder import read_records
+from ...estimation.identifiability import listed
+from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run
 from ..page.verdict import left_unexplained, residuals
-from .base import Closing, counted, mended
+from . import Closing, counted, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line

@@ -10,14 +10,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Diagnosis
-from ...estimation.remedies import listed
+from ...estimation.identifiability import listed
 from ...problem.prediction_error import PredictionError, rows
 from ...problem.trace import Trace
 from .. import style
 from ..numbers import short
 from ..pictures import briefly, counted
-from ..stack import drive
-from .shown import Shown, in_degrees, scales
+from ..traces import drive
+from .ledger import Shown, in_degrees, scales
 
 _CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
 _ZOOM = 0.08  # of the trace, beside the whole of it

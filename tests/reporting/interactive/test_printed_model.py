@@ -18,10 +18,10 @@ import pytest
 import results
 import rigs
 from bodies import OPEN, N
+from etcfit.control.loop_figures import judge
 from etcfit.control.pid import Gains
-from etcfit.control.pid.judge import judge
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.sliding import Sliding
+from etcfit.control.pid.feedforward import Sliding
+from etcfit.control.setpoint import trapezoid
 from etcfit.estimation.ready import ready
 from etcfit.estimation.result import FitResult
 from etcfit.files import plain
@@ -42,8 +42,7 @@ from etcfit.model.throttle import Throttle
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
-from etcfit.reporting.interactive.plant import plant_json
-from etcfit.reporting.interactive.printed_model import CHANNELS, Types, script, simulation
+from etcfit.reporting.interactive.plant import CHANNELS, Types, plant_json, script, simulation
 from etcfit.reporting.interactive.traces import TraceSources, traces_json
 from etcfit.rig.reader import read_folder
 
