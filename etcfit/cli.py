@@ -397,7 +397,7 @@ def tune(
         str | None, typer.Option(help="Of the ECU's clock.", metavar="TIME", show_default="as its maker publishes")
     ] = None,
     ecu_delay: Annotated[
-        str | None, typer.Option(help="From its reading to its output.", metavar="TIME", show_default="0ms")
+        str | None, typer.Option(help="From its reading to its output.", metavar="TIME", show_default="one period")
     ] = None,
     column: Annotated[
         list[str] | None, typer.Option(help="HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", metavar="TEXT")

@@ -198,7 +198,7 @@ def fit_settings() -> FitSettings:
     """
     from ..estimation.settings import FitSettings, GlobalSearchSettings
 
-    return FitSettings(neighbours=0, misfit=100.0, search=GlobalSearchSettings(epochs=40, patience=10, draws=15))
+    return FitSettings(neighbours=0, misfit=100.0, search=GlobalSearchSettings(epochs=60, patience=15, draws=40))
 
 
 def diagnosis_settings() -> DiagnosisSettings:

@@ -10,7 +10,7 @@ clock they are moved to their ticks (`ecu_clock`). Of others the position is bel
 
     sigma^2 = sigma_sensor^2 + v^2 T^2 / 12,    v the rms of the plate's speed while it moves.
 
-What is fitted is cut where the plate rests: a piece begins at a known angle, so that the free run does not carry along
+What a logged duty drives is cut where the plate rests: a piece begins at a known angle, so that the free run does not carry along
 what dry friction made of an early error; and pieces are simulated side by side.
 """
 
@@ -287,7 +287,8 @@ def _texts(
             end = int(np.searchsorted(log.time, log.time[-1] - settings.hold_out * whole_time))
             held_out = f"drive/{_stem(log)}_held_out.csv"
             files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
-        cuts = _cuts(log, end, settings.piece)
+        # under an ECU in the model feedback keeps the plate near, and each piece would have an integral to be found
+        cuts = _cuts(log, end, settings.piece if model == DUTY else math.inf)
         parts += [(log, a, b) for a, b in pairwise(cuts)]
     for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
         files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)
