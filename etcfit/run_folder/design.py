@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -23,27 +22,11 @@ from ..control.pid.setpoint import Setpoint
 from ..control.pid.sliding import Sliding
 from ..control.safety import Envelope, Holding, JamCheck, Return, Runaway, Sag
 from ..control.supply_table import AtSupply, OverPosition, SupplyTable
-from ..files import plain, write_json
+from ..files import plain
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import GENERIC, NOT_DIVIDED, RUSEFI, BiasTable, EcuProfile, Scheduling, differences
 from ..model.feed_forward import Term, listed
 from .fit import versions
-from .manifest import replacing
-
-
-def save_design(
-    run: Path,
-    design: Design,
-    exit: int,
-    settings: Mapping[str, Any],
-    beside: Callable[[Path], None],
-    outside: Sequence[Path] = (),
-) -> None:
-    """RUN/pid.json; `beside` draws into a folder that stands for RUN until all is there. `outside`: files besides RUN's
-    that it was made from."""
-    with replacing(run, "design", exit, settings, outside=outside) as draft:
-        write_json(draft / "pid.json", "pid", design_json(design))
-        beside(draft)
 
 
 def design_json(design: Design) -> dict[str, Any]:
