@@ -35,7 +35,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.setpoint import Setpoint
+from etcfit.control.setpoint import Setpoint
 from etcfit.datasets.emps import EMPS
 from etcfit.datasets.matlab import read_vectors
 from etcfit.datasets.obtain import obtain

@@ -11,7 +11,7 @@ import numpy as np
 import diagnoses
 import results
 import runs
-from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.setpoint import trapezoid
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
 from etcfit.files import write_json

@@ -12,9 +12,8 @@ import pandas as pd
 
 from ..control.design import Design
 from ..control.frequency import FrequencyResponse
-from ..control.linearise import Reduction
+from ..control.linearise import SYMBOLS, UNITS, Reduction
 from ..control.loop_figures import FIGURES, TRACKING
-from ..control.motor_constants import SYMBOLS, UNITS
 from ..control.pid import Gains
 from ..control.safety import Safety
 from ..model.feed_forward import as_asked

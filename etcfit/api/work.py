@@ -66,8 +66,7 @@ def plant_of(
         settings: which sine traces count; the defaults where None.
     """
     from ..control.frequency import frequency_response
-    from ..control.linearise import reduce, stops
-    from ..control.motor_constants import motor_constants
+    from ..control.linearise import motor_constants, reduce, stops
     from ..control.settings import FrequencySettings
     from ..rig.sine import Sine
 
@@ -101,7 +100,7 @@ def design_of(
         UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
     """
     from ..control.design import design
-    from ..control.parts import design_for_parts
+    from ..control.fleet import design_for_parts
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 

@@ -9,18 +9,16 @@ from typing import Any
 import numpy as np
 
 from ..control.design import Design
-from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
 from ..control.loop_figures import FIGURES, MARGINS, LoopFigures
+from ..control.on_units import FleetVerdict, OneByOne, PartsVerdict, Share
 from ..control.own_numbers import said, shares
-from ..control.parts_verdict import PartsVerdict
 from ..control.pid import Gains, Task
-from ..control.pid.feedforward import Bias
-from ..control.pid.front import FrontPoint
-from ..control.pid.gains import UNIT
-from ..control.pid.setpoint import Setpoint
-from ..control.pid.sliding import Sliding
+from ..control.pid.ecu import UNIT
+from ..control.pid.feedforward import Bias, Sliding
+from ..control.pid.optimal import FrontPoint
 from ..control.safety import Envelope, Holding, JamCheck, Return, Runaway, Sag
+from ..control.setpoint import Setpoint
 from ..control.supply_table import AtSupply, OverPosition, SupplyTable
 from ..files import plain
 from ..model.ecu import Ecu, Notation, Terms

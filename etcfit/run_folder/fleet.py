@@ -34,7 +34,7 @@ from .reading import object_in
 if TYPE_CHECKING:
     import pandas as pd
 
-    from ..control.parts import Parts
+    from ..control.fleet import Parts
 
 UNITS = "units.parquet"
 _COLUMNS = ("unit", "symbol", "value", "stderr", "low", "high", "status", "shrunk_value", "shrunk_stderr")
@@ -300,8 +300,7 @@ def parts_of(run: Path) -> Parts:
     Raises:
         UsageError: see `read_fleet_files`; too few units to say how parts scatter.
     """
-    from ..control.fleet import EVERY_UNIT
-    from ..control.parts import Parts
+    from ..control.fleet import EVERY_UNIT, Parts
 
     files = read_fleet_files(run)
     model, left_out = model_in(files), _left_out(files.content)

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..control.frequency import FrequencyResponse, Lag, Order, Ratio, phases
-from ..control.frequency.point import DRIVE, POSITION, SETPOINT
-from ..control.linearise import INPUTS, Reduction
-from ..control.motor_constants import SYMBOLS, UNITS, MotorConstants
+from ..control.frequency.response import DRIVE, POSITION, SETPOINT
+from ..control.linearise import INPUTS, SYMBOLS, UNITS, MotorConstants, Reduction
 from ..estimation.fitted_model import Fitted
 from ..files import plain
 from .fit import versions

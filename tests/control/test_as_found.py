@@ -15,10 +15,9 @@ import pytest
 from etcfit.control.design import Design, ecu_of, gains_as_found, task_of
 from etcfit.control.judged import judged, outside_the_bench
 from etcfit.control.pid import RULES, Gains, Refusal
-from etcfit.control.pid.feedforward import Bias
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.sliding import sliding_of
+from etcfit.control.pid.feedforward import Bias, sliding_of
 from etcfit.control.safety import safety
+from etcfit.control.setpoint import trapezoid
 from etcfit.control.supply_table import supply_table
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.estimation.settings import IdentifiabilitySettings

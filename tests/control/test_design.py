@@ -19,8 +19,8 @@ from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frict
 from etcfit.control.linearise import reduce
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.ultimate import Ultimate, ultimate
+from etcfit.control.pid.formulas import Ultimate, ultimate
+from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted

@@ -11,7 +11,7 @@ import pytest
 import rigs
 from etcfit.control.pid import Gains, Requirements, Task
 from etcfit.control.pid.feedforward import bias_of
-from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import ConditionSettings, DesignSettings, ScheduleSettings
 from etcfit.control.supply_table import SupplyTable, over_position, reckoning_with, supply_table
 from etcfit.model.ecu import Ecu, Notation

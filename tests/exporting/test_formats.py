@@ -35,7 +35,7 @@ from etcfit.control.loop_figures import REQUIRED
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.setpoint import Setpoint
+from etcfit.control.setpoint import Setpoint
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fitted_model import FitState

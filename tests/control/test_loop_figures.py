@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import control
+from etcfit.control.loop_figures import judge
 from etcfit.control.pid import Gains
-from etcfit.control.pid.judge import judge
 from etcfit.control.pid.linear_loop import respond
-from etcfit.control.pid.setpoint import Level, Setpoint, step, trapezoid
+from etcfit.control.setpoint import Level, Setpoint, step, trapezoid
 from etcfit.model.ecu import Ecu
 from etcfit.model.linear import TransferFunction
 

@@ -1,4 +1,4 @@
-"""The relay experiment against the independent generator, whose dry friction is located in time."""
+"""The rules that experiment on the nonlinear model: the manual procedure and the relay."""
 
 from __future__ import annotations
 
@@ -9,15 +9,43 @@ import pytest
 
 import rigs
 from bodies import NOMINAL, OPEN
-from etcfit.control.pid import Requirements, Task
-from etcfit.control.pid.relay import experiment
-from etcfit.control.pid.ultimate import Ultimate
-from etcfit.control.settings import DesignSettings, RelaySettings
+from etcfit.control.pid import Gains, Refusal, Requirements, Task
+from etcfit.control.pid.experiments import experiment, manual
+from etcfit.control.pid.formulas import Ultimate
+from etcfit.control.setpoint import trapezoid
+from etcfit.control.settings import DesignSettings, ManualSettings, RelaySettings
 from etcfit.model.ecu import Ecu
 from independent.effects import NONE
 from independent.kernel import at_rest, mode_at_rest, record, step
 from independent.simulate import throttle
 from independent.truth import Truth
+
+
+def task(settings: ManualSettings) -> Task:
+    loop = rigs.loop(ecu=Ecu())
+    return Task(rigs.plant(loop), Ecu(), Requirements(), loop, settings=DesignSettings(manual=settings))
+
+
+@pytest.mark.slow
+def test_its_proportional_gain_is_near_the_best_and_not_where_the_gains_tried_end() -> None:
+    tried = task(ManualSettings())
+    found = manual(tried)
+    assert isinstance(found, Gains)
+    every = np.linspace(5.0, 1500.0, 300)
+    none = np.zeros(every.size)
+    rmse = np.asarray(tried.loop.judged(Gains(every, none, none), trapezoid()).rmse_pct)[0]
+    best = float(every[np.argmin(rmse)])
+    assert best > 150.0
+    assert 0.5 * best < found.Kp <= best
+    at_found, at_120 = np.interp((float(found.Kp), 120.0), every, rmse)
+    assert at_found < 1.15 * rmse.min() < 0.7 * at_120
+
+
+def test_it_refuses_where_the_gains_tried_end_too_soon() -> None:
+    refused = manual(task(ManualSettings(highest=(120.0, 5000.0, 3.0))))
+    assert isinstance(refused, Refusal)
+    assert "120 V/rad: raise highest" in refused.why
+
 
 NAMES = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 PLATE = throttle(Truth(**{name: NOMINAL[name] for name in NAMES}), NONE)

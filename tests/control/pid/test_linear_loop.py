@@ -9,12 +9,9 @@ import pytest
 
 import rigs
 from etcfit.control.pid import Gains
-from etcfit.control.pid.linear_loop import closed, respond
-from etcfit.control.pid.margins import COARSE, margins
-from etcfit.control.pid.sampled_plant import sampled
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.ultimate import Ultimate, ultimate
-from etcfit.control.pid.ziegler_nichols import from_ultimate
+from etcfit.control.pid.formulas import Ultimate, from_ultimate, ultimate
+from etcfit.control.pid.linear_loop import COARSE, closed, margins, respond, sampled
+from etcfit.control.setpoint import trapezoid
 from etcfit.model.ecu import Ecu
 from etcfit.model.linear import PAPER_EQ_8, TransferFunction
 

@@ -14,8 +14,7 @@ from jsonschema import Draft202012Validator
 
 import etcfit
 import results
-from etcfit.control.linearise import reduce, stops
-from etcfit.control.motor_constants import SYMBOLS, MotorConstants, motor_constants
+from etcfit.control.linearise import SYMBOLS, MotorConstants, motor_constants, reduce, stops
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render

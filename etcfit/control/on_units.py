@@ -1,4 +1,4 @@
-"""How one set of gains fares on every unit of a fleet, and on units that are not made yet."""
+"""How one set of gains fares on many units: of a fleet, of the parts of a design, and on units not made yet."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LEVEL = 0.95
 
 
 class Share(NamedTuple):
-    """Of units that meet everything.
+    """Share of the units that meet everything.
 
     Args:
         met: how many.
@@ -32,7 +32,6 @@ class Share(NamedTuple):
 
     @property
     def value(self) -> float:
-        """The share itself."""
         return self.met / self.of
 
     @classmethod
@@ -69,7 +68,7 @@ class OneByOne:
     Args:
         units: names, U of them.
         figures: of each unit, shape (U,).
-        asked: of them.
+        asked: requirements.
     """
 
     units: tuple[str, ...]
@@ -77,7 +76,7 @@ class OneByOne:
     asked: Requirements
 
     def taking(self, which: np.ndarray) -> OneByOne:
-        """Of some of the units, by their numbers, shape (C,)."""
+        """The same for some of the units, by their numbers, shape (C,)."""
         units = tuple(self.units[k] for k in which.tolist())
         return replace(self, units=units, figures=self.figures.each(lambda figure: figure[which]))
 
@@ -106,7 +105,6 @@ class OneByOne:
 
     @property
     def share(self) -> Share:
-        """Of the units that meet everything."""
         return Share.counted(self.met)
 
     @property
@@ -117,7 +115,14 @@ class OneByOne:
 
     def named(self, count: int) -> tuple[OddOne, ...]:
         """So many units at most, the worst first."""
-        return tuple(_odd(self, int(k)) for k in self.worst_first[:count])
+        return tuple(self._odd(int(k)) for k in self.worst_first[:count])
+
+    def _odd(self, k: int) -> OddOne:
+        if not (margin := float(self.figures.gain_margin_db[k])) > 0.0:
+            return OddOne(self.units[k], STABLE, margin, 0.0, False)
+        symbol = REQUIRED[int(np.argmax(self.strain[:, k]))]
+        figure, limit = float(getattr(self.figures, symbol)[k]), float(getattr(self.asked, symbol))
+        return OddOne(self.units[k], symbol, figure, limit, bool(self.met[k]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,20 +131,28 @@ class FleetVerdict:
 
     Args:
         settings: share of the units that must, and how gains for them were searched.
-        share: of the units of the fleet that do.
-        future: of units drawn from the population, none of which the search has seen; None where the fleet is too
-            small to say how its units scatter.
-        worst: units, the worst first.
-        fails: units that miss each requirement, by its name, "stable" among them; those that none misses are left out.
+        own: the gains on each unit of the fleet.
+        future: units drawn from the population, none of which the search has seen; None where the fleet is too small
+            to say how its units scatter.
         searches: made until these gains were found.
     """
 
     settings: FleetDesignSettings
-    share: Share
+    own: OneByOne
     future: Share | None
-    worst: tuple[OddOne, ...]
-    fails: Mapping[str, tuple[str, ...]]
     searches: int
+
+    @property
+    def share(self) -> Share:
+        return self.own.share
+
+    @property
+    def worst(self) -> tuple[OddOne, ...]:
+        return self.own.named(self.settings.named)
+
+    @property
+    def fails(self) -> Mapping[str, tuple[str, ...]]:
+        return self.own.fails
 
     @property
     def asked(self) -> float:
@@ -148,12 +161,11 @@ class FleetVerdict:
 
     @property
     def reached(self) -> bool:
-        """Whether enough units of the fleet meet everything."""
         return self.share.value >= self.asked
 
     @property
     def says(self) -> str:
-        """In a sentence."""
+        """The verdict in a sentence."""
         s = self.share
         met = f"{s.met} of {s.of} units meet everything"
         if self.reached:
@@ -161,22 +173,46 @@ class FleetVerdict:
         return f"{met}: FEWER than the {self.asked:.0%} asked for; no gains were found that reach more"
 
 
-def verdict(found: OneByOne, future: OneByOne | None, settings: FleetDesignSettings, searches: int) -> FleetVerdict:
-    """What figures unit by unit come to.
+class OnParts(NamedTuple):
+    """One set of gains on each measured unit of a fleet, and on units drawn from its population."""
+
+    measured: OneByOne
+    drawn: OneByOne
+
+    @property
+    def worst(self) -> OddOne:
+        """The measured unit that fares worst."""
+        return self.measured.named(1)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class PartsVerdict:
+    """Gains of every rule on the parts of a design, at the bench and, those that are proposed, outside it.
 
     Args:
-        found: of the fleet's own units.
-        future: of drawn ones, or None.
-        settings: share of the units that must meet everything, and how many are named.
-        searches: made.
+        where, name: of the fleet, see `fleet.Parts`.
+        of_run: parameters that the fleet does not tell, taken from the run.
+        left_out: units that are none of the parts, with why.
+        rules: by name, those that have gains.
+        corners: of supply, winding and friction, the proposed gains on every measured unit at each of them; a unit's
+            corners one after another.
+        anywhere: the proposed gains on the drawn units, each under conditions drawn for it.
     """
-    ahead = None if future is None else future.share
-    return FleetVerdict(settings, found.share, ahead, found.named(settings.named), found.fails, searches)
 
+    where: str
+    name: str
+    of_run: tuple[str, ...]
+    left_out: Mapping[str, str]
+    rules: Mapping[str, OnParts]
+    corners: OneByOne
+    anywhere: OneByOne
 
-def _odd(found: OneByOne, k: int) -> OddOne:
-    if not (margin := float(found.figures.gain_margin_db[k])) > 0.0:
-        return OddOne(found.units[k], STABLE, margin, 0.0, False)
-    symbol = REQUIRED[int(np.argmax(found.strain[:, k]))]
-    limit = float(getattr(found.asked, symbol))
-    return OddOne(found.units[k], symbol, float(getattr(found.figures, symbol)[k]), limit, bool(found.met[k]))
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Names of the measured ones."""
+        return next(iter(self.rules.values())).measured.units
+
+    @property
+    def share_at_corners(self) -> Share:
+        """Share of the measured units that meet everything at every corner."""
+        return Share.counted(np.all(self.corners.met.reshape(len(self.units), -1), axis=1))
