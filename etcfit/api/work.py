@@ -335,7 +335,7 @@ def keep_design(
 ) -> None:
     """pid.json and the responses of every rule; the manifest names the log and the fleet that gains were made from."""
     from ..reporting import draw_design
-    from ..run_folder.design import design_json
+    from ..run_folder.pid import design_json
     from ..run_folder.state import exit_of
 
     log, parts = settings.get("log"), settings.get("parts")
