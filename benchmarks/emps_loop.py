@@ -36,9 +36,8 @@ from scipy.signal import butter, sosfiltfilt
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
+from etcfit.datasets.base import obtain, read_vectors
 from etcfit.datasets.emps import EMPS
-from etcfit.datasets.matlab import read_vectors
-from etcfit.datasets.obtain import obtain
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER, State
 from etcfit.model.effects.asymmetric_friction import AsymmetricFriction

@@ -762,7 +762,7 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """The next tests as files to play within limits, chosen for what they tell, with a procedure sheet."""
-    from .datasets.folder import refuse_to_overwrite
+    from .datasets.base import refuse_to_overwrite
 
     o = options
     refuse_to_overwrite(o.out)

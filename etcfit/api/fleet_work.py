@@ -16,7 +16,7 @@ from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores
 from ..fleets.engine.run import run_units
 from ..fleets.engine.store import Store
 from ..fleets.engine.work import AbstractWork
-from ..fleets.fit_work import FitWork
+from ..fleets.fitting import FitWork
 from ..fleets.folder import local_copy, refuse_inside
 from ..fleets.unit import UnitResult
 from ..rig.toml import Toml
@@ -88,7 +88,7 @@ def work_through(
 def _worked_through(
     config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report, remark: Callable[[str], None]
 ) -> FleetFiles:
-    from ..fleets.results import fit_all
+    from ..fleets.fitting import fit_all
     from ..fleets.study import study
     from ..run_folder.fleet import read_fleet_files, save_fleet
 

@@ -254,7 +254,7 @@ class Planned:
         Raises:
             UsageError: it holds something already.
         """
-        from ..datasets.folder import whole_folder, write_files
+        from ..datasets.base import whole_folder, write_files
         from ..files import write_json
         from ..reporting.plan_sheet import write_sheet
         from ..run_folder.plan import plan_json, play_files, waiting_folder

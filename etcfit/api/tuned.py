@@ -247,7 +247,7 @@ def _written(folder: Path, prepared: TuneInput) -> Path:
     """The measurement folder, anew."""
     import shutil
 
-    from ..datasets.folder import write_folder
+    from ..datasets.base import write_folder
 
     if folder.is_dir():
         shutil.rmtree(folder)

@@ -68,7 +68,7 @@ def plant_of(
     from ..control.frequency import frequency_response
     from ..control.linearise import motor_constants, reduce, stops
     from ..control.settings import FrequencySettings
-    from ..rig.sine import Sine
+    from ..rig.driven import Sine
 
     report("linearising", 0.3)
     fitted, sines = result.fitted(), tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)

@@ -18,8 +18,8 @@ from ..experiment.campaign import Campaign, PlannedTest, band, remark
 from ..experiment.candidates import FULL, Played
 from ..experiment.logger import LoggedColumn, logger
 from ..files import held, plain, write_json
-from ..rig.comments import c_comment, hash_comment
 from ..rig.config import parse_config
+from ..rig.user_text import c_comment, hash_comment
 from .fit import versions
 
 _POINTS = 300  # of an expected curve

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 import pytest
 
-from etcfit.rig.comments import (
+from etcfit.rig.user_text import (
     c_comment,
     hash_comment,
     in_c,
