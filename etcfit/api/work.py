@@ -287,7 +287,7 @@ def keep_posterior(
     report: Report = silent,
 ) -> None:
     """posterior.json, posterior.nc and pictures."""
-    from ..posterior.predictive import bands
+    from ..posterior.sampling import bands
     from ..reporting import draw_posterior
     from ..run_folder.posterior import posterior_json, write_netcdf
     from ..run_folder.state import exit_of
