@@ -419,7 +419,7 @@ def tune(
         raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
     gains = None if present is None else _three_gains(present)
     if msq is not None:
-        from .exporting.formats.tune import gains_in
+        from .exporting.tune import gains_in
         from .model.ecus import named
 
         with _of_option("--ecu"):
@@ -869,8 +869,7 @@ def import_(
 ) -> None:
     """Foreign recordings as a measurement folder: columns, units, signs and rig tests guessed, with reasons."""
     from .importing import import_files
-    from .importing.answers import parsed
-    from .importing.doubts import accept_all, refuse
+    from .importing.answers import accept_all, parsed, refuse
     from .reporting.closing import of_imported
 
     seconds = None if period is None else _seconds("--period", period)

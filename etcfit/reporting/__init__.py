@@ -24,9 +24,8 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..estimation.fitted_model import Fitted
     from ..estimation.joint_fit import Report
     from ..estimation.result import FitResult
-    from ..posterior.predictive import Band
     from ..posterior.profile import Profile
-    from ..posterior.sampling import Posterior
+    from ..posterior.sampling import Band, Posterior
     from ..run_folder.folder import RunFolder
     from .drawing import Job
 

@@ -33,8 +33,7 @@ from etcfit.estimation.joint_fit import FitResult
 from etcfit.estimation.result import Budget
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
-from etcfit.posterior.chain import Chain
-from etcfit.posterior.convergence import Convergence
+from etcfit.posterior.chain import Chain, Convergence
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.target import Target
@@ -119,7 +118,7 @@ def of_posterior(fit: FitResult) -> RenderableType:
     known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, {("response/1.csv", "current"): 3.0})
     value = fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
     profile = Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))
-    return posterior_table(Posterior(fit, known, chain, Convergence.of(chain.ensembles)), {"J_L": profile})
+    return posterior_table(Posterior(fit, known, chain, Convergence.judge(chain.ensembles)), {"J_L": profile})
 
 
 def of_sines(fit: FitResult, folder: Path) -> RenderableType:

@@ -12,8 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from rich.console import RenderableType
 
-from ...experiment.campaign import Campaign, PlannedTest, band, remark
-from ...experiment.logger import logger
+from ...experiment.campaign import Campaign, PlannedTest, band, logger
 from ...experiment.plan import channels
 from ...files import whole
 from ...rig import TEST_BY_NAME
@@ -43,7 +42,7 @@ def plan_table(campaign: Campaign) -> RenderableType:
 def _tests(campaign: Campaign) -> RenderableType | None:
     rows = []
     for test in campaign.tests:
-        note = remark(test, campaign.setting)
+        note = campaign.remark(test)
         says = test.candidate.plan.says + (f" ({note})" if note else "")
         rows.append((test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}"))
     head = "record as", "what", "current, A", "winding, degC", "pause, s"
@@ -259,7 +258,7 @@ def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> S
         number,
         TEST_BY_NAME[name].title,
         test.candidate.plan.says,
-        remark(test, campaign.setting),
+        campaign.remark(test),
         _wiring(name),
         tuple(_watch(name, test)),
         "" if played is None else f"play/plan_{number}.csv, or the sketch play/plan_{number}/plan_{number}.ino",

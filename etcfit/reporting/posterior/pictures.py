@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...estimation.intervals import Z_95, intervals, lumped
-from ...posterior.predictive import Band
 from ...posterior.profile import RISE, Profile
-from ...posterior.sampling import Posterior
-from ...posterior.truth import truths
+from ...posterior.sampling import Band, Posterior
+from ...posterior.target import truths
 from ...run_folder.fit import readings_of
 from ...run_folder.posterior import disagree
 from .. import style

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 from xml.parsers import expat
 
-from ... import __version__
-from ...errors import MeasurementError, UsageError
-from ...files import read_regular
-from ...model.ecus import PROFILES, EcuProfile, Pasting
-from ...model.ecus import named as ecu_named
-from ...reporting.control.for_an_ecu import constants
-from ...rig.user_text import one_line, xml_comment
-from ..base import Export, Format, Source
+from .. import __version__
+from ..errors import MeasurementError, UsageError
+from ..files import read_regular
+from ..model.ecus import PROFILES, EcuProfile, Pasting
+from ..model.ecus import named as ecu_named
+from ..reporting.control.for_an_ecu import constants
+from ..rig.user_text import one_line, xml_comment
+from .base import Export, Format, Source
 
 _NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files
 _WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is Pasting.TUNE_FILE)
@@ -202,4 +202,4 @@ def _read(path: Path, data: bytes, title: str) -> tuple[list[_Setting], int]:
     return settings, ends[0]
 
 
-FORMAT = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export, changes=True)
+MSQ = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export, changes=True)

@@ -17,12 +17,10 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 
-from ...errors import UsageError
-from ...rig.user_text import one_line
-from ..base import Export, Format, Source
-from ..plant import Plant, plant_of
-from ..rendering import rendered
-from . import c
+from ..errors import UsageError
+from ..rig.user_text import one_line
+from .base import Export, Format, Source, rendered
+from .plant import Plant, c_cannot_hold, c_files, plant_of
 
 NAME = "etcfit_plant"
 _LOG = "logStatusError"
@@ -108,9 +106,9 @@ def _described(source: Source, variables: tuple[_Variable, ...], token: str, los
     for reference, variable in enumerate(variables):
         Xml.SubElement(lines, "Float64", _attributes(reference, variable))
     structure = Xml.SubElement(root, "ModelStructure")
-    for kind, causality in (("Output", "output"), ("InitialUnknown", "output")):
+    for kind in ("Output", "InitialUnknown"):
         for reference, variable in enumerate(variables):
-            if variable.causality == causality:
+            if variable.causality == "output":
                 Xml.SubElement(structure, kind, {"valueReference": str(reference)})
     return _text(root)
 
@@ -158,7 +156,7 @@ def compiler() -> list[str]:
                      "Install one, name one in the environment variable CC, or take `--to c`.")  # fmt: skip
 
 
-def _tuple() -> tuple[str, str]:
+def _platform() -> tuple[str, str]:
     """FMI's name of this platform, and the suffix of a shared library here.
 
     Raises:
@@ -191,25 +189,19 @@ def _binary(sources: Mapping[str, str], suffix: str) -> bytes:
         return (Path(scratch) / library).read_bytes()
 
 
-def _tools() -> None:
-    """Raises: UsageError: FMI has no name for this platform, or there is no compiler."""
-    _tuple()
-    compiler()
-
-
 def _export(source: Source) -> Export:
     plant = plant_of(source)
-    lost = (*c.cannot_hold(source), _NO_MODEL_EXCHANGE,
+    lost = (*c_cannot_hold(source), _NO_MODEL_EXCHANGE,
             f"A communication step must be a whole number of {source.settings.step:g} s.")  # fmt: skip
     variables, notes = _variables(source, plant), (*source.cautions, *lost)
-    files = c.sources(source, plant, lost)
+    files = c_files(source, plant, lost)
     # the same model is the same FMU
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, ''.join(files.values()))}}}"
     files["fmi3.c"] = rendered(
         "fmi3.c", title=source.title, token=token, start=source.travel[0], inputs=len(_INPUTS),
         outputs=sum(v.causality == "output" for v in variables), parameters=len(plant.quantities), not_here=_NOT_HERE,
     )  # fmt: skip
-    here, suffix = _tuple()
+    here, suffix = _platform()
     content: dict[str, str | bytes] = {
         "modelDescription.xml": _described(source, variables, token, notes),
         f"binaries/{here}/{NAME}{suffix}": _binary(files, suffix),
@@ -217,17 +209,17 @@ def _export(source: Source) -> Export:
         **{f"sources/{name}": text for name, text in files.items()},
         "documentation/index.html": rendered("fmu.html", title=source.title, origin=source.origin, notes=notes),
     }
-    return Export(
-        {f"{NAME}.fmu": _zipped(content)}, (*notes, f"Its binary is for {here}; its sources build elsewhere.")
-    )
-
-
-def _zipped(content: Mapping[str, str | bytes]) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, data in content.items():
             archive.writestr(zipfile.ZipInfo(name, (2000, 1, 1, 0, 0, 0)), data, zipfile.ZIP_DEFLATED)
-    return packed.getvalue()
+    lost = (*notes, f"Its binary is for {here}; its sources build elsewhere.")
+    return Export({f"{NAME}.fmu": packed.getvalue()}, lost)
 
 
-FORMAT = Format("fmu", "FMI 3.0 co-simulation, with sources and a binary for this machine", _export, tools=_tools)
+FMU = Format(
+    "fmu",
+    "FMI 3.0 co-simulation, with sources and a binary for this machine",
+    _export,
+    tools=lambda: (_platform(), compiler()),
+)

@@ -1,7 +1,7 @@
-"""What engine computers call a throttle's signals, and what in their logs is the engine's.
+"""What the name of a column says, in the words of benches, scopes and engine computers.
 
-A row a maker, as its own programs write the names; `words` makes them alike: `ETB: position target`, `etbTarget` and
-`dbw/target` are parted by single spaces, in small letters.
+A row of `MAKERS` is a maker, as its own programs write the names; `plain_words` makes them alike:
+`ETB: position target`, `etbTarget` and `dbw/target` are parted by single spaces, in small letters.
 
 Source: rusEFI's and FOME's output channels, TunerStudio's .ini of Speeduino and MegaSquirt, exports of Haltech NSP,
 ECUMaster EMU Pro and Black, HP Tuners VCM Scanner, Motorsport Electronics ME221, MoTeC M1 and AiM Race Studio as public
@@ -84,6 +84,15 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
         "setpoint": ("throttle target", "target throttle", "throttle position target", "throttle setpoint"),
     },
 }  # fmt: skip
+# what `etcfit drive` shows of a log beside plate and setpoint; the surest first, without what is no letter or number
+LOGGED_DUTY = ("duty", "etbduty", "etbdutycycle", "dbwduty", "dbwdutycycle", "dbwmotorduty", "ethrottleduty",
+               "throttleduty", "ethrottlemotorduty", "throttlemotorduty", "etbmotorduty", "motorduty", "etb1duty",
+               "ethrottle1motordc")  # fmt: skip
+FIRST_SENSOR = ("tps1", "tps", "tpmain", "tpsmain", "tpsa", "tps1a", "rawtps1primary", "rawtps1", "tps1primary",
+                "tps1pri", "throttleposition1", "throttlepositiona", "etbposition1", "tpsvoltage", "tps1voltage",
+                "tpmainvoltage")  # fmt: skip
+SECOND_SENSOR = ("tps2", "tpsub", "tpssub", "tpsb", "tps1b", "rawtps1secondary", "tps1secondary", "tps1sec",
+                 "throttleposition2", "throttlepositionb", "etbposition2", "tps2voltage", "tpsubvoltage")  # fmt: skip
 PEDAL_IN_SOME = frozenset({"tp", "tps", "tps1"})  # beside a name of the plate's own it is the pedal (MaxxECU)
 
 # what only engines, gearboxes and cars have
@@ -110,9 +119,28 @@ _ABOUT = re.compile(
     r"corr|table|limit|min|max|threshold|delay|learn\w*|cal|calibration|idle|fuel|ign\w*|gain|integral|[pid]|"
     r"[pid] term|transient|sensor state|count|moving|mode|active|enabled?|flags?|bias|feed ?forward)\b"
 )
+# first match wins; matched against lower-case words parted by single spaces
+_WORDS: tuple[tuple[str, str], ...] = (
+    ("time", r"^(t|x|time|zeit|temps|timestamp|zeitstempel|seconds?|x value)$|^(time|zeit|elapsed|timestamp)\b"),
+    ("", r"\b(pedal|accelerator|app)\b"),  # of the driver's foot, never of the plate
+    ("setpoint", r"\b(set ?point|target|desired|demand(ed)?|soll(wert)?|reference|ref|command(ed)?|request(ed)?)\b"),
+    ("emf", r"\b(b ?emf|emf|e ?b|emk|gegen ?emk|induced|generator)\b"),
+    ("supply", r"\b(supply|batt?(ery)?|[uv] ?batt?|kl ?30|versorgung\w*|vcc|v ?supply|u ?b)\b"),
+    ("duty", r"\b(duty|pwm|tastgrad|tastverh\w*)\b"),
+    ("motor_speed", r"\b(speed|rpm|\w*drehzahl|omega|n ?mot(or)?|w|tacho?(meter)?)\b"),
+    ("current", r"\b(currents?|curr|\w*strom|amps?|amperes?|shunt|clamp|\w*zange)\b|\bi( ?(a|m|mot|motor|arm|dc))?$"),
+    ("torque", r"\b(torque|\w*moment)\b"),
+    ("temperature", r"\b(temp\w*|ntc|pt ?100)\b"),
+    ("position", r"\b(tps? ?\d?|throttle|pos(ition)?|angle|\w*winkel|theta|alpha|phi|plate|blade|\w*klappe\w*|poti"
+                 r"|potentiometer|wiper|opening|\w*stellung|enc(oder)? ?\d*)\b"),
+    ("voltage", r"\b(voltages?|volts?|\w*spannung|terminals?|klemmen?)\b|\b[uv]( ?(a|m|in|out|dc|arm|mot|motor))?$"),
+)  # fmt: skip
+_PATTERNS = tuple((quantity, re.compile(pattern)) for quantity, pattern in _WORDS)
+_NUMBERED = re.compile(r"(voltage|signal|channel|analog) ?\d*")  # what data loggers call any input
+_OF_THE_MOTOR = re.compile(r"\b(mot(or)?|omega|w|tacho?(meter)?)\b")
 
 
-def words(name: str) -> str:
+def plain_words(name: str) -> str:
     """`motorSpeed_rpm` -> `motor speed rpm`."""
     parted = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", name)
     return " ".join(re.sub(r"[^\w]+|_", " ", parted).split()).casefold()
@@ -123,40 +151,55 @@ def _ranked() -> dict[str, tuple[str, int]]:
     for quantities in MAKERS.values():
         for quantity, names in quantities.items():
             for k, name in enumerate(names):
-                rank = k + 100 * (name in PEDAL_IN_SOME)
-                found[name] = min(found.get(name, (quantity, rank)), (quantity, rank), key=lambda each: each[1])
+                own = quantity, k + 100 * (name in PEDAL_IN_SOME)
+                found[name] = min(found.get(name, own), own, key=lambda each: each[1])
     return found
 
 
-KNOWN = _ranked()
+_KNOWN = _ranked()
 
 
 def known(name: str) -> tuple[str, int] | None:
     """The quantity that a maker calls so, and how sure that is, 0 the surest; None where no maker does."""
-    return KNOWN.get(words(name)) or KNOWN.get(words(name.rpartition("/")[2]))
+    return _KNOWN.get(plain_words(name)) or _KNOWN.get(plain_words(name.rpartition("/")[2]))
 
 
 def is_engines(name: str) -> bool:
     """True for what only an engine, a gearbox or a car has."""
-    said = words(name)
+    said = plain_words(name)
     return known(name) is None and _ENGINE.search(said) is not None and _MOTOR.search(said) is None
 
 
 def is_plates(name: str) -> bool:
     """True for a name with a word of the throttle or its drive in it."""
-    return _PLATE.search(words(name)) is not None
+    return _PLATE.search(plain_words(name)) is not None
 
 
 def is_plates_position(name: str) -> bool:
     """True for a position that is the plate's own by its words, as no TPS is."""
-    return _PLATES_POSITION.search(words(name)) is not None and not is_about(name)
+    return _PLATES_POSITION.search(plain_words(name)) is not None and not is_about(name)
 
 
 def may_be_position(name: str) -> bool:
     """True for what may be the plate's position in an engine computer's log, though no maker writes it so."""
-    return is_plates_position(name) or (_TPS_LIKE.fullmatch(words(name)) is not None and not is_about(name))
+    return is_plates_position(name) or (_TPS_LIKE.fullmatch(plain_words(name)) is not None and not is_about(name))
 
 
 def is_about(name: str) -> bool:
     """True for what is about a signal and is not it: a raw reading, an error, a correction."""
-    return known(name) is None and _ABOUT.search(words(name)) is not None
+    return known(name) is None and _ABOUT.search(plain_words(name)) is not None
+
+
+def quantity_named(name: str) -> str | None:
+    """The quantity that a name says; "" where it is something else than the rig's, None where it says nothing."""
+    if found := known(name):
+        return found[0]
+    said = plain_words(name)
+    if _NUMBERED.fullmatch(said):
+        return None
+    return next((quantity for quantity, pattern in _PATTERNS if pattern.search(said)), None)
+
+
+def is_of_the_motor(name: str) -> bool:
+    """True for a speed that is the motor's by its name; an ECU's RPM is the engine's."""
+    return _OF_THE_MOTOR.search(plain_words(name)) is not None
