@@ -3,20 +3,16 @@
     POINT = Record("One point.", rmse_pct=key("number", "Tracking error, of the travel.", "rmse"))
     POINT.written(point) -> {"rmse_pct": 1.2};  POINT.schema() -> its JSON schema
 
-`python -m etcfit.run_folder.declared` writes the schemas anew.
+`python -m docs.made` writes the schemas anew.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..files import whole
 from ..model.figure import figures_of
 
-FOLDER = Path(__file__).parent / "schemas"
 _TYPES = {"number": "number", "text": "string", "flag": "boolean", "whole": "integer", "object": "object"}
 _ABSENT = object()
 
@@ -195,22 +191,3 @@ def _plain_schema(kind: str) -> dict[str, Any]:
 
 def _nullable(schema: dict[str, Any], null: bool) -> dict[str, Any]:
     return schema | {"type": [schema["type"], "null"]} if null else schema
-
-
-def declared_files() -> dict[str, Record]:
-    """The kinds of files that are declared."""
-    from .pid import PID
-
-    return {"pid": PID}
-
-
-def main() -> None:
-    """Write their schemas anew."""
-    for kind, record in declared_files().items():
-        with whole(FOLDER / f"{kind}.schema.json") as draft:
-            text = json.dumps(schema_of_file(kind, record), indent=2, ensure_ascii=False)
-            draft.write_text(text + "\n", encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
