@@ -202,10 +202,10 @@ def fit_settings() -> FitSettings:
 
 
 def diagnosis_settings() -> DiagnosisSettings:
-    """Of the diagnosis: three rounds of two candidates each, for a log without a current tells few effects apart."""
+    """Of the diagnosis: one round of two candidates, for a log without a current tells few effects apart."""
     from ..diagnosis.settings import DiagnosisSettings
 
-    return DiagnosisSettings(rounds=3, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
+    return DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
 
 
 def design_settings() -> DesignSettings:

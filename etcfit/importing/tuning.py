@@ -288,7 +288,8 @@ def _texts(
             held_out = f"drive/{_stem(log)}_held_out.csv"
             files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
         # under an ECU in the model feedback keeps the plate near, and each piece would have an integral to be found
-        cuts = _cuts(log, end, settings.piece if model == DUTY else math.inf)
+        most = settings.most_samples
+        cuts = _cuts(log, end, settings.piece) if model == DUTY else list(_busiest(log, 0, end, most))
         parts += [(log, a, b) for a, b in pairwise(cuts)]
     for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
         files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)
