@@ -10,8 +10,8 @@ clock they are moved to their ticks (`ecu_clock`). Of others the position is bel
 
     sigma^2 = sigma_sensor^2 + v^2 T^2 / 12,    v the rms of the plate's speed while it moves.
 
-What a logged duty drives is cut where the plate rests: a piece begins at a known angle, so that the free run does not carry along
-what dry friction made of an early error; and pieces are simulated side by side.
+What a logged duty drives is cut where the plate rests: a piece begins at a known angle, so that the free run does not
+carry along what dry friction made of an early error; and pieces are simulated side by side.
 """
 
 from __future__ import annotations
