@@ -248,7 +248,7 @@ def _worked_out(
     report("what each step does", _DESIGN)
     steps, explained = gain_steps(design, present), _explained(final)
     judged = _borne(final, design, prepared, present, steps)
-    doubts = _doubts(final, explained[0], judged, steps)
+    doubts = reasons_to_withhold(final, explained[0], judged, steps)
     if not doubts:  # of a compromise that the loop bears: said, and given
         design = replace(design, anyway=True)
     keep_design(run, final, design, replace(request, anyway=design.anyway).recorded())
@@ -271,7 +271,7 @@ def _borne(
                  for step in steps if step.name != PRESENT)  # fmt: skip
 
 
-def _doubts(
+def reasons_to_withhold(
     result: FitResult, explained: float | None, judged: Sequence[Borne], steps: Sequence[GainStep]
 ) -> tuple[str, ...]:
     """Why gains are withheld, and what to record; () where there is no reason.
