@@ -132,7 +132,6 @@ def gains_as_found(
     """Those of the ECU that [ecu] of rig.toml describes, known or fitted; one that the fit called not known is none.
 
     Args:
-        fitted: the model.
         unit: one of each gain in SI, of an ECU whose unit is known.
         present: P, I and D of that ECU in its own unit, which then count; see `control.own_numbers`.
     """
@@ -159,13 +158,9 @@ def task_of(
     """What the rules are given.
 
     Args:
-        fitted: the model.
-        ecu: the controller.
-        requirements: what is asked for.
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
         feed_forward: terms ahead of the PID, see `model.feed_forward`: True for the curve of holding voltages alone.
         settings: how many draws, and the budgets of simulation and rules.
-        profile: the make of ECU that the controller is; None where none is named.
         log: setpoint of a log from the car, per cent of the travel; None for none.
         present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
     Raises:
@@ -226,8 +221,6 @@ def design(
 
     Args:
         fitted, ecu, requirements, drawn, feed_forward, settings, profile, log, present: see `task_of`.
-        rule: whose gains are proposed.
-        report: called with what is going on and the share done.
     Raises:
         UsageError: no such rule, a model without an electrical side, or a rule that has no gains for this plant.
     """
@@ -252,12 +245,7 @@ def propose(
     """Tune a task by some rules, and propose the gains of one of them.
 
     Args:
-        fitted: the model.
-        task: what the rules are given.
-        rule: whose gains are proposed.
-        rules: by name, `rule` among them.
         origin: where the draws came from, see `Design`.
-        report: called with what is going on and the share done.
     Raises:
         UsageError: the rule has no gains for this plant.
     """

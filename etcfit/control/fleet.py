@@ -108,13 +108,7 @@ def design_for_fleet(
     Args:
         model: the units, by their shrunk values.
         ecu, requirements, feed_forward, settings, profile, log, present: see `design.task_of`.
-        rule: whose gains are proposed.
         future: units drawn from the population (`future_units`): told apart from the fleet's own; None for none.
-        report: called with what is going on and the share done.
-        asked: share of the units, and how they are searched over.
-        rules: by name, `rule` among them.
-    Returns:
-        a design whose `fleet` says how the gains fare unit by unit, and whose draws are units.
     Raises:
         UsageError: no such rule, or a rule that has no gains for this plant.
     """
@@ -147,10 +141,7 @@ def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gain
     """One set of gains on every unit, so many at once.
 
     Args:
-        task: scenarios, ECU and what is asked.
         plants: the units, parameters of shape (U,).
-        units: names.
-        gains: of the controller.
         at_once: units whose responses are in memory together.
     """
     one = Gains(*(np.array([g]) for g in gains))
@@ -164,8 +155,6 @@ def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np
 
     Args:
         x: coordinates, shape (U, P).
-        count: how many at most.
-        asked: how many directions, and the seed.
     """
     off = x - x.mean(axis=0)
     _, _, directions = np.linalg.svd(off, full_matrices=False)
@@ -176,12 +165,7 @@ def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np
 
 
 def future_units(model: FleetModel, asked: FleetDesignSettings = EVERY_UNIT) -> FleetModel | None:
-    """Units not made yet, drawn from the population; None where there are too few units to say how they scatter.
-
-    Args:
-        model: the units measured.
-        asked: how many, from how few on, and the seed.
-    """
+    """Units not made yet, drawn from the population; None where there are too few units to say how they scatter."""
     if model.law.units < FEWEST_UNITS:
         return None
     return model.future(asked.future, np.random.default_rng(asked.seed + 1))
@@ -218,9 +202,7 @@ class Parts:
         """Units not made yet as plants of a model.
 
         Args:
-            fitted: the model.
             rest: its coordinates, a row a unit, for what the fleet does not tell, shape (D, P).
-            seed: of the random numbers.
         """
         return self._plants(fitted, self.model.future(len(rest), np.random.default_rng(seed)), rest)
 
@@ -274,9 +256,6 @@ def design_for_parts(
 
     Args:
         fitted, ecu, requirements, rule, drawn, feed_forward, settings, profile, log: see `design.design`.
-        parts: of the design that the model is one of.
-        report: called with what is going on and the share done.
-        rules: by name, `rule` among them.
     Raises:
         UsageError: as `design.design`, or parts of another design.
     """
@@ -295,7 +274,6 @@ def best_for_parts(task: Task, plants: Throttle) -> Gains | Refusal:
     """The rule `optimal` over drawn units, anew with those that fail until the share `certain` meets everything.
 
     Args:
-        task: its nominal model is among those that decide.
         plants: drawn units, parameters of shape (D,).
     """
     optimum, names = task.settings.optimum, _drawn(task.loop.draws - 1)

@@ -125,10 +125,6 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
     """Gains of shape (G,) on every model of a loop, by name, so many at once; one of the result for each of them.
 
     Args:
-        task: scenarios and what is asked.
-        loop: around U models.
-        units: their names.
-        gains: of the controller.
         at_once: models whose responses are in memory together; the last ones are filled up, so that all compile once.
     """
     count = len(units)

@@ -126,15 +126,7 @@ _every = jax.jit(_moved)
 
 
 def moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
-    """Every model in an experiment of its own, side by side on every core.
-
-    Args:
-        throttles: models, parameters of shape (D,).
-        what: entries of shape (D,).
-        bands: angles watched for, shape (D, M).
-        body: gear ratio and stops, such as `pid.loop.Body`.
-        watching: how closely, and for how long.
-    """
+    """Every model (D) in an experiment of its own, side by side on every core; `body`: gear ratio and stops, rad."""
     count = np.shape(what.angle)[0]
     room = -(-count // CORES)  # models a core; the last one is repeated until each has as many
     whole = np.minimum(np.arange(room * CORES), count - 1)

@@ -116,8 +116,6 @@ def order_of(
 
     Args:
         frequencies: Hz, shape (N,).
-        ratios: the response at each.
-        settings: how many points are asked for, and when they tell.
     """
     highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
     if len(ratios) < settings.fewest_points:

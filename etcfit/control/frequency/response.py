@@ -78,10 +78,6 @@ class Point:
 def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings = FrequencySettings()) -> Point:
     """Fit one sine to setpoint, position and drive of a trace.
 
-    Args:
-        trace: of the sine test.
-        config: of the rig, for the supply behind a duty.
-        settings: what a trace must have.
     Raises:
         MeasurementError: it has no setpoint or position, too few cycles or samples, or its setpoint is no sine.
     """
@@ -219,13 +215,7 @@ class FrequencyResponse:
 def frequency_response(
     fitted: Fitted, traces: Sequence[Measurement], settings: FrequencySettings = FrequencySettings()
 ) -> FrequencyResponse:
-    """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive.
-
-    Args:
-        fitted: the model.
-        traces: of the sine test.
-        settings: which traces count, and when their points tell an order of lag.
-    """
+    """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive."""
     points, warnings = _points(fitted, traces, settings)
     lower, upper = stops(fitted)
     middle = float(np.median([point.waves.offsets[POSITION] for point in points])) if points else lower

@@ -144,10 +144,7 @@ def departure(signal: Signal, reference: Signal, frequency: float, harmonics: in
     """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one.
 
     Args:
-        signal: N samples.
         reference: the part of it that the waves are fitted to.
-        frequency: Hz.
-        harmonics: H.
     Returns:
         shape (N,), unit of the signal.
     """
@@ -362,7 +359,6 @@ def settled(
         setpoint, position: two cycles or more of both.
         frequency: Hz.
         harmonics: H of the waves that the last half is fitted with.
-        settings: `strays` and `same`.
     """
     begin, end = common(setpoint, position)
     count = int((end - begin) * frequency + NEARLY)

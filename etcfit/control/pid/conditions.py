@@ -32,7 +32,6 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
 
     Args:
         loop: of the nominal model first, which says where its plate rests.
-        settings: how large, and how long.
         further: more of them, such as a log's own setpoint.
     """
     rest = default_position(loop)
@@ -55,7 +54,6 @@ def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
 
     Args:
         setpoint: per cent of the travel; beyond the stops it is at them.
-        settings: how long.
     """
     begin = setpoint.busiest(settings.log)
     inside = (setpoint.time > begin) & (setpoint.time < begin + settings.log)
@@ -116,7 +114,6 @@ def under(loop: Loop, conditions: Conditions, settings: ConditionSettings) -> Lo
     Args:
         loop: D models.
         conditions: shape (D,) each.
-        settings: copper and the bench.
     """
     warmer = 1.0 + settings.copper * (conditions.winding - settings.bench)
     drive = np.ones(loop.draws) if loop.drive is None else loop.drive

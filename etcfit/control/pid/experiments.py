@@ -119,13 +119,7 @@ def experiment(task: Task) -> Ultimate | Refusal:
 
 
 def swing_of(angle: np.ndarray, period: float, turns: int) -> tuple[float, float] | None:
-    """Amplitude (rad) and period (s) of an oscillation, None where it turns less often.
-
-    Args:
-        angle: rad, at even instants, shape (K,).
-        period: between them, s.
-        turns: rises through the middle at least.
-    """
+    """Amplitude (rad) and period (s) of an oscillation sampled each `period` (s), None with fewer turns."""
     middle = angle - 0.5 * (angle.max() + angle.min())
     rises = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
     if rises.size < turns:

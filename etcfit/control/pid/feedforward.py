@@ -178,11 +178,6 @@ def sliding_of(
     v(w, s) is the voltage of a plate that turns at w against s times its dry friction, the mean that of places over the
     travel. Memories of effects are held where a trace begins: friction that yields (`presliding_friction`) and a
     winding that warms up are not in it.
-
-    Args:
-        throttle: the model.
-        gear_ratio, lower, upper: of the rig; rad.
-        settings: the speed.
     """
     travel = upper - lower
     angles = jnp.asarray(lower + travel * (np.arange(SLIDING_PLACES) + 0.5) / SLIDING_PLACES)

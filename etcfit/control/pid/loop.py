@@ -164,9 +164,6 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
     """One plant under one controller.
 
     Args:
-        control, keep: see `Loop.run`.
-        plant: what it drives.
-        run: all else that is data.
         parts: integration steps in a tick.
         room: ticks of delay that are remembered.
     """
@@ -350,7 +347,6 @@ class Loop:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
             settings: of it, entries of shape (G,).
             first: memory with which it begins, entries of shape () or (G,).
-            setpoint: what it follows.
             start: state of every plant at its begin; None: at rest where the setpoint begins.
             keep: of a tick's path and the controller's memory after it, what is given back.
             reduced: of that, shape (..., K), what is given back instead, shape (...).
