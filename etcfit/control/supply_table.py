@@ -79,7 +79,7 @@ class SupplyTable:
     position: OverPosition
 
     def written(self, gains: Gains, notation: Notation, ecu: Ecu, travel: float) -> tuple[Terms, ...]:
-        """The three gains, of the ECU's own supply, at each of these as an ECU writes them; travel of the plate in rad."""
+        """The three gains, of the ECU's own supply, as it writes them at each of these; travel of the plate in rad."""
         supplies = (ecu.supply if ecu.compensated else supply for supply in self.supplies)
         return tuple(notation.written(gains, ecu._replace(supply=supply), travel) for supply in supplies)
 

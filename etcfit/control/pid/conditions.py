@@ -36,17 +36,13 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
     """
     rest = default_position(loop)
     large = stairs("large steps", (settings.low, settings.high, settings.low), settings.large_hold, LEAD)
-    small = stairs("small steps", _there_and_back(settings.small), settings.hold, LEAD)
+    sizes = [MIDDLE, *(share for size in settings.small for share in (MIDDLE + size, MIDDLE))]  # up by each, and back
+    small = stairs("small steps", sizes, settings.hold, LEAD)
     every = [large, small]
     if rest is not None:
         across = (rest - BEYOND_REST, rest + BEYOND_REST, rest - BEYOND_REST)
         every.append(stairs("across the limp-home position", across, settings.hold, LEAD))
     return in_turn(trapezoid(), *every, *further)
-
-
-def _there_and_back(sizes: tuple[float, ...]) -> list[float]:
-    """From the middle up by each size and down again, shares of the travel."""
-    return [MIDDLE, *(share for size in sizes for share in (MIDDLE + size, MIDDLE))]
 
 
 def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:

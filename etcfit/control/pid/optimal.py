@@ -78,7 +78,10 @@ def optimal(task: Task) -> Gains | Refusal:
     alone = _scorer(task, 1, _SPARE_ALONE)
     ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)[0]
             for _ in range(settings.searches)]  # fmt: skip
-    return best_over_draws(task, np.array([*ends, *_by_formula(task, settings)]), rng)
+    # what the rules that need no experiment say: valleys that the nominal model hides
+    found = (rule(task) for rule in FORMULAS)
+    ends += [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
+    return best_over_draws(task, np.array(ends), rng)
 
 
 def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) -> Gains:
@@ -131,12 +134,6 @@ def _apart(begins: np.ndarray, settings: OptimumSettings) -> list[np.ndarray]:
         if all(np.max(np.abs(begin - other)) > settings.about for other in kept):
             kept.append(begin)
     return kept[: settings.starts]
-
-
-def _by_formula(task: Task, settings: OptimumSettings) -> list[np.ndarray]:
-    """What the rules that need no experiment say, logarithms, shape (3,) each: valleys that the nominal model hides."""
-    found = (rule(task) for rule in FORMULAS)
-    return [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
 
 
 def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures, float]:
@@ -227,7 +224,7 @@ def _scorer(task: Task, draws: int, spare: float) -> Score:
 
 
 def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float) -> Scores:
-    """Figures of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: share of each limit kept in hand."""
+    """Figures of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: share of limits kept in hand."""
     asked, figures = task.requirements, loop.figures(gains, task.setpoint)
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
