@@ -37,10 +37,10 @@ from ..rig.toml import Toml
 from .config import FleetConfig
 from .engine.cluster import Crew
 from .engine.run import run_units
-from .engine.settings import EngineSettings
 from .engine.store import Store
 from .engine.work import AbstractWork, digest_of
 from .folder import address_of, local_copy
+from .settings import EngineSettings
 from .unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 PILOTS = 6  # units fitted before it is known where the fleet lies

@@ -16,9 +16,9 @@ import pytest
 from etcfit.errors import UsageError
 from etcfit.fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, crew
 from etcfit.fleets.engine.run import Agenda, Tally, run_units
-from etcfit.fleets.engine.settings import EngineSettings
 from etcfit.fleets.engine.store import Store
 from etcfit.fleets.engine.work import Lost, Order, Portion, Trouble
+from etcfit.fleets.settings import EngineSettings
 from etcfit.fleets.unit import FailedUnit
 from fleet_works import (
     AlwaysFull,

@@ -26,8 +26,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from ..settings import DEFAULT
 from .distances import holm
-from .settings import DEFAULT
 from .stack import MEDIAN_CHI2
 
 WIDTH = 3.0  # w: of the control limits, standard deviations on either side

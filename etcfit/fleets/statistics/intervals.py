@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy import stats
 from scipy.optimize import root_scalar
 
+from ..settings import PopulationSettings
 from .likelihood import Spread, View, Weighed, maximised, slope, spread_view, weigh
-from .settings import PopulationSettings
 from .stack import Scaled
 
 ALONE = 1e-8  # 1 - T below: the direction is told by this unit alone, its scatter is not seen

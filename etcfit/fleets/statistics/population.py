@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..settings import DEFAULT, FleetSettings, PopulationSettings
 from .distances import FEWEST, Distances, distances, rejected
 from .intervals import mean_intervals, spread_intervals
 from .likelihood import Spread, maximised, spread_view, weigh, weights
-from .settings import DEFAULT, FleetSettings, PopulationSettings
 from .stack import NULL, Scaled, Stack, scaled
 
 ROUNDS = 10  # times at most that units are left out or taken back, and the population is estimated again
