@@ -87,12 +87,7 @@ AS_MEASURED = Condition("bench", BENCH_SUPPLY, BENCH)
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """U units at one test station of the line: what several figures need is simulated once.
-
-    Args:
-        model: the units.
-        condition: of all of them.
-    """
+    """U units at one test station of the line, under one condition: what several figures need is simulated once."""
 
     model: FleetModel
     condition: Condition = AS_MEASURED
@@ -398,12 +393,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Every figure over the fleet under one condition.
-
-    Args:
-        condition: which.
-        figures: by name.
-    """
+    """Every figure over the fleet, by name, under one condition."""
 
     condition: Condition
     figures: Mapping[str, Spread]

@@ -68,14 +68,7 @@ class FleetStudy:
 def study(
     config: FleetConfig, rig: RigConfig, results: Results, settings: FleetSettings = FleetSettings()
 ) -> FleetStudy:
-    """Study the units that have a result.
-
-    Args:
-        config: of the fleet.
-        rig: of one unit; the others' differ in no more than their names.
-        results: of the fits.
-        settings: all that it decides by.
-    """
+    """Study the units that have a result; the rig is that of one unit, from which the others' differ in name only."""
     units = results.fitted
     stack = stacked(robust(units, MOST_WIDENED))
     found, odd = without_odd(stack, units, config.shared, settings)

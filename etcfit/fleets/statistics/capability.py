@@ -90,12 +90,8 @@ class Capability:
 
 
 def capability(line: Line, low: float, high: float, level: float = DEFAULT.population.level) -> Capability:
-    """Judge a line.
+    """Judge a line by its limits, SI, -inf and inf where a side is open; the level is that of the intervals.
 
-    Args:
-        line: mean and spread.
-        low, high: limits, SI; -inf and inf where a side is open.
-        level: coverage of the intervals.
     Raises:
         ValueError: the line's symbol is shared, or its mean or spread has no interval.
     """

@@ -62,12 +62,8 @@ class Chart:
 
 
 def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> Chart:
-    """Units in order, all finite.
+    """Of units in order: their own values and standard errors (0 where exact), SI.
 
-    Args:
-        units: their names.
-        value: SI.
-        stderr: of each unit's own, 0 where exact.
     Raises:
         ValueError: fewer than two units, or an entry that is not finite.
     """

@@ -88,8 +88,7 @@ def odd_units(
     """The odd units, most odd first.
 
     Args:
-        stack: units.
-        of: the population of these units.
+        stack, of: units, and their population.
         results: in the order of the stack, for misfits; none, and only parameters are judged.
         rate: of false ones among those found.
     Raises:
