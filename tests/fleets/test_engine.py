@@ -89,12 +89,12 @@ def test_every_unit_ends_once_and_is_not_done_again_until_it_changes(workers: Cr
 
 def test_ten_broken_among_a_hundred_cost_themselves_alone(workers: Crew, counts: Path, tmp_path: Path) -> None:
     parts, units = tmp_path / "parts", names(100)
-    broken: dict[str, Habit] = {units[k]: broken if k % 20 else divides for k in range(0, 100, 10)}
-    work = CountingWork(counts, broken)
+    habits: dict[str, Habit] = {units[k]: broken if k % 20 else divides for k in range(0, 100, 10)}
+    work = CountingWork(counts, habits)
     assert run(units, work, workers, parts) == Tally(90, 0, 10)
     assert work.counted() == dict.fromkeys(units, 1)
     said = failures(parts)
-    assert set(said) == set(broken)
+    assert set(said) == set(habits)
     assert said["u0010"] == "response/3.csv:118: time falls. It must rise. Sort it."
     assert said["u0020"].startswith("u0020: ZeroDivisionError: division by zero (in fleet_works.py:")
     assert run(units, work, workers, parts) == Tally(0, 100, 0)  # what is wrong stays wrong: not tried again
