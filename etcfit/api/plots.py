@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +23,8 @@ from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
-from ..reporting import overview, pictures, style
-from ..reporting.control import bode, front, responses, safety, scenarios, sines
+from ..reporting import pictures, style
+from ..reporting.control import bode, front, responses, safety
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.numbers import short
@@ -48,22 +48,6 @@ def panels_of(draw: Callable[[], Figure]) -> np.ndarray:
     out = np.empty(len(figure.axes), dtype=object)
     out[:] = figure.axes
     return out
-
-
-def panel_of(draw: Callable[[], Figure]) -> Axes:
-    """The first panel of a figure, as `panels_of` draws it."""
-    return panels_of(draw)[0]
-
-
-def picture_named(jobs: Mapping[str, Callable[[], Figure]], name: str, why_not: str) -> Callable[[], Figure]:
-    """The call that draws one of several pictures.
-
-    Raises:
-        UsageError: this result has no such picture.
-    """
-    if name not in jobs:
-        raise UsageError(why_not)
-    return jobs[name]
 
 
 def _by_name(jobs: list[tuple[Path, Callable[[], Figure]]]) -> dict[str, Callable[[], Figure]]:
@@ -92,7 +76,7 @@ class FitPlots:
 
     def parameters(self) -> Axes:
         """How well each parameter is known, and how far off reading a graph with a ruler is."""
-        return panel_of(lambda: overview.draw(pictures.parameter_picture(self.result)))
+        return panels_of(lambda: pictures.draw_parameters(pictures.parameter_picture(self.result)))[0]
 
     def test(self, name: str) -> np.ndarray:
         """The graph that the paper reads of one rig test, with the fit drawn into it.
@@ -102,9 +86,9 @@ class FitPlots:
         """
         jobs = _by_name(pictures.jobs(self.result))
         there = ", ".join(key.removeprefix("tests/") for key in jobs if key.startswith("tests/"))
-        return panels_of(
-            picture_named(jobs, f"tests/{name}", f"no trace is of a test called {name!r}. There are: {there}.")
-        )
+        if f"tests/{name}" not in jobs:
+            raise UsageError(f"no trace is of a test called {name!r}. There are: {there}.")
+        return panels_of(jobs[f"tests/{name}"])
 
     def overview(self, most: int = 40) -> np.ndarray:
         """Every trace at a glance, measured and simulated, one channel each; Axes, shape (K,).
@@ -204,7 +188,10 @@ class DiagnosisPlots:
         return panels_of(lambda: overlay.draw(picture))
 
     def _named(self, name: str, why_not: str) -> np.ndarray:
-        return panels_of(picture_named(_by_name(diagnosis_pictures.jobs(self.diagnosis)), name, why_not))
+        jobs = _by_name(diagnosis_pictures.jobs(self.diagnosis))
+        if name not in jobs:
+            raise UsageError(why_not)
+        return panels_of(jobs[name])
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +242,7 @@ class ReductionPlots:
         response = self.response
         if response is None or not response.points:
             raise UsageError("no sine trace of this rig says anything: there is no measured response to draw.")
-        return panels_of(lambda: sines.draw(self.fitted.config, response))
+        return panels_of(lambda: bode.draw_sines(self.fitted.config, response))
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +261,7 @@ class DesignPlots:
 
     def scenarios(self) -> np.ndarray:
         """The proposed gains in every scenario, a panel each."""
-        return panels_of(lambda: scenarios.draw(self.design))
+        return panels_of(lambda: responses.draw_scenarios(self.design))
 
     def front(self) -> Axes:
         """Tracking error over the duty's activity: the best gains, and every rule."""
@@ -287,9 +274,9 @@ class DesignPlots:
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:
     """Operating range, spectrum and the busiest seconds of a log from the car."""
-    from ..reporting import car_log
+    from ..reporting.car_log.writing import draw
 
-    return panels_of(lambda: car_log.draw(study, config.synthetic))
+    return panels_of(lambda: draw(study, config.synthetic))
 
 
 @dataclass(frozen=True)
@@ -304,17 +291,17 @@ class FleetPlots:
 
     def population(self) -> np.ndarray:
         """Every unit's parameters with their intervals, and the population."""
-        from ..reporting.fleet.columns import Columns
-        from ..reporting.fleet.drawn import population
+        from ..reporting.fleet import pictures
+        from ..reporting.fleet.page import Columns
 
         content = self.files.content
-        return panels_of(lambda: population.draw(content, Columns.of(content["units"], self.files.units)))
+        return panels_of(lambda: pictures.draw_population(content, Columns.of(content["units"], self.files.units)))
 
     def correlation(self) -> np.ndarray:
         """Which parameters go together from unit to unit."""
-        from ..reporting.fleet.drawn import correlation
+        from ..reporting.fleet import pictures
 
-        return panels_of(lambda: correlation.draw(self.files.content))
+        return panels_of(lambda: pictures.draw_correlation(self.files.content))
 
     def charts(self, *symbols: str) -> np.ndarray:
         """Control chart and cumulative sums, a figure a symbol.
@@ -324,18 +311,18 @@ class FleetPlots:
         Raises:
             UsageError: a symbol has none.
         """
-        from ..reporting.fleet.drawn import charts
+        from ..reporting.fleet import pictures
 
         there = self.files.content["charts"]
         if unknown := [symbol for symbol in symbols if symbol not in there]:
             raise UsageError(f"there is no chart of {unknown[0]}. There are: {', '.join(there) or 'none'}.")
-        drawn = [panels_of(lambda s=s: charts.draw(self.files.content, s)) for s in symbols or there]
+        drawn = [panels_of(lambda s=s: pictures.draw_chart(self.files.content, s)) for s in symbols or there]
         return np.concatenate(drawn) if drawn else np.empty(0, dtype=object)
 
     def odd(self) -> np.ndarray:
         """How far each unit is from the population, and by what the odd ones are."""
-        from ..reporting.fleet.drawn import odd
+        from ..reporting.fleet import pictures
 
         if not self.files.content["odd"]:
             raise UsageError("no unit of this fleet is odd: there is nothing to draw.")
-        return panels_of(lambda: odd.draw(self.files.content))
+        return panels_of(lambda: pictures.draw_odd(self.files.content))

@@ -5,7 +5,7 @@ Smoothing and derivative by a parabola through the samples about each one:
     y(t + k step) ~ c_0 + c_1 k + c_2 k^2,   |k| <= window // 2,   least squares;   y ~ c_0,   dy/dt ~ c_1 / step
 
 Source: Savitzky and Golay 1964 (Anal. Chem. 36), eq. 11. Differs from source: within half a window of an end the
-parabola of the end's own window is read off beside its middle. It is SciPy's `savgol_filter(y, window, 2)`.
+parabola of the end's own window is read off next to its middle. It is SciPy's `savgol_filter(y, window, 2)`.
 
 Low passes without phase: a recursive filter of even order run forwards, then backwards.
 
@@ -56,15 +56,10 @@ def _read_off(
 
 @dataclass(frozen=True)
 class LowPass:
-    """A filter.
+    """A filter."""
 
-    Args:
-        poles: p_k in the z plane, one of each conjugate pair.
-        gain: g, by which it passes a constant.
-    """
-
-    poles: tuple[complex, ...]
-    gain: float = 1.0
+    poles: tuple[complex, ...]  # p_k in the z plane, one of each conjugate pair
+    gain: float = 1.0  # g, by which it passes a constant
 
     @property
     def pad(self) -> int:
@@ -76,8 +71,6 @@ class LowPass:
 
         Both ends are continued by their own reflection through the end point.
 
-        Args:
-            x: shape (n, ...).
         Raises:
             ValueError: n is not larger than pad.
         """
@@ -85,8 +78,13 @@ class LowPass:
         if len(x) <= pad:
             raise ValueError(f"more than {pad} samples are needed, and there are {len(x)}")
         longer = np.concatenate((2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]))
-        size = 1 << (len(longer) + self._memory - 1).bit_length()  # h has faded away before it comes round
-        response = self._response(size)
+        memory = int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))  # samples: nothing is left of an impulse
+        size = 1 << (len(longer) + memory - 1).bit_length()  # h has faded away before it comes round
+        z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)  # z^-1 at the frequencies of a real transform
+        response = np.ones_like(z)  # H/g
+        for pole in self.poles:
+            a1, a2 = -2.0 * pole.real, abs(pole) ** 2
+            response *= 0.25 * (1.0 + a1 + a2) * (1.0 + z) ** 2 / (1.0 + z * (a1 + a2 * z))
 
         def one_way(x: np.ndarray) -> np.ndarray:
             """y = x_0 + h * (x - x_0), shape (n,): what came before the first sample is taken to be like it."""
@@ -94,20 +92,6 @@ class LowPass:
 
         forwards = np.apply_along_axis(one_way, 0, longer)
         return self.gain**2 * np.apply_along_axis(one_way, 0, forwards[::-1])[::-1][pad:-pad]
-
-    def _response(self, size: int) -> np.ndarray:
-        """H/g at the frequencies of a real transform of so many samples."""
-        z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)  # z^-1
-        response = np.ones_like(z)
-        for pole in self.poles:
-            a1, a2 = -2.0 * pole.real, abs(pole) ** 2
-            response *= 0.25 * (1.0 + a1 + a2) * (1.0 + z) ** 2 / (1.0 + z * (a1 + a2 * z))
-        return response
-
-    @property
-    def _memory(self) -> int:
-        """Samples after which nothing is left of an impulse."""
-        return int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))
 
 
 def butterworth(order: int, cutoff: float) -> LowPass:

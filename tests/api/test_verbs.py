@@ -27,8 +27,7 @@ from etcfit.control.settings import DesignSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
-from etcfit.experiment.plan import PLANS
-from etcfit.experiment.setting import Setting
+from etcfit.experiment.plan import PLANS, Setting
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.model.ecu import Ecu
 from etcfit.rig.base import Rig
@@ -83,7 +82,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         seen.append({"rig": rig, "at": at, **given})
         once = Option("viscous", "a step", "noise assumed", np.array([0.25, 1.0]), Pair(("R_a", "K_b"), 0.9, 0.1), None)
         new = Option(
-            "response", "a sweep", "", np.array([0.81, 1.0]), None, PLANS["resistance"](Setting.of(rig, VALUES))
+            "response", "a sweep", "", np.array([0.81, 1.0]), None, PLANS["resistance"](Setting.of_rig(rig, VALUES))
         )
         return Advice(rig, ("R_a", "K_b"), np.array([0.01, 0.02]), (once, new), (("sine", "no ECU"),), **given)
 

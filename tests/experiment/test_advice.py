@@ -11,14 +11,13 @@ import pytest
 import results
 from etcfit import TESTS, read_folder
 from etcfit.estimation.joint_fit import fit
-from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, judged_at, separated
-from etcfit.experiment.plan import PLANS, channels, sweeps, trace_of
+from etcfit.experiment.advice import Advice, Judge, Option, advise, judged_at, separated
+from etcfit.experiment.plan import PLANS, USUAL, Setting, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
-from etcfit.experiment.setting import USUAL, Setting
 from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
+from etcfit.reporting.check_table import advice_table
 from etcfit.rig.base import Rig
 from independent.effects import NONE
 from independent.folder import SIZES, write_folder, write_trace
@@ -37,7 +36,7 @@ def rig(tmp_path: Path) -> Rig:
 
 @pytest.fixture
 def setting(rig: Rig) -> Setting:
-    return Setting.of(rig, VALUES)
+    return Setting.of_rig(rig, VALUES)
 
 
 def test_as_much_again_of_everything_shrinks_every_interval_by_root_two(rig: Rig) -> None:
@@ -58,7 +57,6 @@ def test_the_pair_that_comes_apart_is_named() -> None:
     assert pair is not None
     assert (pair.symbols, pair.before, pair.after) == (("a", "b"), pytest.approx(0.99), pytest.approx(0.5))
     assert separated(("a", "b", "c"), before, before) is None
-    assert separated(("a", "b", "c"), before, after, AdviceSettings(entangled=0.99)) is None
     little = np.array([[1.0, 0.988, 0.0], [0.988, 1.0, 0.0], [0.0, 0.0, 1.0]])  # 0.83 of the entanglement is left
     assert separated(("a", "b", "c"), before, little) is not None
     assert separated(("a", "b", "c"), before, little, AdviceSettings(apart=0.8)) is None
@@ -95,14 +93,16 @@ def test_sweeps_differ_in_amplitude_and_band(setting: Setting) -> None:
 
 
 def test_the_settings_say_what_was_not_measured(rig: Rig) -> None:
-    mine = PlanSettings(levels=2, bands=(5.0,), lowest=0.5, quiet=0.1, noise_motor_speed=3.0, supply=6.0, rate=10.0)
-    setting = Setting.of(rig, VALUES, mine)
+    mine = PlanSettings(levels=2, bands=(5.0,), lowest=0.5, quiet=0.1, supply=6.0, rate=10.0)
+    setting = Setting.of_rig(rig, VALUES, mine)
     first, second = sweeps(setting)
     assert first.says.startswith("sine sweep 0.5 to 5 Hz")
     assert first.says != second.says
     assert PLANS["back_emf"](setting).release == 0.1
-    assert setting.noise["motor_speed"] == 3.0
-    assert (setting.supply, setting.rate) == (12.0, pytest.approx(Setting.of(rig, VALUES).rate))  # the rig tells both
+    assert (setting.supply, setting.rate) == (
+        12.0,
+        pytest.approx(Setting.of_rig(rig, VALUES).rate),
+    )  # the rig tells both
 
 
 def test_a_sensor_the_rig_has_not_shown_is_assumed_and_said_to_be(setting: Setting) -> None:
@@ -110,10 +110,6 @@ def test_a_sensor_the_rig_has_not_shown_is_assumed_and_said_to_be(setting: Setti
     assert setting.noise["motor_speed"] == USUAL["motor_speed"]
     assert "motor_speed" in channels(plan_viscous(setting), setting)
     assert setting.noise["current"] != USUAL["current"]
-
-
-def test_batches_leave_nothing_out() -> None:
-    assert [len(part) for part in batched([None] * 7, 3)] == [3, 3, 1]  # pyright: ignore[reportArgumentType]
 
 
 def test_the_table_names_every_option_and_every_test_not_judged(rig: Rig, setting: Setting) -> None:

@@ -1,4 +1,4 @@
-"""A trace's picture: panels, units, what is said."""
+"""Pictures of a trace and of a rig test: panels, units, what is said, the model read as the paper reads."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import results
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.reporting import traces
 from etcfit.reporting.pictures import all_traces
+from etcfit.rig import TEST_BY_NAME
+from etcfit.rig.paper_readings import known
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,7 @@ def picture(result: FitResult, file: str) -> traces.TracePicture:
 
 
 def test_panels_have_the_logged_units(fitted: FitResult) -> None:
-    fig = traces.draw(picture(fitted, "response/2.csv"))
+    fig = traces.draw_trace(picture(fitted, "response/2.csv"))
     labels = [panel.get_ylabel() for panel in fig.axes]
     assert labels == ["current [mA]", "error [σ]", "TPS [V]", "error [σ]", "voltage [V]"]
     assert fig.axes[-1].get_xlabel() == "time [s]"
@@ -38,13 +40,13 @@ def test_panels_have_the_logged_units(fitted: FitResult) -> None:
 
 
 def test_a_position_is_shown_in_sensor_volts(fitted: FitResult) -> None:
-    shown = traces.draw(picture(fitted, "response/1.csv")).axes[2].lines[0].get_ydata()
+    shown = traces.draw_trace(picture(fitted, "response/1.csv")).axes[2].lines[0].get_ydata()
     volts = [float(row.split(",")[3]) for row in _csv(fitted, "response/1.csv")]
     np.testing.assert_allclose(np.asarray(shown), volts, atol=1e-9)
 
 
 def test_open_terminals_have_no_drive(fitted: FitResult) -> None:
-    fig = traces.draw(picture(fitted, "back_emf/1.csv"))
+    fig = traces.draw_trace(picture(fitted, "back_emf/1.csv"))
     assert [panel.get_ylabel() for panel in fig.axes] == ["emf [V]", "error [σ]", "position [deg]", "error [σ]"]
 
 
@@ -52,7 +54,7 @@ def test_a_few_wild_residuals_are_counted_not_shown_to_scale(fitted: FitResult) 
     plain = picture(fitted, "response/1.csv")
     wild = plain.residual.copy()
     wild[30, 0] = 500.0
-    panel = traces.draw(replace(plain, residual=wild)).axes[1]
+    panel = traces.draw_trace(replace(plain, residual=wild)).axes[1]
     assert panel.get_ylim()[1] < 100.0
     assert [text.get_text() for text in panel.texts] == ["1 beyond, to 500 σ"]
 
@@ -62,7 +64,7 @@ def test_a_sensor_that_falls_as_the_plate_opens_turns_its_residual(fitted: FitRe
     channels = dict(plain.trace.measurement.channels)
     channels["position"] = replace(channels["position"], scale=-channels["position"].scale)
     trace = replace(plain.trace, measurement=replace(plain.trace.measurement, channels=channels))
-    up, down = (traces.draw(p).axes[3].lines[0].get_ydata() for p in (plain, replace(plain, trace=trace)))
+    up, down = (traces.draw_trace(p).axes[3].lines[0].get_ydata() for p in (plain, replace(plain, trace=trace)))
     np.testing.assert_allclose(np.asarray(up), -np.asarray(down))
 
 
@@ -70,3 +72,47 @@ def _csv(result: FitResult, file: str) -> list[str]:
     from pathlib import Path
 
     return (Path(result.rig.folder) / file).read_text().splitlines()[1:]
+
+
+def picture_of_test(result: FitResult, name: str, graphs_: tuple, model: tuple = ()) -> traces.TestPicture:
+    every = tuple(t for t in all_traces(result) if t.test.name == name)
+    return traces.TestPicture(TEST_BY_NAME[name], graphs_, model, every, result.predicted, ("R_a: reading 1",), True)
+
+
+def test_the_models_line_has_the_models_slope(fitted: FitResult) -> None:
+    """Currents of a winding of twice the resistance, put through the resistance test's reading."""
+    test, config = TEST_BY_NAME["resistance"], fitted.rig.config
+    measured = [t for t in all_traces(fitted) if t.test.name == "resistance"]
+    predicted = {t.measurement.file: t.input.value[:, None] / 3.0 for t in measured if t.input is not None}
+    (graph,) = traces.read_model(test, measured, predicted, config, known(config, fitted.readings.values))
+    slope = np.ptp(graph.line_y) / np.ptp(graph.line_x)
+    assert slope == pytest.approx(1.0 / 3.0, rel=1e-3)
+
+
+def test_a_model_that_cannot_be_simulated_has_no_line(fitted: FitResult) -> None:
+    test, config = TEST_BY_NAME["resistance"], fitted.rig.config
+    measured = [t for t in all_traces(fitted) if t.test.name == "resistance"]
+    predicted = {t.measurement.file: np.full_like(t.data, np.nan) for t in measured}
+    assert traces.read_model(test, measured, predicted, config, {}) == ()
+
+
+def test_points_reading_and_model_are_told_apart(fitted: FitResult) -> None:
+    read = fitted.readings.graphs["resistance"]
+    fig = traces.draw_test(picture_of_test(fitted, "resistance", read, read))
+    labels = [text.get_text() for text in fig.legends[0].get_texts()]
+    assert labels == ["measured", "graph reading", "fitted model, read the same way"]
+    assert fig.axes[0].get_xlabel() == "voltage [V]"
+    assert fig.axes[0].get_ylabel() == "steady current [A]"
+    assert any("SYNTHETIC" in text.get_text() for text in fig.texts)
+
+
+def test_graphs_of_one_title_are_paired_in_order(fitted: FitResult) -> None:
+    (graph,) = fitted.readings.graphs["resistance"]
+    fig = traces.draw_test(picture_of_test(fitted, "resistance", (graph, graph), (graph, graph)))
+    assert [len(panel.lines) for panel in fig.axes] == [3, 3]
+
+
+def test_a_test_without_graphs_shows_its_traces(fitted: FitResult) -> None:
+    fig = traces.draw_test(picture_of_test(fitted, "response", ()))
+    assert [panel.get_ylabel() for panel in fig.axes if panel.axison] == ["TPS [V]", "TPS [V]"]
+    assert [panel.get_title(loc="left") for panel in fig.axes if panel.axison] == ["1.csv", "2.csv, held out"]
