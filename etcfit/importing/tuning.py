@@ -60,7 +60,7 @@ class TuneSettings:
     """
 
     hold_out: float = real(0.4, 0.0, 0.8)
-    most_samples: int = whole(6_000, 100, 10**7)
+    most_samples: int = whole(4_500, 100, 10**7)
     piece: float = real(2.5, 0.1, 1e4)
     a_tick: float = real(0.8, 0.0, 100.0)
     reach: float = real(0.2, 0.0, 1.0)
