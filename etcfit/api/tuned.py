@@ -192,13 +192,14 @@ def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
         return replace(read_folder(Path(scratch) / LOGS), folder=str(files[0]))
 
 
-def fit_settings() -> FitSettings:
+def fit_settings(model: str) -> FitSettings:
     """Of the fit: optima nearby are not looked for, which takes minutes, for gains are tried over draws anyway. Rows at
     their ticks are good to the sensor's noise, so that a start ten times further off is near all the same.
     """
     from ..estimation.settings import FitSettings, GlobalSearchSettings
 
-    return FitSettings(neighbours=0, misfit=100.0, search=GlobalSearchSettings(epochs=60, patience=15, draws=40))
+    misfit = 100.0 if model == DUTY else FitSettings().misfit
+    return FitSettings(neighbours=0, misfit=misfit, search=GlobalSearchSettings(epochs=60, patience=15, draws=40))
 
 
 def diagnosis_settings() -> DiagnosisSettings:
@@ -229,7 +230,7 @@ def _worked_out(
 
     folder = _written(run.path / LOGS, prepared)
     rig = read_folder(folder)
-    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings())
+    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model))
     keep_fit(run, result)
     diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), diagnosis_settings())
     keep_diagnosis(run, diagnosis)

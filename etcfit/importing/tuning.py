@@ -6,7 +6,8 @@ what the duty did between two rows; then the ECU itself becomes a part of the mo
 gains that are in it now.
 
 A row of a log has what the ECU knew at its last tick, which is up to a period T old. Where rows come in step with the
-clock they are moved to their ticks (`ecu_clock`). Of others the position is believed within
+clock they are moved to their ticks (`ecu_clock`). Of others, and with an ECU in the model, the position is believed
+within
 
     sigma^2 = sigma_sensor^2 + v^2 T^2 / 12,    v the rms of the plate's speed while it moves.
 
@@ -165,7 +166,8 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
     placed = [at_ticks(log, known.ecu.period) for log in logs]
     checks = (rate, *_motion(logs, rig, settings), _saturation(logs, known, settings))
     noise = float(np.median([log.channels["position"].sigma for log in logs]))
-    old = 0.0 if all(placed) else _speed(logs) * known.ecu.period / math.sqrt(12.0)
+    # an ECU in the model ticks by a clock of its own phase, and its own noise moves the plate
+    old = 0.0 if all(placed) and model == DUTY else _speed(logs) * known.ecu.period / math.sqrt(12.0)
     logs = [log if at is None else at for log, at in zip(logs, placed, strict=True)]
     files, held_out = _texts(logs, name, model, replace(known, supply=supply), math.hypot(noise, old), settings)
     return TuneInput(model, why, checks, files, held_out, supply, noise, known.ecu.delay)
