@@ -199,7 +199,7 @@ def fit_settings(model: str) -> FitSettings:
     from ..estimation.settings import FitSettings, GlobalSearchSettings
 
     misfit = 100.0 if model == DUTY else FitSettings().misfit
-    return FitSettings(neighbours=0, misfit=misfit, search=GlobalSearchSettings(epochs=60, patience=15, draws=40))
+    return FitSettings(neighbours=0, misfit=misfit, search=GlobalSearchSettings(epochs=60, patience=15))
 
 
 def diagnosis_settings() -> DiagnosisSettings:
