@@ -61,8 +61,8 @@ class Borne:
         if not np.isfinite(self.worst):
             return (f"The log has no motion near {self.crossover:.2g} Hz, where the new loop is decided on: record ten "
                     "quick steps of 20 to 60 % of the travel.")  # fmt: skip
-        found = (f"At {self.hertz:.2g} Hz the model misses {100.0 * self.missed:.2g} % of the plate's response, of "
-                 f"which the loop bears {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
+        found = (f"At {self.hertz:.2g} Hz the model misses {100.0 * self.missed:.2g} % of the plate's response; "
+                 f"the loop bears {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
         if self.enough:
             return f"{found}."
         return (f"{found} (|Delta T| {self.worst:.2g}, at most {MOST:g}). Log faster, at each tick of the ECU, and "
