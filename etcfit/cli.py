@@ -25,7 +25,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from . import __version__, stages
-from .api.progress import Expected
+from .api.progress import Expected, keep_compiled
 from .control.request import DesignRequest
 from .errors import MeasurementError, UsageError, visible
 from .experiment.settings import CampaignSettings
@@ -259,7 +259,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
 
         rig = read_folder(folder)
         report("working out what these data can identify", 0.3)
-        stages.keep_compiled()
+        keep_compiled()
         from .experiment.check import check as check_rig
         from .reporting.check_table import check_table
         from .reporting.closing.rig import of_check
@@ -279,7 +279,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
 
         rig = read_folder(folder)
         report("working out what one more trace would tell", 0.3)
-        stages.keep_compiled()
+        keep_compiled()
         from .experiment.advice import advise
         from .reporting.check_table import advice_table
         from .reporting.closing.rig import of_advice
@@ -773,7 +773,7 @@ def plan(
         raise UsageError(str(error)) from None
     with _usual("plan", quiet) as report:
         report("loading the model", 0.0)
-        stages.keep_compiled()
+        keep_compiled()
         from .api.verbs import plan as plan_tests
 
         chosen = plan_tests(source, settings, criterion=o.criterion, without=o.without or (), supply=o.supply,

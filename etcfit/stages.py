@@ -21,7 +21,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from .api.arguments import fits, in_words, typed
-from .api.progress import Expected, part_of
+from .api.progress import Expected, keep_compiled, part_of
 from .control.request import DesignRequest
 from .errors import UsageError, command, require_extra, visible
 from .posterior.settings import SamplingSettings
@@ -588,10 +588,3 @@ def run(
     found = load(out)
     assert not isinstance(found, Fleet), "the run folder of a fleet has no fit"
     return found
-
-
-def keep_compiled() -> None:
-    """The second run of a command finds its model compiled."""
-    from .backend import use_compilation_cache
-
-    use_compilation_cache()

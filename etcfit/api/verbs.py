@@ -169,11 +169,12 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
     """
     with working(quiet) as report:
         from ..diagnosis import diagnose as diagnose_fit
+        from ..run_folder.state import load_fit
         from .explanation import Diagnosed
         from .fit import Fit
 
         if isinstance(fit, str | Path):
-            fit = _load_fit(Path(fit))
+            fit = Fit(load_fit(Path(fit)))
         if not isinstance(fit, Fit):
             raise _not_taken("diagnose", fit, "what etcfit.fit returned, or a run folder")
         return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
@@ -548,13 +549,6 @@ def _load_model(run: Path) -> Fit | Diagnosed:
     folder = RunFolder(run)
     found = folder.diagnosis()
     return Fit(folder.fit()) if found is None else Diagnosed(found)
-
-
-def _load_fit(run: Path) -> Fit:
-    from ..run_folder.state import load_fit
-    from .fit import Fit
-
-    return Fit(load_fit(run))
 
 
 def _rig_of(rig: Rig | Folder, report: Report) -> Rig:
