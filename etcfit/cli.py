@@ -158,18 +158,15 @@ def _with_options(command: Callable[..., None]) -> Callable[..., None]:
     hints = get_type_hints(command, include_extras=True)
     if "options" not in hints:
         return command
-    kind, taken = hints["options"], []
+    kind, theirs = hints["options"], get_type_hints(hints["options"])
+    taken: list[inspect.Parameter] = []
     for each in inspect.signature(command).parameters.values():
-        own = fields(kind) if each.name == "options" else ()
-        theirs = get_type_hints(kind) if own else {}
-        taken += [
-            inspect.Parameter(
-                f.name, each.KEYWORD_ONLY, default=f.default, annotation=Annotated[theirs[f.name], f.metadata["option"]]
-            )
-            for f in own
-        ]
-        if not own:
+        if each.name != "options":
             taken.append(each.replace(kind=each.KEYWORD_ONLY, annotation=hints[each.name]))
+            continue
+        for own in fields(kind):
+            hint = Annotated[theirs[own.name], own.metadata["option"]]  # pyright: ignore
+            taken.append(inspect.Parameter(own.name, each.KEYWORD_ONLY, default=own.default, annotation=hint))
 
     @functools.wraps(command)
     def spread(**given: Any) -> None:
