@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...car_log import DriveLog, Study, record_next
+from ...car_log import Study, record_next
 from ...car_log.criteria import Judgement, Verdict
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
@@ -115,13 +115,16 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     """A row a log, then each log held against the thresholds; of two logs also what changed."""
     rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each)) for each in studies]
     logs = [each.log for each in studies]
+    # as the file names them: a pedal that passes for the plate shows here
+    columns = [f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
+               for log in logs if log.columns]  # fmt: skip
     to_record = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells {lack.why}"
                  for lack in record_next(logs)]  # fmt: skip
     return stacked(
         rig_title(config, "logs from the car"),
         table("In per cent of the travel; +-: one standard error", ("log", *_HEADS), rows, paths=("log",), spare=_SPARE,
               file=_FILE),
-        sentences("Columns that were taken", [_columns(log) for log in logs if log.columns]),
+        sentences("Columns that were taken", columns),
         sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         *(part for each in studies for part in _answer(each)),
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
@@ -146,11 +149,6 @@ def _answer(each: Study) -> Iterator[RenderableType]:
     yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
     yield from dashed(says_of(each))
     yield from (headed(f"{each.log.name}: {one.caption}", shown(one)) for one in tables_of(each))
-
-
-def _columns(log: DriveLog) -> str:
-    """As the file names them: a pedal that passes for the plate shows here."""
-    return f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
 
 
 def _cells(each: Study) -> tuple[str, ...]:

@@ -150,15 +150,7 @@ def _sensors(panel: Axes, each: Study) -> None:
 def write_page(
     path: Path, config: RigConfig, studies: Sequence[Study], lacks: Sequence[Lack], drawn: Sequence[Sequence[Path]]
 ) -> None:
-    """Write drive.html.
-
-    Args:
-        path: of the page.
-        config: of the rig, or what stands for it.
-        studies: a log each.
-        lacks: what to record next.
-        drawn: pictures of each log.
-    """
+    """Write drive.html: a section a log with its pictures, and what to record next."""
     made = environment(("etcfit.reporting.car_log", "template"), ("etcfit.reporting.page", "template"))
     logs = [
         {

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried, Statement
+from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Statement
 from ...diagnosis.probabilities import CALIBRATED, in_words
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
@@ -23,6 +23,13 @@ _SHOWN = 5  # candidates a round
 def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     """A diagnosis for stdout."""
     after = diagnosis.after
+    ties = [f"{' = '.join(tie.effects)}: the fits differ by at most {max(tie.apart):.2g} times the noise. "
+            f"Told apart by: {tie.told_by}" for tie in diagnosis.ties]  # fmt: skip
+    sets = []  # of effects that were refitted beside what the rounds found
+    for tried in diagnosis.sets:
+        change = "does not compare" if tried.bic_change is None else f"BIC {tried.bic_change:+.1f}"
+        taken = "taken" if tried.taken else "not taken"
+        sets.append(f"Also tried: {' + '.join(tried.effects)} ({change}), {taken}.")
     model = " + ".join(["Eqs. 1-2", *diagnosis.final])
     ended = "The final fit converged", "THE FINAL FIT DID NOT CONVERGE"
     return stacked(
@@ -31,10 +38,10 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
         _how_sure(diagnosis),
         _ledger(ledger(diagnosis)),
         sentences("What no effect explains", _unexplained(diagnosis)),
-        sentences("Effects that these data cannot tell apart", list(_ties(diagnosis))),
+        sentences("Effects that these data cannot tell apart", ties),
         _rounds(diagnosis.rounds),
         *(_candidates(k, each) for k, each in enumerate(diagnosis.rounds, start=1)),
-        sentences("Looking back", [*diagnosis.removed, *map(_set, diagnosis.sets)]),
+        sentences("Looking back", [*diagnosis.removed, *sets]),
         _parameters(diagnosis.before, after),
         spaced(outcome(after.converged, ended, f"{after.reason}; chi2/dof {short(after.chi2_per_dof, 4)}")),
         sentences("Warnings", after.warnings),
@@ -80,20 +87,6 @@ def _unexplained(diagnosis: Diagnosis) -> list[str]:
         return []
     doubts = [f"In doubt beside it: {name}; the curve explains these data as well." for name in unknown.doubts]
     return [unknown.sentence, *doubts]
-
-
-def _ties(diagnosis: Diagnosis) -> Iterator[str]:
-    for tie in diagnosis.ties:
-        yield (
-            f"{' = '.join(tie.effects)}: the fits differ by at most {max(tie.apart):.2g} times the noise. "
-            f"Told apart by: {tie.told_by}"
-        )
-
-
-def _set(tried: SetTried) -> str:
-    """A set of effects that was refitted beside what the rounds found."""
-    change = "does not compare" if tried.bic_change is None else f"BIC {tried.bic_change:+.1f}"
-    return f"Also tried: {' + '.join(tried.effects)} ({change}), {'taken' if tried.taken else 'not taken'}."
 
 
 def _rounds(rounds: Sequence[RoundReport]) -> RenderableType:

@@ -17,12 +17,7 @@ _MOST = 20  # rows of units; fleet.json and the page have them all
 
 
 def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> RenderableType:
-    """A fleet for stdout.
-
-    Args:
-        content: fleet.json.
-        judgement: when a figure is called bad.
-    """
+    """fleet.json for stdout."""
     return stacked(
         _head(content, judgement),
         _population(content, judgement),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from markupsafe import Markup
@@ -194,7 +194,9 @@ def conditions_asked(pid: Mapping[str, Any]) -> list[str]:
     found = pid.get("conditions")
     if not found:
         return []
-    supply, winding, friction = (_range(found[key]) for key in ("supply_V", "winding_degC", "friction_over_bench"))
+    supply, winding, friction = (
+        " to ".join(map(_plain, found[key])) for key in ("supply_V", "winding_degC", "friction_over_bench")
+    )
     hardest = found["hardest"]
     said = (f"Supply {supply} V, winding {winding} °C, dry friction {friction} times the bench's. Hardest at "
             f"{_plain(hardest['supply_V'])} V, {_plain(hardest['winding_degC'])} °C, friction "
@@ -202,10 +204,6 @@ def conditions_asked(pid: Mapping[str, Any]) -> list[str]:
             f"{_percent(found['probability_met'])} % of the models, each under conditions of its own, meet "
             "everything.")  # fmt: skip
     return [said] if found["stable"] else [said, "Not stable at every corner."]
-
-
-def _range(ends: Sequence[float]) -> str:
-    return " to ".join(map(_plain, ends))
 
 
 def _plain(value: float) -> str:
@@ -270,17 +268,40 @@ def _percent(share: float) -> str:
 def _hardest(worst: Mapping[str, Any]) -> tuple[str, str, str, str]:
     """Unit, requirement, figure and limit."""
     of = FIGURES.get(worst["requirement"], FIGURES["gain_margin_db"])  # a loop that is not stable
-    return worst["unit"], of.name, _figure(worst["figure"], of.unit), f"{number(worst['limit'])} {of.unit}"
-
-
-def _figure(value: float | None, of: str) -> str:
-    return "never" if value is None else f"{number(value)} {of}"
+    figure = "never" if worst["figure"] is None else f"{number(worst['figure'])} {of.unit}"
+    return worst["unit"], of.name, figure, f"{number(worst['limit'])} {of.unit}"
 
 
 def safety_tables(pid: Mapping[str, Any]) -> list[Table]:
     """What the proposed gains do where something fails; nothing where the file is older than that."""
-    safe = pid.get("safety")
-    return [] if not safe else [_sensor_table(safe), _supply_table(safe), _unpowered_table(safe)]
+    safe, trips = pid.get("safety"), {None: "", True: "YES", False: "no"}
+    if not safe:
+        return []
+    sensor = [tuple(_or_never(each[key]) for key in ("opens_pct", "jam_after_s", "jam_opens_pct", "apart_after_s",
+                                                     "apart_opens_pct")) for each in safe["sensor"]]  # fmt: skip
+    supply = [tuple(_or_never(each[key]) for key in ("opening_pct", "closes_pct", "opens_pct", "back_after_s",
+                                                     "integral_pct")) for each in safe["supply"]]  # fmt: skip
+    unpowered = [tuple(_or_never(each[key]) for key in ("opening_pct", "open_terminals_s", "shorted_terminals_s"))
+                 for each in safe["unpowered"]]  # fmt: skip
+    return [
+        Table(
+            "The position sensor fails at a quarter of the travel",
+            ["", "opens to, %", "jam check tells after, s", "opens to, %", "two sensors tell after, s", "opens to, %"],
+            [(each["fault"], *cells) for each, cells in zip(safe["sensor"], sensor, strict=True)],
+        ),
+        Table(
+            "The supply sags",
+            ["", "held at, %", "falls by, %", "overshoots by, %", "back after, s", "integral, %", "taken for a jam"],
+            [(each["name"], *cells, trips[each["false_trip"]])
+             for each, cells in zip(safe["supply"], supply, strict=True)],
+        ),
+        Table(
+            "Without a current",
+            ["from, %", "open terminals, s", "shorted, s", "rests at, %"],
+            [(*cells, " to ".join(str(number(end)) for end in each["rests_pct"]))
+             for each, cells in zip(safe["unpowered"], unpowered, strict=True)],
+        ),
+    ]  # fmt: skip
 
 
 def jam_check(pid: Mapping[str, Any]) -> list[str]:
@@ -299,30 +320,6 @@ def jam_check(pid: Mapping[str, Any]) -> list[str]:
             f"{number(held['full_duty_W'])} W.")  # fmt: skip
     known = "" if held["heating_known"] else " How warm it becomes is not known: the model has no winding heating."
     return [said, heat + known]
-
-
-def _sensor_table(safe: Mapping[str, Any]) -> Table:
-    rows = [(each["fault"], *(_or_never(each[key]) for key in ("opens_pct", "jam_after_s", "jam_opens_pct",
-             "apart_after_s", "apart_opens_pct"))) for each in safe["sensor"]]  # fmt: skip
-    heads = ["", "opens to, %", "jam check tells after, s", "opens to, %", "two sensors tell after, s", "opens to, %"]
-    return Table("The position sensor fails at a quarter of the travel", heads, rows)
-
-
-def _supply_table(safe: Mapping[str, Any]) -> Table:
-    keys = ("opening_pct", "closes_pct", "opens_pct", "back_after_s", "integral_pct")
-    trips = {None: "", True: "YES", False: "no"}
-    rows = [
-        (each["name"], *(_or_never(each[key]) for key in keys), trips[each["false_trip"]]) for each in safe["supply"]
-    ]
-    heads = ["", "held at, %", "falls by, %", "overshoots by, %", "back after, s", "integral, %", "taken for a jam"]
-    return Table("The supply sags", heads, rows)
-
-
-def _unpowered_table(safe: Mapping[str, Any]) -> Table:
-    keys = ("opening_pct", "open_terminals_s", "shorted_terminals_s")
-    rows = [(*(_or_never(each[key]) for key in keys), " to ".join(str(number(end)) for end in each["rests_pct"]))
-            for each in safe["unpowered"]]  # fmt: skip
-    return Table("Without a current", ["from, %", "open terminals, s", "shorted, s", "rests at, %"], rows)
 
 
 def _or_never(value: float | None) -> str:

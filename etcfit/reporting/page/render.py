@@ -74,12 +74,7 @@ def to_record(logs: Mapping[str, Any]) -> list[str]:
 
 
 def render(contents: Contents, budget: int = BUDGET) -> str:
-    """The whole page, HTML.
-
-    Args:
-        contents: of the run folder.
-        budget: bytes that its pictures may take.
-    """
+    """The whole page, HTML; its pictures may take so many bytes."""
     made = environment(("etcfit.reporting.page", "template"))
     made.filters |= {"number": number, "symbol": symbol, "unit": unit}
     return made.get_template("page.html").render(**_parts(contents, budget))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from ..html import Table, measured, number, span, symbol, unit
@@ -85,34 +85,25 @@ Key = tuple[str, str, str]
 
 
 def ledger_table(contents: Contents) -> Table:
-    """Held-out traces first, then the fitted ones; each channel of each test pooled over its traces."""
-    diagnosis = contents.get("diagnosis")
+    """Held-out traces first, then the fitted ones; each channel of each test pooled over its traces; with a diagnosis
+    before and after it, else of the fit alone."""
+    rows: list[tuple[Any, ...]] = []
+    diagnosis, score = contents.get("diagnosis"), contents.files["fit"]["score"]
+    for which, part in (("held out", "holdout"), ("fitted", "fit")):
+        after = (diagnosis["after"] if diagnosis else score)[part]
+        shared = {row["file"] for row in after}  # a trace of another rig has no error afterwards
+        before = [row for row in diagnosis["before"][part] if row["file"] in shared] if diagnosis else after
+        now = _pools(after)
+        for (test, channel, of), was in _pools(before).items():
+            if (then := now.get((test, channel, of))) is not None:
+                pools = (was, then) if diagnosis else (then,)
+                rows.append((test, channel.replace("_", " "), which, was.traces, *(number(p.rms) for p in pools),
+                             unit(of), *(number(p.ratio) for p in pools)))  # fmt: skip
     if not diagnosis:
-        return _alone(contents.files["fit"]["score"])
+        head = ["test", "channel", "", "traces", "rms", "unit", "rms, σ"]
+        return Table("Free-running error of the fit, rms; σ is the noise of one sample", head, rows, 3)
     head = ["test", "channel", "", "traces", "before", "after", "unit", "before, σ", "after, σ"]
-    rows = [
-        (test, channel.replace("_", " "), which, was.traces, number(was.rms), number(now.rms), unit(of),
-         number(was.ratio), number(now.ratio))
-        for which, part in (("held out", "holdout"), ("fitted", "fit"))
-        for (test, channel, of), was, now in _pairs(diagnosis["before"][part], diagnosis["after"][part])
-    ]  # fmt: skip
     return Table("Free-running error, rms, before and after the diagnosis; σ is the noise of one sample", head, rows, 3)
-
-
-def _alone(score: Mapping[str, Any]) -> Table:
-    head = ["test", "channel", "", "traces", "rms", "unit", "rms, σ"]
-    rows = [
-        (test, channel.replace("_", " "), which, pool.traces, number(pool.rms), unit(of), number(pool.ratio))
-        for which, part in (("held out", "holdout"), ("fitted", "fit"))
-        for (test, channel, of), pool in _pools(score[part]).items()
-    ]
-    return Table("Free-running error of the fit, rms; σ is the noise of one sample", head, rows, 3)
-
-
-def _pairs(before: Any, after: Any) -> Iterable[tuple[Key, Pool, Pool]]:
-    shared = {row["file"] for row in after}  # a trace of another rig has no error afterwards
-    was, now = _pools([row for row in before if row["file"] in shared]), _pools(after)
-    return ((key, was[key], now[key]) for key in was if key in now)
 
 
 def _pools(rows: Any) -> dict[Key, Pool]:
