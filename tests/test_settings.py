@@ -47,7 +47,7 @@ from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
-from etcfit.reporting.fleet.words import Judgement
+from etcfit.reporting.fleet import Judgement
 
 KINDS: list[Any] = [
     AdviceSettings,

@@ -13,7 +13,7 @@ from ..experiment.advice import Advice, Pair
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..rig.base import Finding
 from .blocks import PlainTable, dashed, filled, headed, rig_title, sentences, spaced, stacked
-from .car_log.tables import good_enough
+from .car_log import good_enough
 from .numbers import short
 
 

@@ -64,7 +64,7 @@ def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closin
     lacks = record_next([each.log for each in studies])
     if len(studies) == 2:
         return Closing(verdict(*studies), _record(lacks, folder), look)
-    from ..car_log.tables import in_a_word
+    from ..car_log import in_a_word
 
     follows = [(each.tracking.rmse, each.log.name) for each in studies if each.tracking is not None]
     pairs = [each for each in studies if each.sensors is not None]

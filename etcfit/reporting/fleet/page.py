@@ -16,7 +16,7 @@ from ...files import plain, whole
 from ...fleets.config import ZERO_CELSIUS
 from .. import html, packed
 from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
-from .words import JUDGEMENT, Content, Judgement, title, verdict
+from . import JUDGEMENT, Content, Judgement, title, verdict
 
 if TYPE_CHECKING:
     import pandas as pd

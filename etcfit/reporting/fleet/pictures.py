@@ -21,8 +21,8 @@ from matplotlib.ticker import FuncFormatter
 
 from .. import style
 from ..numbers import Digits
+from . import Content, title
 from .page import Columns, SymbolColumns, limits_of
-from .words import Content, title
 
 if TYPE_CHECKING:
     import pandas as pd
