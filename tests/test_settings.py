@@ -46,7 +46,7 @@ from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
 from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
-from etcfit.reporting.fleet.words import Judgement
+from etcfit.reporting.fleet import Judgement
 
 KINDS: list[Any] = [
     AdviceSettings,

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Unexplained
 from ...estimation.identifiability import listed
-from ...problem.trace import Trace
 from .. import style
 from ..drawing import Job
 from ..numbers import short
@@ -218,13 +217,7 @@ _AXIS = {"angle": "plate angle", "speed": "plate speed", "load": "torque through
 
 
 def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], synthetic: bool) -> Figure:
-    """The curve and two standard deviations about it, over the range that was measured.
-
-    Args:
-        unknown: the curve.
-        travel: end stops, rad; infinite where there is none.
-        synthetic: the data were made up.
-    """
+    """The curve and two standard deviations about it, over the range that was measured; a missing stop is infinite."""
     x, axis_unit = _along(unknown, travel)
     factor, unit = prefixed(float(np.max(np.abs(unknown.curve))), unknown.unit)
     y, sd = factor * unknown.curve, factor * unknown.sd
@@ -302,10 +295,9 @@ def _overlays(d: Diagnosis) -> Iterator[Job]:
     every = all_traces(d.after)
     shown = [*(each.trace for each in d.aside), *(t for t in every if t.measurement.held_out)]
     driven = [t for t in every if not t.measurement.held_out and t.input and not t.test.boundary.plate_held]
-    driven.sort(key=lambda trace: -_worst(d, trace))
+    worst: dict[str, float] = {}
+    for row in d.before.score_fit:
+        worst[row.file] = max(worst.get(row.file, 0.0), row.rms / row.sigma)
+    driven.sort(key=lambda trace: -worst.get(trace.measurement.file, 0.0))
     for trace in (*shown, *driven[:_FITTED]):
         yield Path("traces") / file_name(trace), partial(overlay.draw, overlay.Overlay.of(d, trace))
-
-
-def _worst(d: Diagnosis, trace: Trace) -> float:
-    return max((row.rms / row.sigma for row in d.before.score_fit if row.file == trace.measurement.file), default=0.0)

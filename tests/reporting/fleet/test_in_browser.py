@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import fleet_pages as made
-from etcfit.reporting.fleet import write_fleet_page
+from etcfit.reporting.fleet.page import write_fleet_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
