@@ -21,6 +21,10 @@ from ..pool import Pool, grouped
 from ..traces import source
 
 DEGREES = 180.0 / np.pi
+# what something may depend on: its name, the unit in which it is shown, and how many of that are one of SI
+QUANTITIES = {"angle": ("plate angle", "deg", DEGREES), "speed": ("plate speed", "rad/s", 1.0),
+              "current": ("current", "A", 1.0), "load": ("torque through the gear", "N m", 1.0),
+              "time": ("time", "s", 1.0)}  # fmt: skip
 _SMALL = 0.2  # below which a thousandth is the better unit
 _THOUSANDTHS = ("N m", "V", "A")
 

@@ -22,7 +22,7 @@ from ..numbers import short
 from ..pictures import all_traces, file_name
 from ..pool import Pool
 from . import missing, overlay
-from .ledger import DEGREES, Entry, headline, ledger, prefixed
+from .ledger import DEGREES, QUANTITIES, Entry, headline, ledger, prefixed
 
 _ROW = 0.36  # inch
 
@@ -211,11 +211,6 @@ def _round_axes(panel: Axes, every: list[RoundPoint]) -> None:
     panel.set_ylabel("free-running error, rms [σ of one sample]")
 
 
-_SYMBOL = {"torque": "torque", "friction": "dry friction", "voltage": "voltage", "position": "position"}
-_AXIS = {"angle": "plate angle", "speed": "plate speed", "load": "torque through the gear", "current": "current",
-         "time": "time"}  # fmt: skip
-
-
 def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], synthetic: bool) -> Figure:
     """The curve and two standard deviations about it, over the range that was measured; a missing stop is infinite."""
     x, axis_unit = _along(unknown, travel)
@@ -231,8 +226,10 @@ def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], syntheti
     panel.fill_between(x, y - 2.0 * sd, y + 2.0 * sd, color=style.UNKNOWN, alpha=0.3, lw=0,
                        label="± 2 standard deviations")  # fmt: skip
     panel.plot(x, y, color="#8a2c6b", lw=2.4, label=f"unexplained, {short(factor * unknown.size)} {unit} rms in motion")
-    panel.set_xlabel(style.unit_label(_AXIS.get(unknown.depends_on, unknown.depends_on), axis_unit))
-    panel.set_ylabel(style.unit_label(f"unexplained {_SYMBOL.get(unknown.enters, unknown.enters)}", unit))
+    axis = QUANTITIES[unknown.depends_on][0] if unknown.depends_on in QUANTITIES else unknown.depends_on
+    panel.set_xlabel(style.unit_label(axis, axis_unit))
+    what = "dry friction" if unknown.enters == "friction" else unknown.enters
+    panel.set_ylabel(style.unit_label(f"unexplained {what}", unit))
     panel.set_xlim(float(np.min(x)), float(np.max(x)))
     panel.set_ylim(*_limits(y, sd))
     fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
