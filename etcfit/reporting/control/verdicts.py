@@ -9,7 +9,7 @@ from rich.text import Text
 from ...control.design import Design
 from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, Requirements
 from ...control.on_units import STABLE, OddOne, PartsVerdict, Share
-from ...run_folder.design import design_json
+from ...run_folder.pid import design_json
 from ..blocks import filled, headed, plain_table
 from ..numbers import short
 from .sentence import sentence
