@@ -17,7 +17,7 @@ from .candidate_model import CandidateModel
 from .evidence import is_white, motions
 from .exchange import exchanged, merged, pruned
 from .findings import Diagnosis, Question, SetTried, Unexplained
-from .free_sets import searched_free
+from .free_sets import FREE_SPREAD, searched_free
 from .model_discrepancy import formula_covariance, percent_off
 from .other_rig import Strange, clears, of_another_rig
 from .probabilities import SOMETHING_ELSE, UNSAID, besides, doubted, said
@@ -46,7 +46,7 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
         report("letting the final model run free", 0.95)
         known = problem.layout.coordinates({**s.values, **progress.free})
         x = min((x, known), key=lambda at: free_run_cost(problem, at))
-        problem, weighted, x, _ = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
+        problem, weighted, x, _ = freed(problem.guided(0.0), x, FREE_SPREAD, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)
     after = outcome(optimum)
@@ -254,7 +254,7 @@ def _told(
     s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
     slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
-    doubts = () if s.far else doubted(progress.rounds, present, settings)
+    doubts = () if s.far else doubted(progress.rounds, present)
     added, doubts, asked, chance = said(progress.rounds, present, doubts, left is not None, settings, slow)
     ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]

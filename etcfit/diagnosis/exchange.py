@@ -19,14 +19,20 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import alike, is_accepted
+from .choice import TIED_LIKELIHOOD, alike, is_accepted
 from .composition import Effect, resting
 from .loop import Round, screened
 from .model_discrepancy import formula_error_chi2
 from .refit import holds, refit_fully, refit_worsened
 from .score import Apart, distance_to, folds, left_out, score
-from .settings import DiagnosisSettings
 from .trial import Cost, Trial, TrialVerdict, bic_change, judged, tried
+
+# share of the fall of chi2 of the effect added that another must exceed to be compared in the final model
+EXCHANGE_RIVAL = 0.5
+# share of a signature that nothing at work can imitate, below which an effect may be put in place of two
+IMITATED = 0.05
+MERGES = 2  # such effects tried at most, the most imitated first
+HANDING_OVER = 8  # steps in which two effects are led to their off values
 
 
 @dataclass(frozen=True)
@@ -48,8 +54,8 @@ class Found:
     @classmethod
     def of(cls, turned: Round) -> Found:
         """What a round added."""
-        best, settings = turned.best, turned.before.settings
-        rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict, settings)}
+        best = turned.best
+        rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict)}
         ties = _apart(best, (t for t in turned.trials if t.verdict.effect in turned.choice.ties))
         return cls(best.verdict.effect, ties, -best.verdict.bic_change, rivals)
 
@@ -59,9 +65,9 @@ class Found:
         return replace(self, ties={effect: far for effect, far in self.ties.items() if effect not in at_work})
 
 
-def is_rival(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
-    """Whether another effect explained more than the share `exchange_rival` of what the one added did."""
-    return v.effect is not best.effect and v.gain > settings.exchange_rival * best.gain
+def is_rival(v: TrialVerdict, best: TrialVerdict) -> bool:
+    """Whether another effect explained more than the share `EXCHANGE_RIVAL` of what the one added did."""
+    return v.effect is not best.effect and v.gain > EXCHANGE_RIVAL * best.gain
 
 
 def _apart(best: Trial, ties: Iterable[Trial]) -> dict[Effect, Apart]:
@@ -78,7 +84,7 @@ class Preference(NamedTuple):
     ties: tuple[int, ...]
 
 
-def preference(here: TrialVerdict, others: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Preference:
+def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> Preference:
     """Which of an effect and its rivals explains most for its parameters, and which fit as well as that.
 
     The effect itself stays where the best is a tie with it and BIC does not choose between the two either: a formula
@@ -86,9 +92,9 @@ def preference(here: TrialVerdict, others: Sequence[TrialVerdict], settings: Dia
     """
     every = (here, *others)
     best = min(every, key=lambda v: v.bic_change)
-    even = here.bic_change - best.bic_change < settings.tied_likelihood
-    best = here if even and alike(here, best, settings) else best
-    ties = (k for k, v in enumerate(every) if v is not best and alike(v, best, settings))
+    even = here.bic_change - best.bic_change < TIED_LIKELIHOOD
+    best = here if even and alike(here, best) else best
+    ties = (k for k, v in enumerate(every) if v is not best and alike(v, best))
     return Preference(next(k for k, v in enumerate(every) if v is best), tuple(ties))
 
 
@@ -120,7 +126,7 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             continue
         report(f"asking again whether it is {each.effect.name}", 0.88)
         every = _beside(s, each.effect, rivals)
-        liked = preference(every[0].verdict, [t.verdict for t in every[1:]], s.settings)
+        liked = preference(every[0].verdict, [t.verdict for t in every[1:]])
         best = every[liked.best]
         if liked.best:
             new = refit_fully(best.model, report)
@@ -250,7 +256,7 @@ def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateM
     if not np.all(np.isfinite(goal)):
         return None
     free, reach = np.setdiff1d(np.arange(x.size), held), layout.reach(x)
-    for left in range(s.settings.handing_over, 0, -1):
+    for left in range(HANDING_OVER, 0, -1):
         r, _, jacobian = m.problem.linearise(x, m.weighted)
         columns, toward = jacobian.reshape(-1, x.size) * reach, (goal - x[held]) / left
         ahead = r.ravel() + columns[:, held] @ (toward / reach[held])
@@ -269,8 +275,8 @@ def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateM
 def _imitated(s: CandidateModel) -> Iterator[Effect]:
     """Effects not at work of which the parameters at work do nearly all, the most imitated first."""
     signatures = screened(s, [e for e in s.composition.candidates if not s.at_work(e)])
-    alike = sorted((g for g in signatures if 0.0 < g.own < s.settings.imitated), key=lambda g: g.own)
-    yield from (g.variant.effect for g in alike[: s.settings.merges])
+    alike = sorted((g for g in signatures if 0.0 < g.own < IMITATED), key=lambda g: g.own)
+    yield from (g.variant.effect for g in alike[:MERGES])
 
 
 def _worth(found: Sequence[Found], two: Two) -> float:

@@ -30,6 +30,7 @@ from ..problem.prediction_error import pooled, rows
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from .candidate_model import CandidateModel
+from .choice import TIED_LIKELIHOOD
 from .composition import Effect
 from .exchange import Found
 from .findings import RoundReport, SetTried
@@ -37,6 +38,8 @@ from .refit import refit_fully
 from .rounds import Progress
 from .score import holdout_worsened, independent
 from .settings import DiagnosisSettings
+
+FREE_SPREAD = 0.1  # of the search for the best free run, in units of each coordinate's reach (1: a change of 100 %)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +98,7 @@ def preferred(grown: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool
     change = bic_change(grown, own)
     if holdout_worsened(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
         return False
-    return change < -settings.tied_likelihood or (change < settings.tied_likelihood and grown.x.size < own.x.size)
+    return change < -TIED_LIKELIHOOD or (change < TIED_LIKELIHOOD and grown.x.size < own.x.size)
 
 
 def pool(rounds: Sequence[RoundReport], settings: DiagnosisSettings) -> tuple[str, ...]:
@@ -149,7 +152,7 @@ def searched_free(
     found = {e.name: e for e in first.composition.candidates}
     effects = tuple(found[name] for name in other.effects)
     lean = s.lean()
-    run = freed(lean.problem.guided(0.0), lean.x, settings.free_spread, result.settings)
+    run = freed(lean.problem.guided(0.0), lean.x, FREE_SPREAD, result.settings)
     own = FreeRun.of(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
     if set(effects) == set(s.added):
         return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), ()

@@ -37,7 +37,7 @@ from .composition import carried
 from .evidence import is_white
 from .findings import RigMistake, SetAside, Statement
 from .loop import screened
-from .refit import refit_fully, start_at
+from .refit import NEAR_CHI2_PER_DOF, refit_fully, start_at
 from .settings import DiagnosisSettings
 from .statements import Named, statement
 
@@ -118,7 +118,7 @@ def of_another_rig(
     """
     for places in _pieces(errors, s.settings):
         nearest = min(((_misfit_without(s, place, result), k, place) for k, place in enumerate(places)), default=None)
-        if nearest is None or not nearest[0] < s.settings.near_chi2_per_dof:
+        if nearest is None or not nearest[0] < NEAR_CHI2_PER_DOF:
             continue
         place = nearest[2]
         report(f"fitting without {place.words}", 0.9)
@@ -171,8 +171,8 @@ def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float
         begins.append((free.layout.off_bounds(free.layout.coordinates(values)), result.settings.late))
     left = np.inf
     for x, steps in begins:
-        left = min(left, left_without(problem, x, steps, place, result.settings, s.settings.near_chi2_per_dof))
-        if left < s.settings.near_chi2_per_dof:
+        left = min(left, left_without(problem, x, steps, place, result.settings, NEAR_CHI2_PER_DOF))
+        if left < NEAR_CHI2_PER_DOF:
             break
     return left
 
@@ -225,9 +225,9 @@ def _shown(
     here = _at(s, rest)
     traces, predicted = here.problem.batch.traces, here.problem.free_run(here.x)
     misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
-    if misfit < s.settings.near_chi2_per_dof or own is None:
+    if misfit < NEAR_CHI2_PER_DOF or own is None:
         return None
-    if own.chi2_per_dof > _most_left(misfit, result, s.settings):
+    if own.chi2_per_dof > _most_left(misfit, result):
         return None
     apart = _chi2_apart(others, start_at(own, s.settings))
     if (one is not None and _explains_all(one, result, apart)) or _one_effect_does(here, result, apart, report):
@@ -259,10 +259,10 @@ def _declared(problem: EstimationProblem) -> EstimationProblem:
     return replace(problem.guided(0.0), sigma=problem.batch.slots.sigma)
 
 
-def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) -> float:
+def _most_left(misfit: float, result: FitResult) -> float:
     """Most chi2 per degree of freedom that a body of its own may leave of a piece with this much in the others' model:
     what noise may be, or next to nothing of it, for a fit to one trace may stop a little short of its optimum."""
-    return max(result.settings.contradiction.compromise, min(_LEFT * misfit, settings.near_chi2_per_dof))
+    return max(result.settings.contradiction.compromise, min(_LEFT * misfit, NEAR_CHI2_PER_DOF))
 
 
 def _explains_all(s: CandidateModel, result: FitResult, apart: float) -> bool:
@@ -298,7 +298,7 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()
-        is_near = near.chi2_per_sample < settings.near_chi2_per_dof
+        is_near = near.chi2_per_sample < NEAR_CHI2_PER_DOF
         if is_near and _explains_all(refit_fully(near, report), result, apart):
             return True
     return False

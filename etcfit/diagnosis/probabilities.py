@@ -11,6 +11,10 @@ from ..problem.free_parameters import effect_named
 from .findings import Question, RoundReport, Whiteness
 from .settings import DiagnosisSettings
 
+BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
+LEAST_CREDIT = 0.5  # share of what is missing where it acts that a name must explain, beside what may be something else
+
+
 _WORTH_A_WORD = 0.02
 
 
@@ -55,14 +59,14 @@ def credits(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float
     return [_credit(k, rounds, added) for k in range(len(rounds))]
 
 
-def doubted(rounds: Sequence[RoundReport], added: Collection[str], settings: DiagnosisSettings) -> list[str]:
+def doubted(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
     """Names that stay in the model and are not said, for something else is likelier.
 
     Args:
         rounds, added: as of `credits`.
     """
     believed = zip(rounds, credits(rounds, added), strict=True)
-    return [str(each.added) for each, credit in believed if credit < settings.least_credit]
+    return [str(each.added) for each, credit in believed if credit < LEAST_CREDIT]
 
 
 def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
@@ -288,7 +292,7 @@ def _answers(
     that are not worth their parameters get no more than `missed` all together. One that was taken away again leaves
     what exceeds `missed` to something else.
     """
-    changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0, settings)
+    changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0)
                for c in each.candidates if c.bic_change is not None}  # fmt: skip
     best = changes.get(each.added, 0.0) if each.added is not None else 0.0
     weights = {e: math.exp(0.5 * (best - max(b, best))) for e, b in changes.items()}
@@ -303,6 +307,6 @@ def _answers(
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
 
 
-def _tempered(bic_change: float, prior: float, settings: DiagnosisSettings) -> float:
+def _tempered(bic_change: float, prior: float) -> float:
     """-2 ln w of an effect: its evidence tempered, its prior as it is."""
-    return (bic_change - prior) / settings.bic_temper + prior
+    return (bic_change - prior) / BIC_TEMPER + prior

@@ -33,6 +33,9 @@ from .screen import Background, Signature, ranked
 from .settings import DiagnosisSettings
 from .tangents import Tangents, Variant
 
+LATE_STRETCHES = 20  # equal parts of a trace: what is late must explain more than the one that gains most, one event
+
+
 RigEffect = type[AbstractRigEffect]
 
 
@@ -248,7 +251,7 @@ def of_one_event(s: CandidateModel, effect: Effect) -> float:
     gains = [
         np.sum(stretch)
         for old, new in zip(before, with_it, strict=True)
-        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), s.settings.late_stretches)
+        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), LATE_STRETCHES)
     ]
     return max(0.0, float(max(gains)))
 

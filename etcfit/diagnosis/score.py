@@ -16,6 +16,8 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 
+FOLD_TOLERANCE = 1e-3  # relative change of chi2 that ends a refit without one group
+
 
 @dataclass(frozen=True, eq=False)
 class Score:
@@ -145,7 +147,7 @@ def only(weighted: WeightedData, mask: np.ndarray) -> WeightedData:
 
 def refitted_without(s: CandidateModel, mask: np.ndarray) -> np.ndarray:
     """Coordinates, shape (P,), of the model refitted to the samples outside the mask, shape (T, L)."""
-    return minimise(s.problem, s.x, only(s.weighted, 1.0 - mask), s.settings.fold_tolerance)[0]
+    return minimise(s.problem, s.x, only(s.weighted, 1.0 - mask), FOLD_TOLERANCE)[0]
 
 
 def chi2_within(s: CandidateModel, x: np.ndarray, mask: np.ndarray) -> float:

@@ -24,9 +24,9 @@ from ..estimation.result import FitResult
 from ..model.parameters import parameters_of
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import Choice, Outcome, is_accepted
+from .choice import TIED_LIKELIHOOD, Choice, Outcome, is_accepted
 from .composition import Composition, Effect, resting
-from .exchange import Found
+from .exchange import EXCHANGE_RIVAL, Found
 from .findings import SetTried
 from .loop import Round, ScoredCandidates, score_candidates
 from .refit import holds, refit_fully
@@ -298,7 +298,7 @@ def compared_with(other: CandidateModel, s: CandidateModel) -> Comparison:
     if other.far or s.far:
         return Comparison(None, s.far and not other.far)
     here, there = score(s), s.with_effects(other.added, other.values).optimised()
-    after, asked = score(there), s.settings.tied_likelihood
+    after, asked = score(there), TIED_LIKELIHOOD
     change = bic_change(here, after, Cost(there.x.size - s.x.size, 1))
     if holdout_worsened(after.holdout_rms, here.holdout_rms, s.settings.refit_rise):
         return Comparison(change, False)
@@ -348,11 +348,11 @@ def rivals(
     Args:
         every: pairs, the largest gain first.
         promise: what each explains alone.
-        settings: `exchange_rival`, and `refits` as the most of them.
+        settings: `refits` as the most of them.
     """
     (other,) = (e for e in pair.effects if e is not effect)
     alone = promise.alone[other]
-    asked = settings.exchange_rival * (pair.gain - alone)
+    asked = EXCHANGE_RIVAL * (pair.gain - alone)
     found = {}
     for p in every:
         if other in p.effects and effect not in p.effects and p.gain - alone > asked:

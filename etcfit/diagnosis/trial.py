@@ -29,6 +29,10 @@ from .score import Score, score
 from .settings import DiagnosisSettings
 from .tangents import variants
 
+# held-out chi2 may rise by this share of what chi2 of the fitted traces falls: they may not show the effect
+SPARED_GAIN = 0.01
+
+
 _FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake of which no check says anything
 
 _IN_ONE_PLACE = 25.0  # times less probable: one of hundreds of such places
@@ -96,9 +100,9 @@ class TrialVerdict:
         """Whether BIC falls by enough for the effect to be worth its parameters."""
         return self.bic_change < settings.strong_bic_change
 
-    def helps_elsewhere(self, settings: DiagnosisSettings) -> bool:
+    def helps_elsewhere(self) -> bool:
         """Whether held-out traces do not contradict it; they need not show it: not every trace reaches a stop."""
-        spared = self.holdout_chi2_change is None or self.holdout_chi2_change < settings.spared_gain * self.gain
+        spared = self.holdout_chi2_change is None or self.holdout_chi2_change < SPARED_GAIN * self.gain
         return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack)
 
 

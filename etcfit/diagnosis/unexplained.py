@@ -25,13 +25,22 @@ from .composition import Effect, compose
 from .evidence import signals
 from .findings import Discrepancy, Unexplained
 from .loop import screened
-from .model_discrepancy import Curve, CurveDiscrepancy, curve_discrepancy
+from .model_discrepancy import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
 from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Signature
 from .settings import DiagnosisSettings
 from .tangents import fitted_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judged
+
+CURVE_REFITS = 1  # smooth curves refitted, the most promising first
+NAME_KEEPS = 0.9  # share of the log-likelihood gained by a free curve which one effect must gain to keep its name
+# an effect whose BIC fell so many times more than a curve adds keeps its name unquestioned: k / (1 - k)
+SURELY_NAMED = NAME_KEEPS / (1.0 - NAME_KEEPS)
+# share of the log-likelihood gained by one curve which all effects together must gain to keep their names
+NAMES_HOLD = 0.8
+CURVE_ASKED = 1.5  # chi2 per sample of the final model from which on one curve is compared with all effects
+
 
 _POINTS = 60  # of the curve that is drawn
 
@@ -52,7 +61,7 @@ def unexplained(
     best = _best(s, before)
     if best is None:
         return None
-    asked = questioned(s.added, worth, best.verdict.bic_change, s.settings)
+    asked = questioned(s.added, worth, best.verdict.bic_change)
     return _finding(best, tuple(e.name for e in asked if _in_doubt(s, e, before)))
 
 
@@ -62,7 +71,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     Names found one after the other may each imitate a part of something that has none. Names that brought a model near
     its data give way only to a curve that does so too: far from the data a guided residual is no proof.
     """
-    if not s.added or not much_is_left(None if s.far else s.chi2_per_sample, s.settings):
+    if not s.added or not much_is_left(None if s.far else s.chi2_per_sample):
         return None
     report("asking whether one curve explains more than all effects found", 0.88)
     bare = widened(result, first)
@@ -71,7 +80,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     if curve is None:
         return None
     named = first.with_effects(s.added, s.values).optimised()
-    if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2, s.settings):
+    if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2):
         return None
     if first.far and not s.far and refit_worsened(refit_fully(curve.model, report), s):
         return None
@@ -92,10 +101,8 @@ def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) ->
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
-def questioned(
-    added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float, settings: DiagnosisSettings
-) -> list[Effect]:
-    """Effects that a curve may put in doubt: those whose BIC fell less than `surely_named` times what it adds.
+def questioned(added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float) -> list[Effect]:
+    """Effects that a curve may put in doubt: those whose BIC fell less than `SURELY_NAMED` times what it adds.
 
     With the effect a curve explains no less than alone, so one that explained nearly all of both is not in doubt.
 
@@ -103,34 +110,34 @@ def questioned(
         worth: by how much BIC fell when each was added.
         curve_bic_change: of the curve beside them all; below 0.
     """
-    return [e for e in added if worth[e] < -settings.surely_named * curve_bic_change]
+    return [e for e in added if worth[e] < -SURELY_NAMED * curve_bic_change]
 
 
-def in_doubt(bare: float, named: float, curve: float | None, settings: DiagnosisSettings) -> bool:
+def in_doubt(bare: float, named: float, curve: float | None) -> bool:
     """Whether a curve explains clearly more than a named effect: ln(named/bare) > 0.9 ln(curve/bare), both negative.
 
     Args:
         bare, named, curve: chi2 without the effect, with it, and with the best curve in its place; None: there is none.
-        settings: what decides; 0.9 is `name_keeps`.
+        settings: what decides; 0.9 is `NAME_KEEPS`.
     """
     if curve is None:
         return False
-    return bool(np.log(named / bare) > settings.name_keeps * np.log(curve / bare))
+    return bool(np.log(named / bare) > NAME_KEEPS * np.log(curve / bare))
 
 
-def much_is_left(chi2_per_sample: float | None, settings: DiagnosisSettings) -> bool:
+def much_is_left(chi2_per_sample: float | None) -> bool:
     """Whether it is worth asking if one curve does more than all names; None: far from the data, where it always is."""
-    return chi2_per_sample is None or not chi2_per_sample < settings.curve_asked
+    return chi2_per_sample is None or not chi2_per_sample < CURVE_ASKED
 
 
-def one_curve_does_more(bare: float, named: float, curve: float, settings: DiagnosisSettings) -> bool:
+def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
     """Whether all effects together do clearly less than one curve: not ln(named/bare) < 0.8 ln(curve/bare).
 
     Args:
         bare, named, curve: chi2 of the first model, of that with all effects, and of that with the curve instead.
-        settings: what decides; 0.8 is `names_hold`.
+        settings: what decides; 0.8 is `NAMES_HOLD`.
     """
-    return not np.log(named / bare) < settings.names_hold * np.log(curve / bare)  # both are negative
+    return not np.log(named / bare) < NAMES_HOLD * np.log(curve / bare)  # both are negative
 
 
 # ---- models with a curve
@@ -143,7 +150,7 @@ def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
 
 def _best(s: CandidateModel, before: Score) -> Trial | None:
     """The smooth curve that helps most, if any is worth it."""
-    likely = screened(s, curves(s.composition.candidates))[: s.settings.curve_refits]
+    likely = screened(s, curves(s.composition.candidates))[:CURVE_REFITS]
     worth_it = [g for g in likely if promises(g, before, s.settings)]
     trials = concurrently(lambda g: _tried(s, g, before), worth_it)
     best = best_curve([t.verdict for t in trials], s.settings)
@@ -161,7 +168,7 @@ def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
     less = s.without(effect).optimised()
     bare = score(less)
     curve = _best(less, bare)
-    return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2, s.settings)
+    return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2)
 
 
 # ---- the finding
@@ -319,6 +326,6 @@ def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDis
     each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
     seen = np.asarray(lean.weighted.slots.weight) > 0.0
     events = np.zeros(seen.shape, dtype=int)
-    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):
+    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(CURVE_STRETCHES)):
         events[stretch, lane] = number
-    return curve_discrepancy(r, jacobian, priors, each, events[seen], s.settings)
+    return curve_discrepancy(r, jacobian, priors, each, events[seen])

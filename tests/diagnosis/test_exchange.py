@@ -56,31 +56,31 @@ def found(effect: type, *rivals: type) -> Found:
 
 def test_a_rival_that_explains_more_is_preferred() -> None:
     here, air = verdict(GRAVITY, -500.0, chi2=1100.0), verdict(AIR, -590.0, chi2=1000.0)
-    assert preference(here, [verdict(LIMP, -450.0, chi2=1150.0), air], SETTINGS) == (2, ())
+    assert preference(here, [verdict(LIMP, -450.0, chi2=1150.0), air]) == (2, ())
     assert gave_way(here, air) == "gravity_load gave way to airflow_torque, which explains more (BIC -90.0)."
 
 
 def test_a_rival_that_does_as_well_is_a_tie_and_the_effect_stays() -> None:
     here = verdict(GRAVITY, -500.0, chi2=1000.0)
     others = [verdict(AIR, -503.0, chi2=996.0), verdict(LIMP, -400.0, chi2=1100.0)]
-    assert preference(here, others, SETTINGS) == (0, (1,))
+    assert preference(here, others) == (0, (1,))
 
 
 def test_a_rival_that_fits_as_well_with_fewer_parameters_is_preferred_and_stays_tied() -> None:
     """Two parameters less are worth 2 ln n of BIC; the likelihoods differ by hardly anything."""
     here, air = verdict(LIMP, -500.0, chi2=998.0), verdict(AIR, -515.0, chi2=1000.0)
-    assert preference(here, [air], SETTINGS) == (1, (0,))
+    assert preference(here, [air]) == (1, (0,))
 
 
 def test_an_effect_may_be_tied_to_the_rival_that_takes_its_place() -> None:
     """Ties are those of the one preferred, whoever it was before."""
     here = verdict(GRAVITY, -400.0, chi2=1100.0)
     others = [verdict(AIR, -590.0, chi2=1000.0), verdict(LIMP, -588.0, chi2=1002.0)]
-    assert preference(here, others, SETTINGS) == (1, (2,))
+    assert preference(here, others) == (1, (2,))
 
 
 def test_without_a_rival_that_stands_the_effect_stays() -> None:
-    assert preference(verdict(GRAVITY, -500.0), [], SETTINGS) == (0, ())
+    assert preference(verdict(GRAVITY, -500.0), []) == (0, ())
 
 
 def test_an_effect_that_takes_anothers_place_is_found_when_that_was() -> None:
@@ -100,8 +100,8 @@ def test_a_tie_with_an_effect_at_work_is_a_tie_no_longer() -> None:
 @pytest.mark.parametrize(("gain", "rival"), [(51.0, True), (49.0, False), (math.nan, False)])
 def test_rivals_are_those_that_explained_half_as_much(gain: float, rival: bool) -> None:
     best = verdict(LIMP, -500.0, gain=100.0)
-    assert is_rival(verdict(AIR, -9.0, gain=gain), best, SETTINGS) is rival
-    assert not is_rival(best, best, SETTINGS)
+    assert is_rival(verdict(AIR, -9.0, gain=gain), best) is rival
+    assert not is_rival(best, best)
 
 
 def test_what_a_round_found_knows_its_ties_and_where_its_rivals_were(model: CandidateModel) -> None:

@@ -188,10 +188,13 @@ def test_a_round_that_adds_nothing_leaves_the_model_that_it_began_with(model: Ca
 
 
 @pytest.mark.slow
-def test_a_turn_screens_its_candidates_and_says_what_it_tried(small: CandidateModel) -> None:
+def test_a_turn_screens_its_candidates_and_says_what_it_tried(
+    small: CandidateModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its only trace was drawn by hand, so the only candidate promises something."""
     said: list[str] = []
-    s = replace(small.optimised(), settings=replace(small.settings, least_promise=0.0))
+    monkeypatch.setattr("etcfit.diagnosis.choice.LEAST_PROMISE", 0.0)
+    s = small.optimised()
     turned = run_round(s, lambda text, share: said.append(text))
     assert said[:2] == ["screening 1 effects", "refitting with gravity_load"]
     assert [g.variant.effect for g in turned.screened] == [GRAVITY]

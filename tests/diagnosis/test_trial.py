@@ -94,7 +94,7 @@ def test_held_out_traces_must_not_contradict(
     held_out: float | None, ratio: float | None, slack: float, helps: bool
 ) -> None:
     v = verdict(LIMP, -100.0, holdout_chi2_change=held_out, holdout_rms_ratio=ratio, slack=slack)
-    assert v.helps_elsewhere(SETTINGS) is helps
+    assert v.helps_elsewhere() is helps
 
 
 @pytest.mark.parametrize(("bic", "strong"), [(-10.1, True), (-10.0, False), (-9.9, False), (math.nan, False)])
@@ -175,7 +175,7 @@ def test_a_mistake_far_less_usual_is_no_tie_however_alike_the_fits() -> None:
     best = replace(diagnoses.verdict(RESISTOR, -1000.0), prior=0.0)
     for prior, tied in ((4.0, True), (20.0, False)):
         other = replace(diagnoses.verdict(GAIN, -1000.0 + prior), prior=prior)
-        assert alike(other, best, DEFAULT) is tied
+        assert alike(other, best) is tied
 
 
 def test_the_prior_is_not_tempered() -> None:
