@@ -32,7 +32,6 @@ from etcfit.control.settings import (
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,
@@ -56,7 +55,6 @@ KINDS: list[Any] = [
     PlanSettings,
     GuessSettings,
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,

@@ -97,12 +97,12 @@ def _end(
 
         reached = no_higher_than_smaller(rig, begun.model, reached, model_of, end_of, report, settings)
     trusted = not reached.end.far
-    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
+    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
         rig, (traces, held_out, _) = clocked.rig, ready(clocked.rig)
         reached = _fitted_again(rig, traces, reached, settings)
-        decided = with_edges_on_samples(rig, reached, clocked.places, settings.edges)
+        decided = with_edges_on_samples(rig, reached, clocked.places)
         if decided is not None:  # a phase at the end of its interval is no free parameter
             rig, (traces, held_out, _) = decided.rig, ready(decided.rig)
             reached = _fitted_again(rig, traces, reached._replace(x=decided.x), settings)

@@ -395,8 +395,8 @@ def _of_residuals(
 
 
 def _of_another_session(optimum: Optimum, told: _Predictions) -> list[str]:
-    errors, settings = (told.score_fit, told.score_holdout), optimum.settings.session
-    found = drives_of_another_session(optimum.problem, optimum.x, optimum.held_out, errors, settings)
+    errors = told.score_fit, told.score_holdout
+    found = drives_of_another_session(optimum.problem, optimum.x, optimum.held_out, errors)
     return [each.words for each in found]
 
 
