@@ -166,14 +166,40 @@ def choose(
     proven = [v for v in main if v.score.chi2 < most]
     if proven:
         return _added(proven)
-    # the best of those that came furthest is spoken of
+    return _none_added(main, good, strong, verdicts, settings)
+
+
+def _none_added(
+    main: Sequence[TrialVerdict],
+    good: Sequence[TrialVerdict],
+    strong: Sequence[TrialVerdict],
+    tried: Sequence[TrialVerdict],
+    settings: DiagnosisSettings,
+) -> Choice:
+    """Why nothing is added: a sentence on the best of those that came furthest."""
+    outcome, why = Outcome.NO_PROMISE, "No effect of the catalogue promises to explain anything more."
     if main:
-        return _not_proven(main[0])
-    if good:
-        return _small_part(good[0])
-    if strong:
-        return _contradicted(strong[0])
-    return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
+        outcome, v = Outcome.NOT_PROVEN, main[0]
+        why = (
+            f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact "
+            "formula of an effect found before would leave: not proven."
+        )
+    elif good:
+        outcome, v = Outcome.SMALL_PART, good[0]
+        why = (
+            f"{v.effect.name} does best, but explains less than {100 * least_part(v.effect):.0f} % of what it leaves: "
+            "what is missing is something else."
+        )
+    elif strong:
+        outcome = Outcome.CONTRADICTED
+        why = f"{strong[0].effect.name} helps on the fitted traces only, not on those held out."
+    elif tried:
+        outcome, v = Outcome.NOT_WORTH_IT, tried[0]
+        why = (
+            f"{v.effect.name} does best, but is not worth its parameters "
+            f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
+        )
+    return Choice(outcome, None, (), why)
 
 
 def least_part(effect: Effect) -> float:
@@ -191,40 +217,6 @@ def in_turn(
         return (choice,)
     rest = [v for v in verdicts if v.effect is not choice.effect]
     return (choice, *(c for c in in_turn(rest, settings, most, noise) if c.effect is not None))
-
-
-def _no_promise() -> Choice:
-    return Choice(Outcome.NO_PROMISE, None, (), "No effect of the catalogue promises to explain anything more.")
-
-
-def _not_worth_it(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
-    why = (
-        f"{v.effect.name} does best, but is not worth its parameters "
-        f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
-    )
-    return Choice(Outcome.NOT_WORTH_IT, None, (), why)
-
-
-def _contradicted(v: TrialVerdict) -> Choice:
-    why = f"{v.effect.name} helps on the fitted traces only, not on those held out."
-    return Choice(Outcome.CONTRADICTED, None, (), why)
-
-
-def _small_part(v: TrialVerdict) -> Choice:
-    why = (
-        f"{v.effect.name} does best, but explains less than {100 * least_part(v.effect):.0f} % of what it "
-        "leaves: "
-        "what is missing is something else."
-    )
-    return Choice(Outcome.SMALL_PART, None, (), why)
-
-
-def _not_proven(v: TrialVerdict) -> Choice:
-    why = (
-        f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact formula "
-        "of an effect found before would leave: not proven."
-    )
-    return Choice(Outcome.NOT_PROVEN, None, (), why)
 
 
 def _added(proven: Sequence[TrialVerdict]) -> Choice:

@@ -27,13 +27,10 @@ def stated_effects(
         effect: effect.stated[finding.kind](finding.size)
         for finding in findings
         for effect in families
-        if finding.kind in effect.stated and _is_at_its_place(finding, effect)
+        if finding.kind in effect.stated
+        and (effect.place.test, effect.place.file) == (finding.test or "", "")
+        and effect.place.channel in ("", finding.channel)
     }
-
-
-def _is_at_its_place(finding: Finding, effect: type[AbstractRigEffect]) -> bool:
-    place = effect.place
-    return place.test == (finding.test or "") and place.channel in ("", finding.channel) and not place.file
 
 
 # ---- Every effect that a rig could show, and the models that have some of them in it

@@ -22,7 +22,7 @@ from .model_discrepancy import formula_covariance, percent_off
 from .other_rig import Strange, clears, of_another_rig
 from .probabilities import SOMETHING_ELSE, UNSAID, besides, doubted, said
 from .refit import start
-from .rounds import Keep, Progress, first_from_checks, forget, forward, names
+from .rounds import Keep, Progress, first_from_checks, forget, forward
 from .score import score, tie_covariance
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
@@ -161,7 +161,8 @@ def diagnose(
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
     if progress.model.added and runs_free_worse(after, result, settings):
-        worse = f"Run free, the model with {names(progress.model)} is further from the data: all taken away again."
+        added = listed(e.name for e in progress.model.added)
+        worse = f"Run free, the model with {added} is further from the data: all taken away again."
         progress = progress.back_to(first, worse)
         left, after = unexplained(result, first, {}, report), result
     rest = Allowed(after)

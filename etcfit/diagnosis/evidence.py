@@ -194,14 +194,10 @@ def is_white(s: CandidateModel) -> bool:
     return all(row.white for row in _rows(s, along))
 
 
-def _weighed_down(s: CandidateModel) -> np.ndarray:
-    """Factor by which each sample was weighed down, shape (T, L, M): a residual is judged by its noise alone."""
-    return s.problem.sigma / s.problem.batch.slots.sigma
-
-
 def _rows(s: CandidateModel, along: Sequence[Signals]) -> list[Whiteness]:
-    """Each channel of each trace."""
-    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed_down(s) if s.far else 1.0))
+    """Each channel of each trace, judged by its noise alone: far from the data samples were weighed down."""
+    weighed_down = s.problem.sigma / s.problem.batch.slots.sigma if s.far else 1.0
+    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * weighed_down)
     out = []
     for trace, part, signal in zip(s.problem.batch.traces, r, along, strict=True):
         for m, channel in enumerate(trace.channels):
@@ -239,18 +235,10 @@ def whiteness(place: Place, r: np.ndarray, logged: np.ndarray, along: Signals) -
     return Whiteness(*place, own.size, size, box, name, rho, p, white)
 
 
-class Correlated(NamedTuple):
-    """A signal and a residual's correlation coefficient with it."""
-
-    name: str
-    rho: float
-
-
-def strongest(r: np.ndarray, regressors: Signals) -> Correlated:
-    """The signal with which a residual correlates most, whatever the sign; all of shape (n,)."""
+def strongest(r: np.ndarray, regressors: Signals) -> tuple[str, float]:
+    """The signal with which a residual correlates most, whatever the sign, and the coefficient; all of shape (n,)."""
     every = {name: correlation(r, signal) for name, signal in regressors.items()}
-    name = max(every, key=lambda key: abs(every[key]))
-    return Correlated(name, every[name])
+    return max(every.items(), key=lambda item: abs(item[1]))
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:

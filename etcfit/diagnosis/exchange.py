@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
@@ -77,15 +76,8 @@ def _apart(best: Trial, ties: Iterable[Trial]) -> dict[Effect, Apart]:
 # ---- one effect given up for another
 
 
-class Preference(NamedTuple):
-    """Of an effect (number 0) and its rivals (1, 2, ...): the one preferred, and those tied to it."""
-
-    best: int
-    ties: tuple[int, ...]
-
-
-def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> Preference:
-    """Which of an effect and its rivals explains most for its parameters, and which fit as well as that.
+def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> tuple[int, tuple[int, ...]]:
+    """Which of an effect (0) and its rivals (1, 2, ...) explains most for its parameters, and which fit as well.
 
     The effect itself stays where the best is a tie with it and BIC does not choose between the two either: a formula
     with more parameters may fit as well as the right one.
@@ -95,7 +87,7 @@ def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> Preference
     even = here.bic_change - best.bic_change < TIED_LIKELIHOOD
     best = here if even and alike(here, best) else best
     ties = (k for k, v in enumerate(every) if v is not best and alike(v, best))
-    return Preference(next(k for k, v in enumerate(every) if v is best), tuple(ties))
+    return next(k for k, v in enumerate(every) if v is best), tuple(ties)
 
 
 def in_place(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
@@ -109,12 +101,8 @@ def gave_way(old: TrialVerdict, new: TrialVerdict) -> str:
     return f"{old.effect.name} gave way to {new.effect.name}, which explains more (BIC {more:+.1f})."
 
 
-class LookBack(NamedTuple):
-    """The model after looking back, the effects in it, and a sentence for each exchange."""
-
-    model: CandidateModel
-    found: tuple[Found, ...]
-    sentences: tuple[str, ...]
+# the model after looking back, the effects in it, and a sentence for each exchange
+LookBack = tuple[CandidateModel, tuple[Found, ...], tuple[str, ...]]
 
 
 def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
@@ -126,17 +114,17 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             continue
         report(f"asking again whether it is {each.effect.name}", 0.88)
         every = _beside(s, each.effect, rivals)
-        liked = preference(every[0].verdict, [t.verdict for t in every[1:]])
-        best = every[liked.best]
-        if liked.best:
+        chosen, tied = preference(every[0].verdict, [t.verdict for t in every[1:]])
+        best = every[chosen]
+        if chosen:
             new = refit_fully(best.model, report)
             if not holds(new, s, score(s)) or contradicted(best.model, s):
                 continue
             words.append(gave_way(every[0].verdict, best.verdict))
             s = replace(new, added=in_place(s.added, each.effect, best.verdict.effect))
-        ties = _apart(best, (every[tie] for tie in liked.ties))
+        ties = _apart(best, (every[tie] for tie in tied))
         now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
-    return LookBack(s, tuple(each.told_apart_from(s.added) for each in now), tuple(words))
+    return s, tuple(each.told_apart_from(s.added) for each in now), tuple(words)
 
 
 def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]) -> tuple[Trial, ...]:
@@ -155,16 +143,9 @@ def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
 # ---- one effect taken away
 
 
-class Pruned(NamedTuple):
-    """The model after pruning, and a sentence for each effect taken away."""
-
-    model: CandidateModel
-    sentences: tuple[str, ...]
-
-
-def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Pruned:
+def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
     """Take away each added effect that is no longer worth its parameters, the others at work, or does no more than
-    inexact formulas of the others would leave. One that was found alone stays.
+    inexact formulas of the others would leave; a sentence for each. One that was found alone stays.
 
     Args:
         first_chi2_per_dof: of the first fit.
@@ -179,7 +160,7 @@ def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Prun
             rest = "" if change < 0.0 else ", but for no more than inexact formulas leave"
             words.append(f"{effect.name} was taken away again: what came after explains it{rest} (BIC {change:+.1f}).")
             s = new
-    return Pruned(s, tuple(words))
+    return s, tuple(words)
 
 
 def idle(bic_change: float, lost: float, blurred: float) -> bool:
@@ -218,7 +199,7 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
         found: the effects added, and what is known of them.
     """
     if s.far or len(s.added) < 2:
-        return LookBack(s, tuple(found), ())
+        return s, tuple(found), ()
     before = score(s)
     for one in _imitated(s):
         for two in combinations(s.added, 2):
@@ -229,10 +210,9 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
             new = refit_fully(new, report)
             if not holds(new, s, before) or contradicted(new, s):
                 continue
-            return LookBack(
-                new, (*found, Found(one, {}, _worth(found, two) - change, {})), (gave_way_to_one(two, one, change),)
-            )
-    return LookBack(s, tuple(found), ())
+            worth = sum(each.worth for each in found if each.effect in two) - change
+            return new, (*found, Found(one, {}, worth, {})), (gave_way_to_one(two, one, change),)
+    return s, tuple(found), ()
 
 
 def cost(s: CandidateModel, two: Two, one: Effect) -> Cost:
@@ -277,7 +257,3 @@ def _imitated(s: CandidateModel) -> Iterator[Effect]:
     signatures = screened(s, [e for e in s.composition.candidates if not s.at_work(e)])
     alike = sorted((g for g in signatures if 0.0 < g.own < IMITATED), key=lambda g: g.own)
     yield from (g.variant.effect for g in alike[:MERGES])
-
-
-def _worth(found: Sequence[Found], two: Two) -> float:
-    return sum(each.worth for each in found if each.effect in two)

@@ -133,11 +133,10 @@ def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:
     if not folds(s) or not any(strong):
         return list(trials)
     base = left_out(s)
-    return [_with_change(t, left_out(t.model) - base) if good else t for t, good in zip(trials, strong, strict=True)]
-
-
-def _with_change(trial: Trial, change: float) -> Trial:
-    return replace(trial, verdict=replace(trial.verdict, holdout_chi2_change=change))
+    return [
+        replace(t, verdict=replace(t.verdict, holdout_chi2_change=left_out(t.model) - base)) if good else t
+        for t, good in zip(trials, strong, strict=True)
+    ]
 
 
 Starts = Mapping[Effect, Mapping[str, float]]  # values to start a refit from, SI by symbol
@@ -165,12 +164,8 @@ def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) 
 
 
 def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score, report: Report) -> Trial:
-    return _asked_again(s, tried(s, effect, values, before), before, report)
-
-
-def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report) -> Trial:
-    """The trial, or the second one of an effect that deserves it and stands there."""
-    effect, settings = trial.verdict.effect, s.settings
+    """The trial, or the second one of an effect that deserves it and is accepted there."""
+    trial, settings = tried(s, effect, values, before), s.settings
     if not deserves_second_trial(trial.verdict, before, s.far, settings):
         return trial
     report(f"refitting with {effect.name} in full", 0.8)

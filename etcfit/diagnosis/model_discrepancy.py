@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, optimize
@@ -296,17 +295,10 @@ def most_likely(left: _Left) -> np.ndarray:
     Which of them it is need not be decided: curves over related axes share what they can all do.
     """
     system = _Likelihood.of(left, -2.0 * np.log(LARGE_CURVE))
-    every = system.fitted()
-    one_event = max(0.0, float(np.max(left.by_event(every.tau), initial=0.0)))
-    needed = float(system.y @ system.y) - every.cost - one_event
-    return every.tau if needed > CURVE_EVIDENCE else np.zeros_like(every.tau)
-
-
-class _Fitted(NamedTuple):
-    """tau where the cost is least, and the cost there."""
-
-    tau: np.ndarray
-    cost: float
+    tau, cost = system.fitted()
+    one_event = max(0.0, float(np.max(left.by_event(tau), initial=0.0)))
+    needed = float(system.y @ system.y) - cost - one_event
+    return tau if needed > CURVE_EVIDENCE else np.zeros_like(tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,13 +323,13 @@ class _Likelihood:
         units = np.stack([w @ w.T / left.noise for w in each])
         return cls(left.turn.T @ left.across / np.sqrt(left.noise), units, price)
 
-    def fitted(self) -> _Fitted:
-        """At the least cost."""
+    def fitted(self) -> tuple[np.ndarray, float]:
+        """tau where the cost is least, and the cost there."""
         power = np.maximum(np.trace(self.units, axis1=1, axis2=2), 1e-300)
         start = np.minimum(np.sqrt(max(float(self.y @ self.y), 1.0) / (len(power) * power)), 1.0)
         bounds = [(0.0, _LARGEST)] * start.size
         found = optimize.minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        return _Fitted(found.x, float(found.fun))
+        return found.x, float(found.fun)
 
     def _cost(self, tau: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient."""

@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report, fit_near
 from ..estimation.result import FitResult
 from ..model.parameters import parameters_of
@@ -30,20 +29,14 @@ from .score import Apart, Score, score
 from .trial import Trial, judged
 
 
-class Unmasked(NamedTuple):
-    """A round that adds an effect hidden by the guide, and the model after it."""
-
-    turned: Round
-    model: CandidateModel
-
-
 def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
     """The candidates that a run drawn along the measured angle does not show."""
     return tuple(effect for effect in candidates if effect.hidden)
 
 
-def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
-    """The effect hidden by the guide with which a fit comes nearest to the data; None where none comes near.
+def hidden(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
+    """A round that adds the effect hidden by the guide with which a fit comes nearest to the data, and the model after
+    it; None where none comes near.
 
     Several may: two gains that read half bend the data much as one gear does. So while more than noise is left the
     next one is tried too.
@@ -62,7 +55,7 @@ def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
     )
     seen = tuple(g for g in turned.screened if g.variant.effect is found.effect)
     choice = Choice(Outcome.ADDED, found.effect, (), why)
-    return Unmasked(replace(turned, screened=seen, trials=(trial,), choice=choice), found.model)
+    return replace(turned, screened=seen, trials=(trial,), choice=choice), found.model
 
 
 class Near(NamedTuple):
@@ -217,7 +210,11 @@ def forward(
     limit = progress.model.settings.rounds
     most = limit if most is None else min(most, limit)
     while (made := len(progress.rounds)) < most:
-        turned, s = _round(result, progress.model, _in_stage(report, made, limit), first=not made)
+
+        def in_round(text: str, share: float, made: int = made) -> None:
+            report(f"round {made + 1}: {text}", (made + share) / limit)
+
+        turned, s = _round(result, progress.model, in_round, first=not made)
         progress = replace(progress, model=s, rounds=(*progress.rounds, reported(turned)))
         report(f"round {made + 1}: {turned.choice.why}", (made + 0.5) / limit)
         if turned.added is None:
@@ -233,10 +230,6 @@ def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) ->
     if first and new.far:
         return hidden(result, turned, report) or (turned, new)
     return turned, new
-
-
-def _in_stage(report: Report, made: int, most: int) -> Report:
-    return lambda text, share: report(f"round {made + 1}: {text}", (made + share) / most)
 
 
 def reported(turned: Round) -> RoundReport:
@@ -263,11 +256,6 @@ def reported(turned: Round) -> RoundReport:
         ties=tuple(e.name for e in turned.choice.ties),
         why=turned.choice.why,
     )
-
-
-def names(s: CandidateModel) -> str:
-    """The effects added, in words."""
-    return listed(e.name for e in s.added)
 
 
 # ---- What the rig's checks found before any fit is tried first, each from the value that the check states

@@ -176,21 +176,16 @@ def _values(block: _Block, amplitudes: np.ndarray) -> dict[str, float]:
 _SCORED = 60  # pairs kept of the score test: enough for those that rivals of the two make
 
 
-class Searched(NamedTuple):
-    """What a diagnosis goes on with, and the sets of effects that were compared."""
-
-    progress: Progress
-    tried: tuple[SetTried, ...]
-
-
-def searched(result: FitResult, first: CandidateModel, progress: Progress, report: Report) -> Searched:
-    """The rounds' progress, or one that begins with a pair of effects and explains clearly more.
+def searched(
+    result: FitResult, first: CandidateModel, progress: Progress, report: Report
+) -> tuple[Progress, tuple[SetTried, ...]]:
+    """The rounds' progress, or one that begins with a pair and explains clearly more; and the sets compared.
 
     Args:
         progress: what the rounds came to.
     """
     if first.far or not is_open(len(progress.model.added), progress.rounds[-1].evidence.white):
-        return Searched(progress, ())
+        return progress, ()
     report("scoring pairs of effects together", 0.86)
     best, before, compared = progress, score(first), []
     data = score_candidates(first, first.composition.candidates)
@@ -210,7 +205,7 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
             best = replace(other, changed=(*progress.changed, *other.changed, words))
         elif liked.apart is not None:
             best = replace(best, even={**best.even, frozenset(other.model.added): liked.apart})
-    return Searched(best, tuple(compared))
+    return best, tuple(compared)
 
 
 # ---- decisions

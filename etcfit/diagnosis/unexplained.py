@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -183,6 +182,12 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     where = np.linspace(*measured_range(effect, along, s.problem.config.travel), _POINTS)
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
+    held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
+    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
+    sentence = (
+        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
+        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
+    )
     return Unexplained(
         enters=effect.enters,
         depends_on=effect.axis,
@@ -198,28 +203,14 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
         fit=v.score.fit_rows,
         holdout=v.score.holdout_rows,
         doubts=doubts,
-        sentence=_sentence(v, effect, size, doubts),
+        sentence=sentence,
     )
 
 
-def _sentence(v: TrialVerdict, effect: Smooth, size: float, doubts: Sequence[str]) -> str:
-    held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
-    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
-    return (
-        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
-        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
-    )
-
-
-class Range(NamedTuple):
-    """Least and largest value of an axis, in its unit."""
-
-    low: float
-    high: float
-
-
-def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], travel: tuple[float, float]) -> Range:
-    """What of a curve's axis was measured while the plate moved; everywhere, where no torque is read at all.
+def measured_range(
+    effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], travel: tuple[float, float]
+) -> tuple[float, float]:
+    """Least and largest value of a curve's axis while the plate moved; of all samples, where no torque is read at all.
 
     Args:
         along: signals of each trace by name, shape (n,) each; "torque" is NaN where the plate rests.
@@ -232,7 +223,7 @@ def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], tr
         values = np.asarray(fraction(values, *travel))
     if effect.along.low >= 0.0:
         values = np.abs(values)
-    return Range(float(np.min(values)), float(np.max(values)))
+    return float(np.min(values)), float(np.max(values))
 
 
 def _sd(s: CandidateModel, effect: Smooth, where: np.ndarray) -> np.ndarray:
@@ -266,13 +257,10 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
     Returns:
         shape (n,), in the curve's unit.
     """
-    hats = np.stack([np.asarray(effect(**_one(effect, k)).shape(where)) for k in range(len(scale))], axis=1) * scale
+    ones = [{symbol: float(n == k) for n, symbol in enumerate(effect.symbols)} for k in range(len(scale))]
+    hats = np.stack([np.asarray(effect(**one).shape(where)) for one in ones], axis=1) * scale
     spread = hats @ covariance @ hats.T
     return np.sqrt(np.maximum(np.diag(spread), 0.0))
-
-
-def _one(effect: Smooth, k: int) -> dict[str, float]:
-    return {symbol: float(n == k) for n, symbol in enumerate(effect.symbols)}
 
 
 # ---- Intervals of the final model that allow for what is left in its residual, see `random_curves`

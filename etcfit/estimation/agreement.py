@@ -406,8 +406,10 @@ def agreement(
     tests = [said for (_, file), said in parts(traces).items() if file is None]
     every = (scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
     wide = widened(covariance, every, settings.contradiction.scatter)
+    decides = settings.contradiction, settings.whiteness
+    comparison = Comparison(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
     # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
-    contradicting = () if misfit[0] else tuple(map(asked.freed, _comparison(asked).contradicting(asked.everything)))
+    contradicting = () if misfit[0] else tuple(map(asked.freed, comparison.contradicting(asked.everything)))
     named = tuple(_named(asked, each) for each in contradicting)
     real, outweighed = by_consequence(named, settings.contradiction.moves)
     why = compromise_reason(*misfit, (each.test for each in real), settings)
@@ -420,11 +422,6 @@ def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str,
         said, key = statement((piece,), (f,)), (piece.test, piece.file)
         out[key] = out[key] + said if key in out else said
     return out
-
-
-def _comparison(asked: _Asked) -> Comparison:
-    decides = asked.settings.contradiction, asked.settings.whiteness
-    return Comparison(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
 
 
 def _named(asked: _Asked, each: Contradicting) -> Contradiction:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,7 +59,9 @@ def fit(
     Raises:
         MeasurementError: nothing to fit, or rig.toml names what does not exist.
     """
-    return finished(_end(rig, report, settings, about))
+    optimum = _end(rig, report, settings, about)
+    assert optimum is not None, "only where an end near the data is asked for can there be none"
+    return finished(optimum)
 
 
 def fit_near(
@@ -75,12 +77,6 @@ def finished(optimum: Optimum) -> FitResult:
     return with_accuracy(outcome(optimum))
 
 
-@overload
-def _end(rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None) -> Optimum: ...
-@overload
-def _end(
-    rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool
-) -> Optimum | None: ...
 def _end(
     rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool = False
 ) -> Optimum | None:
@@ -145,30 +141,20 @@ def model_of(rig: Rig) -> Model:
 
 def from_own_starts(model: Model, settings: FitSettings = FitSettings()) -> Reached:
     """Where a model ends from the reading and from the points scattered about it."""
-    return _ended(model, quiet, settings).reached
+    ended = _ended(model, quiet, settings)
+    assert ended is not None, "only where an end near the data is asked for can there be none"
+    return ended[0]
 
 
-class _Ended(NamedTuple):
-    """Where the fit of one model ended, and the descents that it began with."""
-
-    reached: Reached
-    starts: tuple[StartSummary, ...]
-
-
-@overload
-def _ended(model: Model, report: Report, settings: FitSettings) -> _Ended: ...
-@overload
-def _ended(
-    model: Model, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool
-) -> _Ended | None: ...
 def _ended(
     model: Model,
     report: Report,
     settings: FitSettings,
     about: Mapping[str, float] | None = None,
     only_near: bool = False,
-) -> _Ended | None:
-    """From its own starts; None where only an end near the data was of use and none is."""
+) -> tuple[Reached, tuple[StartSummary, ...]] | None:
+    """Where a model ends from its own starts, and its descents; None where only an end near the data is of use and none
+    is."""
     problem, start = model
     problem.compile_ahead()
     in_background(partial(_compile_step, start.size))
@@ -179,7 +165,7 @@ def _ended(
     reached = _reached(problem, x, start, misfit, report, settings)
     if reached is None and not only_near:
         reached = fitted_free_running(problem, x, report, settings)
-    return None if reached is None else _Ended(reached, starts)
+    return None if reached is None else (reached, starts)
 
 
 class Descent(NamedTuple):
