@@ -123,7 +123,6 @@ class CandidateModel:
         until chi2 is no more than `STEEPEST_START` times that without the effects, or `START_HALVINGS` are spent.
 
         Args:
-            effects: candidates of the composition.
             values: of their parameters, SI by symbol.
         """
         most, at = STEEPEST_START * self.chi2, dict(values)

@@ -66,13 +66,7 @@ class Choice:
 
 
 def worth_a_look(chi2: float, samples: float, formula_chi2: float) -> bool:
-    """Whether chi2 exceeds the noise's, one a sample, by what inexact formulas may leave; always where that is 0.
-
-    Args:
-        chi2: of the fitted traces.
-        samples: fitted samples.
-        formula_chi2: chi2 that inexact formulas of the effects added may leave.
-    """
+    """Whether chi2 exceeds the noise's, one a sample, by what inexact formulas may leave; always where that is 0."""
     return not (formula_chi2 > 0.0 and chi2 - samples < formula_chi2)
 
 
@@ -80,7 +74,6 @@ def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
     """The choice of a round that is not worth a look.
 
     Args:
-        names: effects added so far.
         off: relative error of the least exact formula among them.
         excess: chi2 per sample above 1.
     """
@@ -104,11 +97,6 @@ def promising(
 
     Effects of the rig have places of their own: there are so many of them, and so alike, that together they would
     leave none to the throttle's. So have those of one channel of one trace, which may promise as much as a whole test.
-
-    Args:
-        signatures: of all candidates, the most promising first.
-        before: score of the model without them.
-        far: whether that model is far from the data.
     """
     rival = RIVAL_PROMISE_FAR if far else RIVAL_PROMISE
     worth = []
@@ -123,10 +111,6 @@ def promising(
 def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSettings) -> list[Signature]:
     """The first few, and behind them the first `rig_refits` of single channels of single traces, which would else leave
     no room for simpler ones: in a test of one fitted trace both promise the same.
-
-    Args:
-        signatures: the most promising first.
-        most: of the others.
     """
     single = [g for g in signatures if is_of_one_channel(g.variant.effect)]
     others = [g for g in signatures if not is_of_one_channel(g.variant.effect)]

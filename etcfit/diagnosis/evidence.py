@@ -48,13 +48,7 @@ SHARE_TOLD = 0.05  # share of the variance from which on a sentence names it
 
 
 def _shown(throttle: Throttle, path: StatePath, steps: Step) -> dict[str, Any]:
-    """Signals of a batch or of one entry, and what every effect contributes, (effects, T, L).
-
-    Args:
-        throttle: the model.
-        path: its states and memories at the end of each step.
-        steps: what it ran on.
-    """
+    """Signals of a batch or of one entry, and what every effect contributes, (effects, T, L)."""
     state, z = path
     u = steps.inputs(1.0)
     parts = throttle.parts(state, z, u)
@@ -116,7 +110,6 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
     """Missing torque and voltage of both models along the measured motion.
 
     Args:
-        before, after: the first and the final model.
         held_out: of the traces held out rather than those fitted.
     """
     first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
@@ -209,14 +202,14 @@ def _rows(s: CandidateModel, along: Sequence[Signals]) -> list[Whiteness]:
 def whiteness(place: Place, r: np.ndarray, logged: np.ndarray, along: Signals) -> Whiteness:
     """Whether one channel's residual is noise: no larger than its noise, not autocorrelated, correlated with nothing.
 
-        rms < 1 + 0.03 + 5 / sqrt(2 n),    p-values > 1e-4, that of the correlation times the number of signals tried
+        rms < 1 + LARGE_RMS + LARGE_RMS_DEVIATIONS / sqrt(2 n),    p-values > WHITE_P, that of the correlation times the
+        number of signals tried
 
     Args:
         place: whose residual it is.
         r: whitened residual, shape (n,).
         logged: where the channel has a sample, shape (n,).
         along: "input", "speed", "angle", "current" and "time" at the instants, shape (n,) each.
-        settings: what decides; the numbers above are `LARGE_RMS`, `LARGE_RMS_DEVIATIONS` and `WHITE_P`.
     """
     regressors = {
         "input": along["input"],

@@ -146,9 +146,6 @@ def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
 def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
     """Take away each added effect that is no longer worth its parameters, the others at work, or does no more than
     inexact formulas of the others would leave; a sentence for each. One that was found alone stays.
-
-    Args:
-        first_chi2_per_dof: of the first fit.
     """
     words = []
     for effect in s.added if len(s.added) > 1 else ():
@@ -193,11 +190,7 @@ Two = tuple[Effect, Effect]
 
 
 def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
-    """The model with one effect in place of two that were added, where that explains as much for fewer parameters.
-
-    Args:
-        found: the effects added, and what is known of them.
-    """
+    """The model with one effect in place of two that were added, where that explains as much for fewer parameters."""
     if s.far or len(s.added) < 2:
         return s, tuple(found), ()
     before = score(s)

@@ -111,11 +111,7 @@ def pool(rounds: Sequence[RoundReport], settings: DiagnosisSettings) -> tuple[st
 
 
 def grown(result: FitResult, names: Sequence[str], report: Report, settings: DiagnosisSettings) -> FreeRun:
-    """A set of effects grown from the first fit's free run, one effect after the other.
-
-    Args:
-        names: of effects that may be taken.
-    """
+    """A set of effects grown from the first fit's free run, one effect after the other."""
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     known, plan = result.rig.config.effects, result.settings
     here, rest = FreeRun.of((), result.problem, result.x, held_out), tuple(names)
@@ -139,11 +135,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
 def searched_free(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared.
-
-    Args:
-        progress: what the rounds came to, far from the data.
-    """
+    """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared."""
     s, settings = progress.model, first.settings
     names = pool(progress.rounds, settings)
     if not names:

@@ -104,10 +104,6 @@ def score_candidates(
 
     Effects of the rig, which act around the throttle and are cheap, are taken all at once; those that act in it see
     `inside`.
-
-    Args:
-        candidates: effects that are not at work.
-        kept: what is kept of each signature.
     """
     every = [e for e in candidates if is_of_the_rig(e)]
     prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))

@@ -173,9 +173,7 @@ def curve_discrepancy(
         r: whitened residual at the optimum, shape (n,).
         jacobian: of it, shape (n, P).
         believed: information of the priors, shape (P, P).
-        curves: C of them.
         events: number of the stretch of a trace that each sample lies in, shape (n,).
-        settings: `CURVE_LENGTH` is l_K in knots; `CURVE_EVIDENCE` and `LARGE_CURVE`.
     """
     none = CurveDiscrepancy({}, np.zeros_like(believed))
     if not any(c.columns.any() for c in curves):
@@ -199,11 +197,7 @@ def curve_discrepancy(
 
 
 def t_to_normal_ratio(freedom: float) -> float:
-    """t_nu / 1.96, 95 % of both: a tau that nu visible amplitudes told is itself uncertain; two at least count.
-
-    Args:
-        freedom: nu.
-    """
+    """t_nu / 1.96, 95 % of both: a tau that nu visible amplitudes told is itself uncertain; two at least count."""
     return float(stdtrit(max(freedom, 2.0), 0.975) / ndtri(0.975))
 
 

@@ -289,7 +289,6 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
     """Whether a single effect, of those that promise most where the others were fitted, clears up all data as well.
 
     Args:
-        here: the model of all data with the parameters of the others.
         apart: sum of squares above which a body more does better.
     """
     settings = here.settings

@@ -52,19 +52,12 @@ _EVERYWHERE = Place()
 def credits(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float]:
     """Of each round the most that the name which it added may be believed, from 0 to 1; 1 where nothing says how much
     it explained: no later round, or a name that did not stay.
-
-    Args:
-        added: the effects of its final model.
     """
     return [_credit(k, rounds, added) for k in range(len(rounds))]
 
 
 def doubted(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
-    """Names that stay in the model and are not said, for something else is likelier.
-
-    Args:
-        rounds, added: as of `credits`.
-    """
+    """Names that stay in the model and are not said, for something else is likelier."""
     believed = zip(rounds, credits(rounds, added), strict=True)
     return [str(each.added) for each, credit in believed if credit < LEAST_CREDIT]
 
@@ -169,7 +162,7 @@ def questions(
         added: the effects that are in its final model and not in doubt.
         curve: whether a curve without a name was found.
         slow: whether a fitted test was logged so.
-        doubts: other effects of that model, which something else outdoes (`credit.doubted`).
+        doubts: other effects of that model, which something else outdoes (`doubted`).
     """
     gone = _withdrawn(rounds, added)
     believed = [min(each, 1.0 - settings.lapse) for each in credits(rounds, {*added, *doubts})]
@@ -210,7 +203,7 @@ def said(
     Args:
         rounds, curve, settings, slow: as of `questions`.
         present: effects of the final model, in the order found.
-        doubts: those of them that something else outdoes (`credit.doubted`).
+        doubts: those of them that something else outdoes (`doubted`).
     """
     names = tuple(name for name in present if name not in doubts)
     asked = questions(rounds, names, curve, settings, slow, doubts)

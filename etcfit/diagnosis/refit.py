@@ -156,9 +156,7 @@ def holds(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
     """Whether a full refit is neither further from the data nor clearly worse on the traces held out.
 
     Args:
-        new: refitted in full.
         before: the model it is to take the place of.
-        was: score of that.
     """
     if refit_worsened(new, before):
         return False

@@ -50,10 +50,6 @@ def screen_of_single_traces(
 ) -> list[Signature]:
     """The signature of those candidates that stand out the most, of whole traces and of single channels; none of one
     of which nothing here tells what it does.
-
-    Args:
-        tangents: of that model with effects of the rig in whole tests beside it.
-        candidates: effects of the rig in single traces that do not delay.
     """
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     if not rigs:
@@ -239,11 +235,7 @@ def screen_of_late(
 
 
 def of_one_event(s: CandidateModel, effect: Effect) -> float:
-    """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most.
-
-    Args:
-        s: the model with it.
-    """
+    """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most."""
     without = s.without(effect)
     with_it, before = (
         columns(each.problem.batch, each.problem.residual(each.x, each.weighted)) for each in (s, without)

@@ -118,8 +118,6 @@ def fitted_with(
     and the steps of the integrator are of a rig that can be, and its optimum is where the effect's refit begins.
 
     Args:
-        before: the model that it is to take the place of.
-        was: score of that.
         stated: the effect's first parameter, SI, by the rig's checks; the graph readings and nominal values where None.
     """
     config, first = result.rig.config, parameters_of(effect)[0]
@@ -203,7 +201,6 @@ def forward(
     """Rounds from here until one adds nothing or `most` are made in all.
 
     Args:
-        progress: where to go on from.
         most: rounds in all; `rounds` of the settings where None.
         keep: is given the progress after every round that added something.
     """
@@ -267,11 +264,7 @@ def reported(turned: Round) -> RoundReport:
 
 
 def first_from_checks(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """The progress with each effect added that a finding of the rig's checks states, where a fit with it stands.
-
-    Args:
-        progress: so far; a round is added for each effect.
-    """
+    """The progress with each effect added that a finding of the rig's checks states, where a fit with it stands."""
     for effect, value in progress.model.composition.stated.items():
         if not progress.model.at_work(effect):
             progress = _with_effect(effect, value, result, progress, report)

@@ -110,12 +110,7 @@ def independent(residuals: Iterable[np.ndarray]) -> float:
 
 
 def groups_of(moving: Sequence[int], folds: int) -> list[list[int]]:
-    """Traces left out together: dealt out one by one to `folds` groups; none where fewer than two move.
-
-    Args:
-        moving: numbers of the traces in which the plate moves.
-        folds: most groups.
-    """
+    """Traces left out together: dealt out one by one to `folds` groups; none where fewer than two move."""
     if len(moving) < 2:
         return []
     return [list(moving[start::folds]) for start in range(min(folds, len(moving)))]
@@ -209,7 +204,6 @@ def tie_covariance(free: Sequence[str], ties: Iterable[Apart]) -> np.ndarray:
 
     Args:
         free: symbols of the coordinates, P of them; what a tied model does not fit counts as not moved.
-        ties: the tied models.
     Returns:
         shape (P, P).
     """

@@ -188,7 +188,6 @@ def screen_of_the_rig(
 
     Args:
         tangents: of the model with all of them at work, at their off values.
-        kept: what is kept of each signature.
     """
     layout, found = tangents.problem.layout, []
     parameters = {p.symbol: p for p in layout.parameters}

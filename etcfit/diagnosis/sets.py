@@ -179,11 +179,7 @@ _SCORED = 60  # pairs kept of the score test: enough for those that rivals of th
 def searched(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The rounds' progress, or one that begins with a pair and explains clearly more; and the sets compared.
-
-    Args:
-        progress: what the rounds came to.
-    """
+    """The rounds' progress, or one that begins with a pair and explains clearly more; and the sets compared."""
     if first.far or not is_open(len(progress.model.added), progress.rounds[-1].evidence.white):
         return progress, ()
     report("scoring pairs of effects together", 0.86)
@@ -253,8 +249,6 @@ def promising(
     """The pairs that promise more than each of their effects alone, and more than what the rounds found.
 
     Args:
-        every: pairs, the largest gain first.
-        promise: by which they are measured.
         added: what the rounds found; of more than two effects the best two are what is compared.
         settings: `pair_refits`, and `strong_bic_change` as what the second effect must promise.
     """
@@ -338,13 +332,7 @@ def _begun_with(
 def rivals(
     effect: Effect, pair: Pair, every: Sequence[Pair], promise: Promise, settings: DiagnosisSettings
 ) -> dict[Effect, dict[str, float]]:
-    """Effects that in the place of one of a pair explain a good part of it, with their parameters' values.
-
-    Args:
-        every: pairs, the largest gain first.
-        promise: what each explains alone.
-        settings: `refits` as the most of them.
-    """
+    """Effects that in the place of one of a pair explain a good part of it, with their parameters' values."""
     (other,) = (e for e in pair.effects if e is not effect)
     alone = promise.alone[other]
     asked = EXCHANGE_RIVAL * (pair.gain - alone)

@@ -79,13 +79,7 @@ class Named(NamedTuple):
 def statement(
     effect: Effect, named: Named, probability: float, answers: Mapping[str, float], settings: DiagnosisSettings
 ) -> Statement:
-    """On one effect; it is acted on where it is at least as probable as `suspicion` asks.
-
-    Args:
-        effect, named: the effect, and its words.
-        probability: that it is there.
-        answers: of the round that added it.
-    """
+    """On one effect; it is acted on where it is at least as probable as `suspicion` asks."""
     instead = dict(likely({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion
     if not named.mend:
@@ -112,13 +106,7 @@ def _to_measure(instead: Mapping[str, float], told_by: str) -> str:
 def rig_mistakes(
     added: Sequence[Effect], values: Mapping[str, float], stated: Sequence[Statement]
 ) -> tuple[RigMistake, ...]:
-    """Of the effects added those that are the rig's.
-
-    Args:
-        added: effects at work, in the order found.
-        values: of the fitted model, SI by symbol.
-        stated: on each of them.
-    """
+    """Of the effects added those that are the rig's."""
     return tuple(
         _mistake(e, values, each) for e, each in zip(added, stated, strict=True) if issubclass(e, AbstractRigEffect)
     )
@@ -173,11 +161,7 @@ def verdict(
     """The whole in a few sentences: what was found and how sure, what cannot be told apart, what is left.
 
     Args:
-        stated: on each effect found.
-        ties: of those.
-        left: the curve without a name, if there is one.
         rounds: all of them, the last of which adds nothing unless they ran out.
-        rig: what of those found is wrong with the rig.
     """
     of_the_rig = {mistake.effect for mistake in rig}
     words = [each.sentence for each in sorted(stated, key=lambda each: each.effect not in of_the_rig)]

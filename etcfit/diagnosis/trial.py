@@ -178,8 +178,6 @@ def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect:
 
     Args:
         s: the model of the first trial, whose whitening stays.
-        full: that model refitted in full.
-        before: score without the effect.
     """
     trial = judged(effect, before, replace(s, x=full.x))
     return replace(trial, verdict=replace(trial.verdict, slack=s.settings.refit_rise))

@@ -113,11 +113,10 @@ def questioned(added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic
 
 
 def in_doubt(bare: float, named: float, curve: float | None) -> bool:
-    """Whether a curve explains clearly more than a named effect: ln(named/bare) > 0.9 ln(curve/bare), both negative.
+    """Whether a curve explains clearly more than a named effect: ln(named/bare) > NAME_KEEPS ln(curve/bare).
 
     Args:
         bare, named, curve: chi2 without the effect, with it, and with the best curve in its place; None: there is none.
-        settings: what decides; 0.9 is `NAME_KEEPS`.
     """
     if curve is None:
         return False
@@ -130,11 +129,10 @@ def much_is_left(chi2_per_sample: float | None) -> bool:
 
 
 def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
-    """Whether all effects together do clearly less than one curve: not ln(named/bare) < 0.8 ln(curve/bare).
+    """Whether all effects together do clearly less than one curve: not ln(named/bare) < NAMES_HOLD ln(curve/bare).
 
     Args:
         bare, named, curve: chi2 of the first model, of that with all effects, and of that with the curve instead.
-        settings: what decides; 0.8 is `NAMES_HOLD`.
     """
     return not np.log(named / bare) < NAMES_HOLD * np.log(curve / bare)  # both are negative
 
@@ -239,7 +237,6 @@ def covariance_of(r: np.ndarray, jacobian: np.ndarray, samples: float) -> np.nda
 
     Args:
         r: whitened residual, shape (T, L, M).
-        jacobian: of it, shape (T, L, M, P).
         samples: n, how many entries hold a sample; the others are 0.
     """
     flat = jacobian.reshape(-1, jacobian.shape[-1])
@@ -278,9 +275,6 @@ def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel
     """The final fit with intervals that allow for curves which nobody added; itself where none is needed.
 
     Far from the data it is a compromise anyway, and there is no noise to measure what is left by.
-
-    Args:
-        after: the fit of the final model.
     """
     if s.far or after.far:
         return Allowed(after)

@@ -74,11 +74,7 @@ class Scatter(NamedTuple):
 
 
 def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarray, unknown: float) -> Scatter:
-    """Leave out every cluster once.
-
-    Args:
-        clusters: what each says; together all the data.
-    """
+    """Leave out every cluster once."""
     everything = reduce(add, clusters, believed)
     splits = [Split(own, everything - own, reach, unknown) for own in clusters]
     shifts = np.array([split.shift for split in splits])
@@ -190,11 +186,7 @@ def influence(
     reach: np.ndarray,
     unknown: float,
 ) -> Influence:
-    """Leave out every test and, where it has more than one, every trace of it.
-
-    Args:
-        traces: what each trace says, by test and file.
-    """
+    """Leave out every test and, where it has more than one, every trace of it."""
     everything = reduce(add, traces.values(), believed)
     sd = np.sqrt(np.diag(np.linalg.inv(everything.information)))
     known = sd < unknown * reach
@@ -281,13 +273,7 @@ class Compromise:
 
 
 def compromise_reason(far: bool, chi2: float, contradicting: Iterable[str], settings: FitSettings) -> str | None:
-    """Why the parameters are a compromise; None where they are not.
-
-    Args:
-        far: the model is far from the data.
-        chi2: per degree of freedom.
-        contradicting: tests that contradict the others.
-    """
+    """Why the parameters are a compromise: model far, chi2 per degree of freedom, contradicting tests; None if none."""
     if far or chi2 >= settings.contradiction.compromise:
         return f"the model is far from the data (chi2/dof {chi2:.3g})"
     if names := tuple(contradicting):
@@ -323,11 +309,7 @@ class Agreement:
     compromise: Compromise | None = None
 
     def words(self, units: Callable[[str], str]) -> list[str]:
-        """Warnings.
-
-        Args:
-            units: of a symbol, SI.
-        """
+        """Warnings; `units` of a symbol, SI."""
         return [
             *(in_words(each, units(each.parameter)) for each in self.contradictions),
             *map(outweighed_in_words, self.outweighed),

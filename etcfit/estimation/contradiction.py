@@ -46,12 +46,7 @@ def tests_of(problem: EstimationProblem) -> tuple[str, ...]:
 def fitted_to(
     problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str], settings: FitSettings
 ) -> Subset:
-    """Descend from x with some tests alone.
-
-    Args:
-        x: the optimum of all, shape (P,).
-        tests: those to count.
-    """
+    """Descend from x with some tests alone."""
     counts = muted(problem, weighted, lambda trace: trace.test.name in tests)
     end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
     return at(problem, weighted, end, tests)
@@ -62,9 +57,6 @@ def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> 
 
     Those of all the data were made along the path that the test left out had bent. Sums of squares before and after
     are not comparable.
-
-    Args:
-        here: the subset's fit under the whitening of all.
     """
     fresh = replace(problem, sigma=problem.batch.slots.sigma)
     for _ in range(_RENEWALS):
@@ -136,7 +128,6 @@ def disagreement(split: Split, understated: float = 1.0) -> float:
     """log p of T; 0 where no direction is determined by both sides, or a side has too few independent samples.
 
     Args:
-        split: the two sides.
         understated: times that their errors may exceed the standard errors stated.
     """
     common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
@@ -167,7 +158,6 @@ def parted(
     Args:
         here: the others fitted, or all of them with the test among them.
         believed: the priors, at that point.
-        whiteness: see `inflation`.
         alone: the fit to this test alone, where its own optimum is more than one step away: linearised there.
     """
     own, others = sides_of(here, test)
@@ -270,9 +260,6 @@ def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknow
 
     in standard errors of noise alone: 1 along b_i is one standard error of all the data together. No parameter, and no
     combination of parameters, moves by more.
-
-    Args:
-        believed: the priors, at the fit with it.
     """
     own, others = sides_of(each.together, each.test)
     split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
@@ -287,7 +274,6 @@ def by_consequence(
     """Tests that contradict the others, and those that the others outweigh.
 
     Args:
-        found: tests that disagree with the others.
         least: standard errors by which a contradiction moves something; see `ContradictionSettings.moves`.
     """
     return tuple(each for each in found if each.moved >= least), tuple(each for each in found if each.moved < least)
@@ -314,11 +300,7 @@ class Comparison:
     whiteness: WhitenessSettings
 
     def contradicting(self, everything: Subset) -> tuple[Contradicting, ...]:
-        """The tests that contradict the others, worst first.
-
-        Args:
-            everything: the fit to all tests.
-        """
+        """The tests that contradict the others, worst first."""
         here, found = everything, []
         while len(here.tests) > 1 and len(found) < self.settings.named:
             worst = self._worst(here)

@@ -236,7 +236,6 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided
 
     Args:
         rig: with the tests named whose edges are in step, see `with_edges_in_step`.
-        reached: the end of its fit.
         places: of all edges, as seen without a common phase.
     """
     near = list(_near_a_sample(reached.problem, reached.x))

@@ -48,12 +48,7 @@ class Explained:
 
 
 def explained(rows: Iterable[PredictionError], measurements: Iterable[Measurement]) -> tuple[Explained, ...]:
-    """Of every channel of every trace that was logged itself.
-
-    Args:
-        rows: free-running errors.
-        measurements: of these traces, others too.
-    """
+    """Of every channel of every trace that was logged itself."""
     logged = {trace.file: trace.channels for trace in measurements}
     out = []
     for row in rows:

@@ -67,8 +67,6 @@ def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) 
     the sum as 0 unless the residuals are significantly correlated.
 
     Source: Geyer 1992, Statistical Science 7(4), for the sum. Differs from source: it is cut by single lags, not pairs.
-    Args:
-        r: residual, shape (n,).
     """
     n = r.size
     if n < 4 * settings.lags:

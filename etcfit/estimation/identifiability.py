@@ -161,11 +161,7 @@ class Cure:
     verb: str = "separates them"
 
     def words(self, made: Collection[str]) -> str:
-        """The cure for a rig of which these tests were made: what is there already is not advised as if it were not.
-
-        Args:
-            made: names of rig tests.
-        """
+        """The cure for a rig of which these tests were made: what is there already is not advised as if it were not."""
         absent = [str(way) for way in self.tests if way.test not in made]
         if absent or not self.tests:
             ways = [" beside ".join(absent), self.besides]
@@ -274,11 +270,7 @@ def sentences(directions: Iterable[Direction], traces: Iterable[Trace]) -> tuple
 
 
 def sentence(direction: Direction, made: Collection[str] = ()) -> str:
-    """A null or weak direction in words, with its cure.
-
-    Args:
-        made: rig tests of which traces were fitted.
-    """
+    """A null or weak direction in words, with its cure."""
     says, cure = _verdict(direction.symbols, made)
     apart = "" if direction.null else f" (known to {100.0 * direction.sd:.0f} % only)"
     return f"{listed(direction.symbols)} {says}{apart}: {cure}."

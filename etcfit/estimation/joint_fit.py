@@ -276,11 +276,7 @@ def _from_a_like_body(
 
 
 def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> float:
-    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there.
-
-    Args:
-        weighted: of the problem, instants forgiven.
-    """
+    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there."""
     there = problem.with_integrator_states(x)
     forgiven = weighted if there is problem else there.weighted(weights.forgiving(there))
     return float(chi2_of(there, x[None], forgiven)[0])

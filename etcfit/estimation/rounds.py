@@ -71,7 +71,6 @@ def rounds(
 
     Args:
         still: what counts as not moving, standard errors.
-        most: rounds.
     """
     moved, outliers, about = np.inf, 0, x
     k = 0
@@ -223,7 +222,6 @@ def search_about(
     The points are normal with the given covariance times the squares of `settings.radii`.
 
     Args:
-        cost: what is minimised.
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
         unit: of the cost in which a gain counts; chi2 per degree of freedom, say.
     Returns:
@@ -286,12 +284,7 @@ def deviance(reached: Reached) -> float:
 def likeliest_nearby(
     reached: Reached, start: Float[np.ndarray, " P"], report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
-    """The likeliest of an end and of those nearby, with the others beside it in `Termination.wander`.
-
-    Args:
-        reached: end of the rounds.
-        start: coordinates with which the fit began.
-    """
+    """The likeliest of an end and of those nearby, with the others beside it in `Termination.wander`."""
     best = _End(reached, deviance(reached))
     if not settings.neighbours or not np.isfinite(best.deviance):
         return reached

@@ -71,13 +71,7 @@ def whitened(problem: EstimationProblem, pieces: Iterable[Piece]) -> tuple[np.nd
 def information_in(
     pieces: Iterable[Piece], prior_sd: np.ndarray, inflations: Iterable[float] = repeat(1.0)
 ) -> np.ndarray:
-    """sum J^T J / f of pieces, and the information of the user's priors, shape (P, P).
-
-    Args:
-        pieces: some channels.
-        prior_sd: of the coordinates, shape (P,).
-        inflations: f of each.
-    """
+    """sum J^T J / f of pieces, f the inflations, and the information of the user's priors, shape (P, P)."""
     total = np.diag(1.0 / np.asarray(prior_sd) ** 2)
     for piece, f in zip(pieces, inflations, strict=False):
         total = total + piece.jacobian.T @ piece.jacobian / f
@@ -144,11 +138,7 @@ def prior(information: np.ndarray, score: np.ndarray) -> Statement:
 
 
 def statement(pieces: Iterable[Piece], inflations: Iterable[float]) -> Statement:
-    """What some channels say together; at least one.
-
-    Args:
-        inflations: f of each.
-    """
+    """What some channels say together; at least one."""
     return reduce(add, (_of_one(piece, f) for piece, f in zip(pieces, inflations, strict=True)))
 
 
