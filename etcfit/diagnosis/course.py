@@ -19,10 +19,10 @@ from .exchange import exchanged, merged, pruned
 from .findings import Diagnosis, Question, SetTried, Unexplained
 from .free_sets import FREE_SPREAD, searched_free
 from .model_discrepancy import formula_covariance, percent_off
-from .other_rig import Strange, clears, of_another_rig
-from .probabilities import SOMETHING_ELSE, UNSAID, besides, doubted, said
+from .other_rig import Strange, explains_misfit, of_another_rig
+from .probabilities import SOMETHING_ELSE, UNSAID, doubted, said, with_proven_effect
 from .refit import start
-from .rounds import Keep, Progress, first_from_checks, forget, forward
+from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing
 from .score import score, tie_covariance
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
@@ -125,7 +125,7 @@ def diagnose(
     report: Report = quiet,
     settings: DiagnosisSettings = DEFAULT,
     begun: Progress | None = None,
-    keep: Keep = forget,
+    keep: Keep = keep_nothing,
 ) -> Diagnosis:
     """Trace the residual of a fit to the effects that its model lacks.
 
@@ -142,16 +142,16 @@ def diagnose(
     first = start(result, settings)
     progress, strange = (begun, None) if begun is not None else _simplest(result, Progress(first), report)
     if strange is not None:
-        return _of_the_others(strange, result, report, settings)
+        return _diagnosis_without_piece(strange, result, report, settings)
     keep(progress)
     if not progress.is_at_an_end:
         progress = forward(result, progress, report, keep=keep)
     progress = _looked_back(result, progress, report)
-    progress, sets = _of_sets(result, first, progress, report)
+    progress, sets = _compared_with_sets(result, first, progress, report)
     if progress.model.added and _astray(progress.model, result):
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
-            return _of_the_others(strange, result, report, settings)
+            return _diagnosis_without_piece(strange, result, report, settings)
     left = outdone(result, first, progress.model, report)
     if left is not None:
         progress = progress.back_to(first)
@@ -168,7 +168,7 @@ def diagnose(
     rest = Allowed(after)
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
-    return _told(result, rest, first, progress, left, sets)
+    return _assembled(result, rest, first, progress, left, sets)
 
 
 def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Progress, Strange | None]:
@@ -185,7 +185,7 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
         return progress, None
     progress = forward(result, progress, report, most=len(progress.rounds) + 1)
     one = None if progress.is_at_an_end else progress.model
-    if one is not None and clears(one, result) and is_white(one):
+    if one is not None and explains_misfit(one, result) and is_white(one):
         return progress, None
     errors = result.score_fit if before.added == () else score(before).fit_rows
     return progress, of_another_rig(result, before, errors, report, one)
@@ -196,7 +196,9 @@ def _astray(s: CandidateModel, result: FitResult) -> bool:
     return s.far or s.chi2_per_sample >= result.settings.contradiction.compromise
 
 
-def _of_the_others(strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings) -> Diagnosis:
+def _diagnosis_without_piece(
+    strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings
+) -> Diagnosis:
     """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
     report(strange.why, 0.0)
     rest = diagnose(strange.rest, report, settings)
@@ -212,7 +214,7 @@ def _of_the_others(strange: Strange, result: FitResult, report: Report, settings
         removed=(strange.why, *rest.removed),
         rig=(mistake, *rest.rig),
         aside=(*strange.traces, *rest.aside),
-        probabilities=besides(strange.name, rest.probabilities, settings),
+        probabilities=with_proven_effect(strange.name, rest.probabilities, settings),
         questions=(asked, *rest.questions),
         statements=(stated, *rest.statements),
         verdict=(stated.sentence, *rest.verdict),
@@ -233,7 +235,7 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 
-def _of_sets(
+def _compared_with_sets(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
     """The progress, or that of a set of effects which does better, looked back on as well; and the sets tried."""
@@ -243,7 +245,7 @@ def _of_sets(
     return (progress if better is progress else _looked_back(result, better, report)), tried
 
 
-def _told(
+def _assembled(
     result: FitResult,
     rest: Allowed,
     first: CandidateModel,

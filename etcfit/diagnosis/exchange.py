@@ -22,9 +22,9 @@ from .choice import TIED_LIKELIHOOD, alike, is_accepted
 from .composition import Effect, resting
 from .loop import Round, screened
 from .model_discrepancy import formula_error_chi2
-from .refit import holds, refit_fully, refit_worsened
+from .refit import is_no_worse, refit_fully, refit_worsened
 from .score import Apart, distance_to, folds, left_out, score
-from .trial import Cost, Trial, TrialVerdict, bic_change, judged, tried
+from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
 
 # share of the fall of chi2 of the effect added that another must exceed to be compared in the final model
 EXCHANGE_RIVAL = 0.5
@@ -90,7 +90,7 @@ def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> tuple[int,
     return next(k for k, v in enumerate(every) if v is best), tuple(ties)
 
 
-def in_place(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
+def replaced_in_order(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
     """The effects added with one exchanged for another: the order in which they were found stays."""
     return tuple(new if e is old else e for e in added)
 
@@ -118,10 +118,10 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
         best = every[chosen]
         if chosen:
             new = refit_fully(best.model, report)
-            if not holds(new, s, score(s)) or contradicted(best.model, s):
+            if not is_no_worse(new, s, score(s)) or contradicted(best.model, s):
                 continue
             words.append(gave_way(every[0].verdict, best.verdict))
-            s = replace(new, added=in_place(s.added, each.effect, best.verdict.effect))
+            s = replace(new, added=replaced_in_order(s.added, each.effect, best.verdict.effect))
         ties = _apart(best, (every[tie] for tie in tied))
         now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
     return s, tuple(each.told_apart_from(s.added) for each in now), tuple(words)
@@ -131,8 +131,8 @@ def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[s
     """Trials of the effect and, after it, of the rivals that stand, each over the model with none of them."""
     base = s.without(effect).optimised()
     before = score(base)
-    others = concurrently(lambda rival: tried(base, *rival, before), list(rivals.items()))
-    return judged(effect, before, s), *(t for t in others if is_accepted(t.verdict, s.settings))
+    others = concurrently(lambda rival: run_trial(base, *rival, before), list(rivals.items()))
+    return judge_trial(effect, before, s), *(t for t in others if is_accepted(t.verdict, s.settings))
 
 
 def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
@@ -201,7 +201,7 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
             if new is None or not (change := bic_change(before, score(new), cost(s, two, one))) < 0.0:
                 continue
             new = refit_fully(new, report)
-            if not holds(new, s, before) or contradicted(new, s):
+            if not is_no_worse(new, s, before) or contradicted(new, s):
                 continue
             worth = sum(each.worth for each in found if each.effect in two) - change
             return new, (*found, Found(one, {}, worth, {})), (gave_way_to_one(two, one, change),)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..estimation.free_run import free_run_cost, freed, lower, lowest
+from ..estimation.free_run import free_run_cost, freed, likeliest_addition, lower_end
 from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report, from_own_starts, model_of
 from ..estimation.result import FitResult
@@ -120,8 +120,8 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
         config = replace(result.rig.config, effects=(*known, *here.effects))
         rigs = {name: replace(result.rig, config=replace(config, effects=(*config.effects, name))) for name in rest}
         models = {name: model_of(rig) for name, rig in rigs.items()}
-        best, point = lowest(here.problem, here.x, models, plan)
-        end = lower(models[best], from_own_starts(models[best], plan), point, plan)
+        best, point = likeliest_addition(here.problem, here.x, models, plan)
+        end = lower_end(models[best], from_own_starts(models[best], plan), point, plan)
         new = FreeRun.of((*here.effects, best), end.problem, end.x, held_out)
         rest = tuple(name for name in rest if name != best)
         if holdout_worsened(new.holdout_rms, here.holdout_rms, settings.refit_rise):

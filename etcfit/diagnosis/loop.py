@@ -15,12 +15,12 @@ from .candidate_model import CandidateModel
 from .choice import Choice, deserves_second_trial, in_turn, is_accepted, nothing_to_read, promising, worth_a_look
 from .composition import Effect, is_of_the_rig, resting
 from .model_discrepancy import inexact
-from .refit import holds, refit_fully
+from .refit import is_no_worse, refit_fully
 from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
 from .score import Score, folds, left_out, score
 from .screen import Background, Signature, ranked, screen_of_the_rig
 from .tangents import Tangents, tangents_inside, variants
-from .trial import Trial, second_trial, tried
+from .trial import Trial, run_trial, second_trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) 
 
 def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score, report: Report) -> Trial:
     """The trial, or the second one of an effect that deserves it and is accepted there."""
-    trial, settings = tried(s, effect, values, before), s.settings
+    trial, settings = run_trial(s, effect, values, before), s.settings
     if not deserves_second_trial(trial.verdict, before, s.far, settings):
         return trial
     report(f"refitting with {effect.name} in full", 0.8)
@@ -178,7 +178,7 @@ def refit_chosen(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
     for choice in (turned.choice, *turned.instead):
         attempt = replace(turned, choice=replace(choice, why=f"{words}{choice.why}"), instead=())
         new = refit_fully(attempt.best.model, report)
-        if holds(new, turned.before, turned.score):
+        if is_no_worse(new, turned.before, turned.score):
             return attempt, new
         words = f"{attempt.choice.with_refit_refused().why} "
     return replace(turned, choice=turned.choice.with_refit_refused(), instead=()), turned.before

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
-from ..estimation.contradiction import muted
+from ..estimation.contradiction import with_only_weights_of
 from ..estimation.identifiability import listed
 from ..estimation.intervals import intervals
 from ..estimation.joint_fit import Report, finished, fit, fit_near
@@ -188,7 +188,7 @@ def left_without(
     for by in late:
         problem = problem.with_integrator_states(x)
         weighted = problem.weighted(weights.forgiving(problem, by))
-        others = muted(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
+        others = with_only_weights_of(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
         x, _ = descend(problem, x, others, settings.rough_tolerance, settings.steps)
         left = problem.chi2(x, others) / max(1.0, _counted(problem, place) - x.size)
         if left > _HOPELESS * near and not problem.controlled:  # an ECU's integral, begun anew, may still bring it near
@@ -214,7 +214,7 @@ def _shown(
     aside = OtherRig.at(place).name
     try:
         rest = fit_near(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
-        if rest is None or not clears(others := start_at(rest, s.settings), result):
+        if rest is None or not explains_misfit(others := start_at(rest, s.settings), result):
             return None
         report(f"fitting {place.words} alone", 0.95)
         alone = _with_effects(result, effects)
@@ -267,10 +267,10 @@ def _most_left(misfit: float, result: FitResult) -> float:
 
 def _explains_all(s: CandidateModel, result: FitResult, apart: float) -> bool:
     """Whether a model of all data leaves next to nothing, and a smaller sum of squares than two bodies would."""
-    return clears(s, result) and s.chi2 < apart
+    return explains_misfit(s, result) and s.chi2 < apart
 
 
-def clears(s: CandidateModel, result: FitResult) -> bool:
+def explains_misfit(s: CandidateModel, result: FitResult) -> bool:
     """Whether a model leaves nothing but noise, or next to nothing of what the first fit left above it."""
     if s.far:
         return False

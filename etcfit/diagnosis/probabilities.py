@@ -252,7 +252,7 @@ def probabilities(
     }
 
 
-def besides(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
+def with_proven_effect(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
     """The same where something else was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
     return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
 

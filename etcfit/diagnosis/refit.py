@@ -152,7 +152,7 @@ def refit_worsened(new: CandidateModel, before: CandidateModel) -> bool:
     return further_from_data(after, was)
 
 
-def holds(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
+def is_no_worse(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
     """Whether a full refit is neither further from the data nor clearly worse on the traces held out.
 
     Args:

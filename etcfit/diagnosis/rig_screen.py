@@ -234,7 +234,7 @@ def screen_of_late(
     return ranked(found)
 
 
-def of_one_event(s: CandidateModel, effect: Effect) -> float:
+def gain_in_one_event(s: CandidateModel, effect: Effect) -> float:
     """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most."""
     without = s.without(effect)
     with_it, before = (

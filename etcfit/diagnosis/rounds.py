@@ -24,9 +24,9 @@ from .exchange import Found
 from .findings import Candidate, RoundReport
 from .loop import Round, refit_chosen, run_round, screened
 from .model_discrepancy import formula_error_chi2
-from .refit import holds, refit_fully
+from .refit import is_no_worse, refit_fully
 from .score import Apart, Score, score
-from .trial import Trial, judged
+from .trial import Trial, judge_trial
 
 
 def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -34,7 +34,7 @@ def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
     return tuple(effect for effect in candidates if effect.hidden)
 
 
-def hidden(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
+def find_masked_effect(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
     """A round that adds the effect hidden by the guide with which a fit comes nearest to the data, and the model after
     it; None where none comes near.
 
@@ -135,7 +135,7 @@ def fitted_with(
         size = of_the_rig.compounded(stated, again.values[first.symbol])
         x[s.problem.layout.free.index(first.symbol)] = first.domain.coordinate(size)
     s = refit_fully(replace(s, x=x), report)
-    return None if s.far or not holds(s, before, was) else s
+    return None if s.far or not is_no_worse(s, before, was) else s
 
 
 def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial:
@@ -145,7 +145,7 @@ def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial
     """
     less = s.without(effect)
     less = replace(less, x=carried(before.x, before.problem.layout, less.problem.free_parameters, {}))
-    return judged(effect, score(less), s)
+    return judge_trial(effect, score(less), s)
 
 
 # ---- Round after round until one adds nothing, and each of them as data for the report
@@ -191,12 +191,12 @@ class Progress:
 Keep = Callable[[Progress], None]  # is given the progress after every round
 
 
-def forget(progress: Progress) -> None:
+def keep_nothing(progress: Progress) -> None:
     """Keeps nothing."""
 
 
 def forward(
-    result: FitResult, progress: Progress, report: Report, most: int | None = None, keep: Keep = forget
+    result: FitResult, progress: Progress, report: Report, most: int | None = None, keep: Keep = keep_nothing
 ) -> Progress:
     """Rounds from here until one adds nothing or `most` are made in all.
 
@@ -225,7 +225,7 @@ def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) ->
     """One round and the model after it; a first one that stays far from the data is asked what the guide hides."""
     turned, new = refit_chosen(run_round(s, report, formula_error_chi2(result.chi2_per_dof, s)), report)
     if first and new.far:
-        return hidden(result, turned, report) or (turned, new)
+        return find_masked_effect(result, turned, report) or (turned, new)
     return turned, new
 
 

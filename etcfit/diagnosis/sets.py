@@ -29,12 +29,12 @@ from .composition import Composition, Effect, resting
 from .exchange import EXCHANGE_RIVAL, Found
 from .findings import SetTried
 from .loop import Round, ScoredCandidates, score_candidates
-from .refit import holds, refit_fully
+from .refit import is_no_worse, refit_fully
 from .rounds import Progress, forward, reported
 from .score import Apart, Score, distance_to, holdout_worsened, score
 from .screen import Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
-from .trial import Cost, Trial, bic_change, judged
+from .trial import Cost, Trial, bic_change, judge_trial
 
 _NOTHING = 1e-5  # length of a column, once 1, below which another effect does all of it
 
@@ -308,15 +308,15 @@ def _begun_with(
 ) -> Progress | None:
     """The first model refitted with a pair; None where one of the two is not worth its parameters beside the other."""
     new = refit_fully(first.trying(pair.effects, pair.values).optimised(), report)
-    if not holds(new, first, before):
+    if not is_no_worse(new, first, before):
         return None
     less = dict(zip(pair.effects, concurrently(lambda e: new.without(e).optimised(), pair.effects), strict=True))
-    given = {e: judged(e, score(less[e]), new).verdict for e in pair.effects}
+    given = {e: judge_trial(e, score(less[e]), new).verdict for e in pair.effects}
     if not all(is_accepted(v, first.settings) for v in given.values()):
         return None
     a, b = sorted(pair.effects, key=lambda e: -promise.alone[e])
     new = replace(new.with_effects((a, b), {}), end=new.end)
-    opening = judged(a, score(less[b].without(a).optimised()), less[b])
+    opening = judge_trial(a, score(less[b].without(a).optimised()), less[b])
     closing = Trial(new, given[b])
     why = f"Scored together, {a.name} and {b.name} explain more than what was found one after the other"
     signatures = ranked(data.signatures)

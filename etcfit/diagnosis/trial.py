@@ -24,7 +24,7 @@ import numpy as np
 from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
-from .rig_screen import of_one_event
+from .rig_screen import gain_in_one_event
 from .score import Score, score
 from .settings import DiagnosisSettings
 from .tangents import variants
@@ -157,20 +157,20 @@ def compare(
     return TrialVerdict(effect, after, samples, fit_ratio, ratio, held_out, change, before.chi2 - after.chi2, slack)
 
 
-def judged(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
+def judge_trial(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
     """The trial of a refitted model that has one effect more than the one scored before."""
     slack, after = s.settings.rise_in_trial(s.far), score(s)
     counted = after
     if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
-        counted = replace(after, chi2=after.chi2 + of_one_event(s, effect))
+        counted = replace(after, chi2=after.chi2 + gain_in_one_event(s, effect))
     verdict = compare(effect, before, counted, cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
     prior = surprise(effect, s.values, s.composition.stated) if s.at_work(effect) else 0.0
     return Trial(s, replace(verdict, score=after, bic_change=verdict.bic_change + prior, prior=prior))
 
 
-def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:
+def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:
     """The trial of an effect that starts at `values` (SI by symbol), added to a model scored before."""
-    return judged(effect, before, s.trying((effect,), values).optimised())
+    return judge_trial(effect, before, s.trying((effect,), values).optimised())
 
 
 def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect: Effect) -> Trial:
@@ -179,5 +179,5 @@ def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect:
     Args:
         s: the model of the first trial, whose whitening stays.
     """
-    trial = judged(effect, before, replace(s, x=full.x))
+    trial = judge_trial(effect, before, replace(s, x=full.x))
     return replace(trial, verdict=replace(trial.verdict, slack=s.settings.refit_rise))

@@ -30,7 +30,7 @@ from .score import Score, score
 from .screen import Signature
 from .settings import DiagnosisSettings
 from .tangents import fitted_samples, tangents_inside, variants
-from .trial import Cost, Trial, TrialVerdict, judged
+from .trial import Cost, Trial, TrialVerdict, judge_trial
 
 CURVE_REFITS = 1  # smooth curves refitted, the most promising first
 NAME_KEEPS = 0.9  # share of the log-likelihood gained by a free curve which one effect must gain to keep its name
@@ -157,7 +157,7 @@ def _best(s: CandidateModel, before: Score) -> Trial | None:
 def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
     """The trial of a curve; amplitudes that these data do not show cost nothing."""
     trial = s.trying((g.variant.effect,), g.values).optimised()
-    return judged(g.variant.effect, before, trial, Cost(g.seen, len(UNKNOWNS)))
+    return judge_trial(g.variant.effect, before, trial, Cost(g.seen, len(UNKNOWNS)))
 
 
 def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:

@@ -36,12 +36,12 @@ from .contradiction import (
     Contradicting,
     Contradiction,
     Subset,
-    belief,
     by_consequence,
+    contradiction_distance,
     digits_apart,
-    distance,
     fitted_to,
-    renewed,
+    prior_score,
+    refit_with_own_whitening,
     sides_of,
     tests_of,
     undisputed,
@@ -337,7 +337,7 @@ class _Asked:
 
     @property
     def everything(self) -> Subset:
-        return Subset(tests_of(self.problem), self.x, self.pieces, belief(self.problem, self.weighted, self.x))
+        return Subset(tests_of(self.problem), self.x, self.pieces, prior_score(self.problem, self.weighted, self.x))
 
     def believed(self, here: Subset) -> Statement:
         """The priors: those given, and `WIDE` about wherever the fit went."""
@@ -351,7 +351,7 @@ class _Asked:
 
     def freed(self, each: Contradicting) -> Contradicting:
         """A contradicting test, the others fitted with a whitening that it does not bend."""
-        rest = renewed(self.problem, each.without, self.settings)
+        rest = refit_with_own_whitening(self.problem, each.without, self.settings)
         self.made[rest.tests] = rest
         return replace(each, without=rest)
 
@@ -415,7 +415,7 @@ def _named(asked: _Asked, each: Contradicting) -> Contradiction:
     pulls = (each.without.x - each.together.x) / sd
     k = int(np.argmax(np.where(known, np.abs(pulls), -1.0)))
     with_it, without = (float(layout.numbers(here.x)[0][k]) for here in (each.together, each.without))
-    moved = distance(each, asked.believed(each.together), asked.reach, asked.unknown)
+    moved = contradiction_distance(each, asked.believed(each.together), asked.reach, asked.unknown)
     return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share, moved)
 
 

@@ -47,12 +47,12 @@ def fitted_to(
     problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str], settings: FitSettings
 ) -> Subset:
     """Descend from x with some tests alone."""
-    counts = muted(problem, weighted, lambda trace: trace.test.name in tests)
+    counts = with_only_weights_of(problem, weighted, lambda trace: trace.test.name in tests)
     end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
     return at(problem, weighted, end, tests)
 
 
-def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> Subset:
+def refit_with_own_whitening(problem: EstimationProblem, here: Subset, settings: FitSettings) -> Subset:
     """The fit to a subset with a whitening, and outliers, of its own.
 
     Those of all the data were made along the path that the test left out had bent. Sums of squares before and after
@@ -66,16 +66,18 @@ def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> 
 
 def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str]) -> Subset:
     """All data linearised at x, shape (P,), of which some tests count."""
-    return Subset(tuple(tests), x, pieces_at(problem, x, weighted), belief(problem, weighted, x))
+    return Subset(tuple(tests), x, pieces_at(problem, x, weighted), prior_score(problem, weighted, x))
 
 
-def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
+def prior_score(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
     """Score of the priors at x, (x - mean) / sd^2, shape (P,)."""
     own = prior_residual_here(problem.layout.padded(x), weighted) / np.asarray(weighted.prior_sd)
     return own[: x.size]
 
 
-def muted(problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]) -> WeightedData:
+def with_only_weights_of(
+    problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]
+) -> WeightedData:
     """The data with the weights of all traces 0 but of those that count."""
     weight = np.array(weighted.whitening.weight)
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
@@ -130,7 +132,9 @@ def disagreement(split: Split, understated: float = 1.0) -> float:
     Args:
         understated: times that their errors may exceed the standard errors stated.
     """
-    common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
+    common = (
+        split.determined_by_own & split.determined_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
+    )
     count = int(common.sum())
     freedom = min(split.own.samples, split.others.samples) - count + 1.0
     if not count or freedom < 1.0:
@@ -208,7 +212,7 @@ class Contradiction:
             than stated as they may be (`ContradictionSettings.understated`).
         share: of the misfit that is gone if this test may differ from the others.
         moved: by how much leaving it out moves the combination of parameters that moves most, standard errors of noise
-            alone; see `distance`.
+            alone; see `contradiction_distance`.
     """
 
     test: str
@@ -253,7 +257,7 @@ class Contradicting:
     gain: float
 
 
-def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
+def contradiction_distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
     """By how much leaving a test out moves the fit, along whatever combination of parameters moves most.
 
         sqrt(sum_i (b_i^T F (x_without - x_together))^2)    over the directions b_i that the others determine
@@ -264,7 +268,7 @@ def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknow
     own, others = sides_of(each.together, each.test)
     split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
     information = split.own.information + split.others.information
-    along = split.directions[:, split.told_by_others].T @ information @ (each.without.x - each.together.x)
+    along = split.directions[:, split.determined_by_others].T @ information @ (each.without.x - each.together.x)
     return float(np.linalg.norm(along))
 
 

@@ -240,7 +240,7 @@ class FleetModel:
         return PopulationLaw.of_units({s: self.values[s] for s in layout.free}, positive)
 
     @cached_property
-    def told(self) -> tuple[str, ...]:
+    def identifiable_symbols(self) -> tuple[str, ...]:
         """Parameters that the law speaks of: both parts of a sum, and what is tied to them, among them."""
         named = set(self.law.symbols)
         for motor, (whole, plate) in SUMS.items():
@@ -252,7 +252,7 @@ class FleetModel:
         """So many units not made yet, "future 1" ...; what the law does not speak of is that of the mean unit."""
         free = self.free_parameters.layout.free
         mean = {symbol: np.full(count, self.mean[symbol]) for symbol in free}
-        drawn = parted(self.law.drawn(count, rng), {s: self.values[s] for s in free}, self.config.gear_ratio)
+        drawn = split_sums(self.law.drawn(count, rng), {s: self.values[s] for s in free}, self.config.gear_ratio)
         names = [f"future {k + 1}" for k in range(count)]
         return fleet_model(self.config, self.free_parameters, names, mean | drawn, self.position_noise)
 
@@ -292,7 +292,9 @@ def body_types(layout: Layout) -> tuple[type[AbstractEffect], ...]:
     return tuple(t for t in layout.types if not issubclass(t, AbstractRigEffect) and not t.commands)
 
 
-def parted(told: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], gear_ratio: float) -> dict[str, np.ndarray]:
+def split_sums(
+    told: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], gear_ratio: float
+) -> dict[str, np.ndarray]:
     """Values of a model's own parameters, where of motor and plate only a sum is told.
 
     They keep the shares of it that they have in the middle of the units: no data speak of them, and nothing that a rig

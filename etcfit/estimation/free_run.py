@@ -210,7 +210,7 @@ def comes_near(reached: Reached, settings: FitSettings) -> bool:
     return not reached.end.far and reached.misfit < settings.misfit
 
 
-def growing(rig: Rig) -> tuple[str, ...]:
+def removable_effects(rig: Rig) -> tuple[str, ...]:
     """Names of the effects of rig.toml that can be taken out of the model, in the order in which they stand there:
     those with off values, to whose parameters no other is tied."""
     every = {name: effect_named(name) for name in rig.config.effects}
@@ -247,7 +247,7 @@ def no_higher_than_smaller(
         begin: the model of another rig.
         end_of: fits a model from its own starts.
     """
-    names = growing(rig)
+    names = removable_effects(rig)
     base = tuple(name for name in rig.config.effects if name not in names)
     report("no start comes near the data: beginning with smaller models", 0.6)
     smaller = begin(with_only(rig, base))
@@ -256,23 +256,25 @@ def no_higher_than_smaller(
     while rest := [name for name in names if name not in here]:
         last = len(rest) == 1
         larger = {name: model if last else begin(with_only(rig, (*base, *here, name))) for name in rest}
-        best, point = lowest(smaller.problem, end.x, larger, settings)
+        best, point = likeliest_addition(smaller.problem, end.x, larger, settings)
         report(f"starting from a smaller model, with {best} in it", 0.6 + 0.3 * len(here) / len(names))
         here, smaller = (*here, best), larger[best]
-        end = lower(smaller, own if last else end_of(smaller), point, settings)
+        end = lower_end(smaller, own if last else end_of(smaller), point, settings)
     return end
 
 
-def lowest(
+def likeliest_addition(
     smaller: EstimationProblem, x: np.ndarray, larger: Mapping[str, Model], settings: FitSettings
 ) -> tuple[str, np.ndarray]:
-    """Of several effects the one whose model is led lowest from a smaller model's optimum, and where to: `led_from`."""
-    points = {name: led_from(smaller, x, name, each, settings) for name, each in larger.items()}
+    """The effect whose model is led lowest from a smaller model's optimum, and where to, see `guided_start`."""
+    points = {name: guided_start(smaller, x, name, each, settings) for name, each in larger.items()}
     best = min(points, key=lambda name: free_run_cost(larger[name].problem, points[name]))
     return best, points[best]
 
 
-def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings) -> np.ndarray:
+def guided_start(
+    smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings
+) -> np.ndarray:
     """The optimum of a smaller model in a larger one, or where a guide leads from there if that is likelier.
 
     Args:
@@ -290,7 +292,7 @@ def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model
     return min((same, led), key=lambda point: free_run_cost(larger.problem, point))
 
 
-def lower(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) -> Reached:
+def lower_end(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) -> Reached:
     """The end of a model from x, shape (P,), where it comes near the data or below the one from its own starts."""
     if comes_near(own, settings):
         return own

@@ -18,7 +18,7 @@ from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings, read_graphs
 from .edges import with_edges_in_step, with_edges_on_samples
-from .free_run import Model, comes_near, fitted_free_running, growing, no_higher_than_smaller
+from .free_run import Model, comes_near, fitted_free_running, no_higher_than_smaller, removable_effects
 from .intervals import with_accuracy
 from .levenberg_marquardt import approach, descend, with_lag_of
 from .ready import ready, start_values
@@ -86,7 +86,7 @@ def _end(
     if ended is None:
         return None
     reached, starts = ended
-    if not (only_near or begun.model.problem.controlled or comes_near(reached, settings)) and growing(rig):
+    if not (only_near or begun.model.problem.controlled or comes_near(reached, settings)) and removable_effects(rig):
 
         def end_of(smaller: Model) -> Reached:
             return from_own_starts(smaller, settings)

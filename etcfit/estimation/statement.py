@@ -198,12 +198,12 @@ class Split:
         return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-200)
 
     @cached_property
-    def told_by_own(self) -> np.ndarray:
+    def determined_by_own(self) -> np.ndarray:
         """Directions that the own part determines, shape (P,) of bool."""
         return self._width < self.unknown * np.sqrt(self.share)
 
     @cached_property
-    def told_by_others(self) -> np.ndarray:
+    def determined_by_others(self) -> np.ndarray:
         """Directions that the others determine, shape (P,) of bool."""
         return self._width < self.unknown * np.sqrt(self.others_share)
 
@@ -215,12 +215,12 @@ class Split:
     @property
     def own_inverse(self) -> np.ndarray:
         """Inverse of the own information in the directions that it determines, shape (P, P)."""
-        return self._inverse(self.told_by_own, self.share)
+        return self._inverse(self.determined_by_own, self.share)
 
     @property
     def others_inverse(self) -> np.ndarray:
         """Inverse of the others' information in the directions that they determine, shape (P, P)."""
-        return self._inverse(self.told_by_others, self.others_share)
+        return self._inverse(self.determined_by_others, self.others_share)
 
     def _inverse(self, told: np.ndarray, information: np.ndarray) -> np.ndarray:
         b = self.directions[:, told]
@@ -246,6 +246,6 @@ class Split:
     def shift(self) -> np.ndarray:
         """What leaving the own part out moves: the others' estimate less that of all, one step each, shape (P,); 0 in
         directions that the others do not determine."""
-        b, told = self.directions, self.told_by_others
+        b, told = self.directions, self.determined_by_others
         others, together = b.T @ self.others.score, b.T @ (self.own.score + self.others.score)
         return b[:, told] @ (together - others / self.others_share)[told]

@@ -20,11 +20,11 @@ from etcfit.diagnosis.exchange import (
     gave_way,
     gave_way_to_one,
     idle,
-    in_place,
     is_rival,
     merged,
     preference,
     pruned,
+    replaced_in_order,
 )
 from etcfit.diagnosis.loop import Round
 from etcfit.diagnosis.score import Apart
@@ -84,8 +84,8 @@ def test_without_a_rival_that_stands_the_effect_stays() -> None:
 
 
 def test_an_effect_that_takes_anothers_place_is_found_when_that_was() -> None:
-    assert in_place((GRAVITY, HEAT), GRAVITY, AIR) == (AIR, HEAT)
-    assert in_place((HEAT, GRAVITY), GRAVITY, AIR) == (HEAT, AIR)
+    assert replaced_in_order((GRAVITY, HEAT), GRAVITY, AIR) == (AIR, HEAT)
+    assert replaced_in_order((HEAT, GRAVITY), GRAVITY, AIR) == (HEAT, AIR)
 
 
 def test_a_tie_with_an_effect_at_work_is_a_tie_no_longer() -> None:

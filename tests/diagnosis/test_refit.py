@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.refit import further_from_data, holds, refit_worsened
+from etcfit.diagnosis.refit import further_from_data, is_no_worse, refit_worsened
 from etcfit.diagnosis.score import holdout_rms, score
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
@@ -61,7 +61,7 @@ def test_a_refit_is_judged_without_a_score_of_what_nobody_compares(
     assert holdout_rms(small) == was.holdout_rms
     assert holdout_rms(replace(small, holdout=None)) is None
     monkeypatch.setattr(module, "independent", lambda *_: pytest.fail("nobody reads it"))
-    assert holds(small, small, was)
+    assert is_no_worse(small, small, was)
 
 
 def test_a_refit_holds_where_it_is_neither_spoilt_nor_worse_on_what_was_held_out(
@@ -74,9 +74,9 @@ def test_a_refit_holds_where_it_is_neither_spoilt_nor_worse_on_what_was_held_out
     assert rise > 0.02
     lenient = replace(SETTINGS, refit_rise=1.1 * rise)
     monkeypatch.setattr("etcfit.diagnosis.refit.WORSE_CHI2", 1e9)
-    assert holds(best, best, was)
-    assert holds(replace(worse, settings=lenient), best, was)
-    assert not holds(replace(worse, settings=replace(lenient, refit_rise=0.9 * rise)), best, was)
-    assert holds(replace(worse, settings=replace(lenient, refit_rise=0.9 * rise), holdout=None), best, was)
+    assert is_no_worse(best, best, was)
+    assert is_no_worse(replace(worse, settings=lenient), best, was)
+    assert not is_no_worse(replace(worse, settings=replace(lenient, refit_rise=0.9 * rise)), best, was)
+    assert is_no_worse(replace(worse, settings=replace(lenient, refit_rise=0.9 * rise), holdout=None), best, was)
     monkeypatch.setattr("etcfit.diagnosis.refit.WORSE_CHI2", 1.0)
-    assert not holds(replace(worse, settings=lenient), best, was)
+    assert not is_no_worse(replace(worse, settings=lenient), best, was)

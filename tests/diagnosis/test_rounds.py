@@ -17,7 +17,7 @@ from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.loop import Round, refit_chosen, run_round
 from etcfit.diagnosis.probabilities import probabilities, questions
-from etcfit.diagnosis.rounds import Near, Progress, forward, hidden, maskable, names, nearest, reported
+from etcfit.diagnosis.rounds import Near, Progress, find_masked_effect, forward, maskable, names, nearest, reported
 from etcfit.diagnosis.score import Apart
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
@@ -135,7 +135,7 @@ def test_a_fit_is_made_anew_with_hidden_effects_alone() -> None:
 def test_where_none_is_hidden_no_fit_is_made_and_nothing_is_added(small: CandidateModel, rig: Rig) -> None:
     assert maskable(small.composition.candidates) == ()
     turned = Round(small, score(1.0), (), (), Choice(Outcome.NO_PROMISE, None, (), ""))
-    assert hidden(result(rig), turned, lambda text, share: pytest.fail(text)) is None
+    assert find_masked_effect(result(rig), turned, lambda text, share: pytest.fail(text)) is None
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.score import score as score_of
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
-from etcfit.diagnosis.trial import Cost, bic_change, compare, second_trial, surprise, tried
+from etcfit.diagnosis.trial import Cost, bic_change, compare, run_trial, second_trial, surprise
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 from etcfit.problem.free_parameters import free_parameters
@@ -108,7 +108,7 @@ def test_only_a_bic_that_falls_by_more_than_ten_is_strong(bic: float, strong: bo
 @pytest.mark.slow
 def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: CandidateModel) -> None:
     before = score_of(small)
-    trial = tried(small, GRAVITY, {"T_g": 0.01}, before)
+    trial = run_trial(small, GRAVITY, {"T_g": 0.01}, before)
     v = trial.verdict
     assert trial.model.at_work(GRAVITY)
     assert set(trial.own_values) == {"T_g"}

@@ -11,7 +11,7 @@ from scipy.stats import kstest, t
 
 import fleets
 import results
-from etcfit.estimation.fitted_model import Fitted, FleetModel, PopulationLaw, parted
+from etcfit.estimation.fitted_model import Fitted, FleetModel, PopulationLaw, split_sums
 from independent.line import SYMBOLS, Population
 
 
@@ -154,7 +154,7 @@ def test_the_law_of_units_is_their_scatter() -> None:
 
 def test_of_a_sum_motor_and_plate_keep_their_shares() -> None:
     own = {"J_m": np.array([1.0, 1.0, 3.0]) / GEAR**2, "J_L": np.array([1.0, 3.0, 1.0]), "R_a": np.ones(3)}
-    values = parted({"J_eq": np.array([10.0, 20.0]), "R_a": np.array([2.0, 3.0]), "V_f": np.ones(2)}, own, GEAR)
+    values = split_sums({"J_eq": np.array([10.0, 20.0]), "R_a": np.array([2.0, 3.0]), "V_f": np.ones(2)}, own, GEAR)
     assert set(values) == {"J_m", "J_L", "R_a"}  # another sum has no parts in the model
     np.testing.assert_allclose(values["J_L"], (5.0, 10.0))  # half: the middle one of 1/2, 3/4, 1/4
     np.testing.assert_allclose(GEAR**2 * values["J_m"] + values["J_L"], (10.0, 20.0))
