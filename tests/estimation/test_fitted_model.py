@@ -168,8 +168,8 @@ def model() -> FleetModel:
 
 
 def test_parts_of_a_sum_and_what_is_tied_are_told_with_it(model: FleetModel) -> None:
-    assert set(model.told) == {"R_a", "K_b", "K_m", "J_m", "J_L"}
-    assert "B_m" in fleets.of(fleets.truths(4, 21)).told  # held, but of a sum with B_L, which is free
+    assert set(model.identifiable_symbols) == {"R_a", "K_b", "K_m", "J_m", "J_L"}
+    assert "B_m" in fleets.of(fleets.truths(4, 21)).identifiable_symbols  # held, but of a sum with B_L, which is free
 
 
 def test_a_future_unit_is_drawn_where_it_is_told_and_the_mean_unit_elsewhere(model: FleetModel) -> None:
@@ -177,7 +177,7 @@ def test_a_future_unit_is_drawn_where_it_is_told_and_the_mean_unit_elsewhere(mod
     assert made.units[:2] == ("future 1", "future 2")
     for symbol in model.values:
         differs = np.ptp(made.values[symbol]) > 0.0
-        assert differs == (symbol in model.told), symbol
+        assert differs == (symbol in model.identifiable_symbols), symbol
     np.testing.assert_allclose(made.values["K_m"], made.values["K_b"])
     np.testing.assert_allclose(made.values["T_f"], model.mean["T_f"])
     inertia = GEAR**2 * made.values["J_m"] + made.values["J_L"]
