@@ -20,8 +20,8 @@ import numpy as np
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid import RULES, Gains, Requirements, Task
+from etcfit.control.pid.conditions import course
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.scenarios import course
 from etcfit.control.safety import Safety, safety
 from etcfit.control.settings import ConditionSettings, DesignSettings
 from etcfit.model.linear import TransferFunction

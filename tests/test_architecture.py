@@ -32,7 +32,7 @@ MOST_ROOMS = 23
 ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "optimistix": "estimation/damped_step.py",
     "emcee": "posterior/",
-    "matplotlib": ("reporting/", "api/plots.py", "api/unit_pages.py"),
+    "matplotlib": ("reporting/", "api/plots.py", "api/fleet_work.py"),
     "pooch": "datasets/",
     "dask": "fleets/engine/",
     "distributed": "fleets/engine/",

@@ -18,21 +18,18 @@ from ..model.ecus import PROFILES, EcuProfile
 from ..model.feed_forward import Asked, Term, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
-from .fleet_verdict import FleetVerdict
 from .judged import Robust, Tuned, judged, outside_the_bench
 from .linearise import reduce, stops
+from .on_units import FleetVerdict, PartsVerdict
 from .own_numbers import checked
-from .parts_verdict import PartsVerdict
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
-from .pid.conditions import DRY_FRICTION, scaled
-from .pid.feedforward import Bias, bias_of
-from .pid.front import FrontPoint, front
+from .pid.conditions import DRY_FRICTION, course, of_log, scaled
+from .pid.feedforward import Bias, Sliding, bias_of, sliding_of
 from .pid.loop import Body, Loop
-from .pid.scenarios import course, of_log
-from .pid.setpoint import Setpoint
-from .pid.sliding import Sliding, sliding_of
+from .pid.optimal import FrontPoint, front
 from .safety import Safety
 from .safety import safety as safety_of
+from .setpoint import Setpoint
 from .settings import DesignSettings
 from .supply_table import SupplyTable, supply_table
 

@@ -11,9 +11,8 @@ from ..model.ecu import Ecu, Notation, Terms
 from .judged import over_models
 from .pid import Gains, LoopFigures, Task
 from .pid.conditions import at_corners, corners
-from .pid.linear_loop import controller
+from .pid.linear_loop import FINE, OpenLoop, controller
 from .pid.loop import Loop
-from .pid.margins import FINE, OpenLoop
 from .settings import ScheduleSettings
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..problem.free_parameters import SERIES, Layout
 from ..problem.trace import Trace
-from ..rig.comments import toml_string
+from ..rig.user_text import toml_string
 from .settings import IdentifiabilitySettings
 
 # standard deviation of what is believed of a parameter that no prior is given for, in reaches of its coordinate: about

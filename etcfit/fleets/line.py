@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..control.motion import Bands, Experiment, Motion, Watching, moved
 from ..control.pid.conditions import DRY_FRICTION, scaled
 from ..control.pid.loop import Body
-from ..control.safety.spring_return import falls
+from ..control.safety.unpowered import falls
 from ..control.settings import SafetySettings
 from ..estimation.fitted_model import FleetModel
 from ..model.effects import AbstractEffect, Inputs, State
@@ -288,7 +288,7 @@ FIGURES: tuple[Figure, ...] = (
         "unpowered_return",
         "s",
         "time from full open to within 5 % of the unpowered position, terminals open",
-        "control.safety.spring_return: FMVSS 124 asks it of the driver's control",
+        "control.safety.unpowered: FMVSS 124 asks it of the driver's control",
         lambda station: station.cut.stays[:, 0],
         "rests more than 5 % of the travel from where its springs bring it",
     ),
@@ -296,7 +296,7 @@ FIGURES: tuple[Figure, ...] = (
         "unpowered_return_shorted",
         "s",
         "time from full open to within 5 % of the unpowered position, terminals shorted",
-        "control.safety.spring_return",
+        "control.safety.unpowered",
         lambda station: station.shorted.stays[:, 0],
         "not back while watched: dry friction or the motor's brake holds it",
     ),

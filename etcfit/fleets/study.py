@@ -11,9 +11,9 @@ from ..estimation.fitted_model import FleetModel, fleet_model, split_sums
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
+from .fitting import Results
 from .line import FigureResult, measured
 from .prediction import Prediction, predict
-from .results import Results
 from .statistics.capability import Capability, Line, capability
 from .statistics.charts import Chart, Drift, chart, drifts
 from .statistics.gauge import Gauge, gauge

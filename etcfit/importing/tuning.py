@@ -24,7 +24,7 @@ from ..errors import MeasurementError
 from ..model.ecu import Ecu, Notation, Terms
 from ..ranges import check_ranges, real, whole
 from ..rig.base import SLOW_LOG, Channel, Measurement, Rig
-from ..rig.comments import toml_string
+from ..rig.user_text import toml_string
 
 DUTY, ECU = "duty", "ecu"
 EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has

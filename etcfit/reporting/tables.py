@@ -15,7 +15,7 @@ from ..estimation.joint_fit import FitResult, StartSummary
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Measurement
-from ..run_folder import GEAR_RATIO, readings_of
+from ..run_folder.fit import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
 from .budget import budget_table

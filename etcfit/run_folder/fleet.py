@@ -1,9 +1,9 @@
-"""RUN/fleet.json and RUN/units.parquet: what is known of a fleet, as docs/formats.md has them."""
+"""RUN/fleet.json and RUN/units.parquet, and the parts of one design that they hold, as docs/formats.md has them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -16,23 +16,24 @@ from ..errors import UsageError, command, require_extra
 from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
 from ..files import whole, write_json
-from ..fleets.line import FIGURE_BY_NAME
+from ..fleets.line import FIGURE_BY_NAME, FigureResult
+from ..fleets.prediction import Prediction, Spread
 from ..fleets.statistics.charts import DECISION, Chart, run_length
 from ..fleets.study import FleetStudy
 from ..fleets.unit import UnitResult
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
-from ..rig.toml import Toml
-from ..rig.toml_text import written
+from ..rig.toml import Toml, written
 from .commit import settle
 from .fit import versions
-from .line import figures_json, predictions_json
 from .manifest import FLEET
 from .reading import object_in
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from ..control.fleet import Parts
 
 UNITS = "units.parquet"
 _COLUMNS = ("unit", "symbol", "value", "stderr", "low", "high", "status", "shrunk_value", "shrunk_stderr")
@@ -252,3 +253,68 @@ def _chart(study: FleetStudy, symbol: str, chart: Chart) -> dict[str, Any]:
         "upper": float(np.median(chart.upper)), "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low,
         "decision": DECISION, "run_length": run_length(),
     }  # fmt: skip
+
+
+def figures_json(
+    units: tuple[str, ...], measured: Mapping[str, FigureResult], odd: Collection[str] = ()
+) -> dict[str, Any]:
+    """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
+
+    Args:
+        units: their names.
+        measured: what `fleets.line.measured` gave.
+        odd: names of units that do not count in mean and spread.
+    """
+    ordinary = ~np.isin(units, list(odd))
+    return {
+        name: {
+            "meaning": FIGURE_BY_NAME[name].meaning,
+            **asdict(Spread.over_units(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
+            "value": {unit: float(v) for unit, v in zip(units, told.value, strict=True) if np.isfinite(v)},
+        }
+        for name, told in measured.items()
+    }
+
+
+def predictions_json(predictions: Iterable[Prediction]) -> list[dict[str, Any]]:
+    """Every condition with the spread of each figure over the units; figures that can be told of no unit are null."""
+    return [
+        {
+            "condition": each.condition.name,
+            "winding_C": each.condition.winding,
+            "supply_V": each.condition.supply,
+            "friction": each.condition.friction,
+            "figures": {name: asdict(figure) for name, figure in each.figures.items()},
+        }
+        for each in predictions
+    ]
+
+
+def parts_of(run: Path) -> Parts:
+    """The parts of one design that a fleet found, for the design of one of them.
+
+    What the fleet's population leaves out, and what has no result or none that converged, is none of them: its values
+    are not known, or it is something else.
+
+    Raises:
+        UsageError: see `read_fleet_files`; too few units to say how parts scatter.
+    """
+    from ..control.fleet import EVERY_UNIT, Parts
+
+    files = read_fleet_files(run)
+    model, left_out = model_in(files), _left_out(files.content)
+    if model.law.units < EVERY_UNIT.fewest:
+        raise UsageError(f"{run}: its population is known from {model.law.units} units, too few to say how parts "
+                         f"scatter. Measure {EVERY_UNIT.fewest} at least, and run `etcfit fleet` again.")  # fmt: skip
+    kept = np.flatnonzero([unit not in left_out for unit in model.units])
+    if not kept.size:
+        raise UsageError(f"{run} holds no unit whose fit can be trusted. The page fleet.html says why of each.")
+    return Parts(str(run), str(files.content["name"]), model.taking(kept), left_out)
+
+
+def _left_out(content: Mapping[str, Any]) -> dict[str, str]:
+    """Units that are none of the parts, with why."""
+    odd = {each["unit"]: f"odd: {each['why']}" for each in content["odd"]}
+    apart = {unit: odd.get(unit, "too far from the others") for unit in content["left_out"]}
+    failed = {each["unit"]: f"no result: {each['why']}" for each in content["failed"]}
+    return apart | {each["unit"]: f"did not converge: {each['why']}" for each in content["not_converged"]} | failed

@@ -11,7 +11,7 @@ import pytest
 import rigs
 from etcfit.control.pid import Gains, Requirements, Task
 from etcfit.control.pid.feedforward import bias_of
-from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import ConditionSettings, DesignSettings, ScheduleSettings
 from etcfit.control.supply_table import SupplyTable, over_position, reckoning_with, supply_table
 from etcfit.model.ecu import Ecu, Notation
@@ -19,7 +19,7 @@ from etcfit.model.ecus import ECUS, EcuProfile, Scheduling
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.supply_table import supply_table as shown
-from etcfit.run_folder import supply_table_json
+from etcfit.run_folder.design import supply_table_json
 from independent.bench_twin import TRUTH
 from independent.control import Computer, failing, follow
 from independent.effects import NONE

@@ -48,7 +48,7 @@ from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
-from etcfit.run_folder import diagnosis_json
+from etcfit.run_folder.diagnosis import diagnosis_json
 
 DEFAULT = DiagnosisSettings()
 NAMES = [each.name for each in fields(DiagnosisSettings)]

@@ -32,7 +32,7 @@ from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.estimation.settings import ContradictionSettings, FitSettings
 from etcfit.estimation.statement import pieces_at
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder import fit_json
+from etcfit.run_folder.fit import fit_json
 
 
 @pytest.fixture(scope="module")

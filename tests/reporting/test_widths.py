@@ -21,11 +21,10 @@ import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
 from etcfit.control.design import PAPERS, ecu_of, propose, task_of
-from etcfit.control.fleet_verdict import FleetVerdict, OneByOne, Share
 from etcfit.control.frequency import frequency_response
 from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
-from etcfit.control.parts_verdict import OnParts, PartsVerdict
+from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.estimation.agreement import Influence, Pull
@@ -152,8 +151,7 @@ def of_design(fit: FitResult) -> RenderableType:
     on = OnParts(each, each)
     parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
                          each)  # fmt: skip
-    some = Share(2, 3, 0.1, 0.9)
-    fleet = FleetVerdict(FleetDesignSettings(), some, some, each.named(3), each.fails, 1)
+    fleet = FleetVerdict(FleetDesignSettings(named=3), each, Share(2, 3, 0.1, 0.9), 1)
     return design_table(replace(design, fleet=fleet, parts=parts))
 
 

@@ -20,16 +20,12 @@ from ...model.stepper import Step, step
 from ...model.tangents import once
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
-from ..loop_figures import LoopFigures
-from ..response import Run
+from ..loop_figures import LoopFigures, Run, judge, with_effort, with_heat
+from ..setpoint import Setpoint
 from ..settings import LoopSettings
-from .ecu import Memory, tick
-from .feedforward import Bias, HoldingVoltages, hold_curve
-from .gains import Gains
-from .judge import judge, with_effort, with_heat
+from .ecu import Gains, Memory, tick
+from .feedforward import Bias, HoldingVoltages, Sliding, hold_curve, rates
 from .loop_kernel import kernel_of
-from .setpoint import Setpoint
-from .sliding import Sliding, rates
 
 
 class Body(NamedTuple):

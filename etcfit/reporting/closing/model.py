@@ -11,7 +11,7 @@ from ...diagnosis.probabilities import likely
 from ...errors import command
 from ...estimation.goodness import Left
 from ...estimation.identifiability import listed
-from ...run_folder import read_records
+from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run
 from ..page.verdict import left_unexplained, residuals
