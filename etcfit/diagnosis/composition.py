@@ -1,4 +1,4 @@
-"""Which effects of the rig its checks state, read off the records before any fit, and how large."""
+"""Every effect that a rig could show, those that its checks state, and the models that have some of them in it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace, by_test
 from ..rig.base import Finding, Rig
+
+# ---- Which effects of the rig its checks state, read off the records before any fit, and how large
 
 
 def stated_effects(

@@ -1,4 +1,4 @@
-"""The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas."""
+"""The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, final fit, statements."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
 from .statements import rig_mistakes, runs_free_worse, statements, tie, verdict
 from .unexplained import Allowed, allowing_for_the_rest, outdone, unexplained
+
+# ---- The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas
 
 
 def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResult:

@@ -1,15 +1,4 @@
-"""What the model lacks along the measured motion.
-
-The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
-what the model lacks,
-
-    T_missing = N K_m / R_a stiffness (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
-
-so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the stepper that
-simulates the fit does it all. The second holds for what changes slower than L_a/R_a.
-
-Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
-"""
+"""What the residual shows: torque and voltage that the model lacks along the motion, and whether it is noise."""
 
 from __future__ import annotations
 
@@ -37,6 +26,19 @@ from ..problem.residual import run
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
 from .findings import Evidence, Motion, Share, Whiteness
+
+# ---- What the model lacks along the measured motion
+#
+# The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
+# what the model lacks,
+#
+#     T_missing = N K_m / R_a stiffness (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
+#
+# so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the stepper
+# that simulates the fit does it all. The second holds for what changes slower than L_a/R_a.
+#
+# Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
+
 
 WHITE_P = 1e-4  # p-value of a test for autocorrelation or correlation below which a residual is not white
 LARGE_RMS = 0.03  # excess of a residual's RMS over 1 sigma that a wrong estimate of the noise may explain

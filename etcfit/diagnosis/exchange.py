@@ -1,11 +1,4 @@
-"""Looking back: each effect found is compared again with its rivals, now that all later effects are in the model.
-
-What was missing together with others may have been taken for something like it. So each effect is compared once more
-with the rivals of its round, in its place in the final model; and each is tried to be taken away.
-
-Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source: the
-rivals of an effect are those that explained at least half as much in its round, not all candidates.
-"""
+"""Looking back: an effect is exchanged for a rival, taken away, or put in place of two others."""
 
 from __future__ import annotations
 
@@ -25,6 +18,15 @@ from .model_discrepancy import formula_error_chi2
 from .refit import is_no_worse, refit_fully, refit_worsened
 from .score import Apart, distance_to, folds, left_out, score
 from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
+
+# ---- Looking back: each effect found is compared again with its rivals, now that all later effects are in the model
+#
+# What was missing together with others may have been taken for something like it. So each effect is compared once more
+# with the rivals of its round, in its place in the final model; and each is tried to be taken away.
+#
+# Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source:
+# the rivals of an effect are those that explained at least half as much in its round, not all candidates.
+
 
 # share of the fall of chi2 of the effect added that another must exceed to be compared in the final model
 EXCHANGE_RIVAL = 0.5

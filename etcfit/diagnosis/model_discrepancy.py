@@ -1,17 +1,4 @@
-"""The formulas of the effects found are conventions: what that leaves unexplained, and what it does to parameters.
-
-A formula that is off by phi adds phi xi(t) c(t) to the residual, c what the effect does there and xi of size 1. Part of
-it looks like another effect (`formula_error_chi2`); the rest is taken for other values of the parameters
-(`formula_covariance`):
-
-    p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
-
-with c_b = c in one stretch of one trace and 0 elsewhere: xi is taken to be constant over a stretch and independent from
-one stretch to the next. Far from the data both are 0: samples are weighed there by what is left in them.
-
-Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy). Differs from source: xi is constant
-by stretches rather than a Gaussian process, and its size is `inexact` of the effect, not fitted.
-"""
+"""What formulas that are not exact leave and do to parameters, and what is left as random curves."""
 
 from __future__ import annotations
 
@@ -30,6 +17,21 @@ from ..problem.free_parameters import effect_named
 from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Background
+
+# ---- The formulas of the effects found are conventions: what that leaves unexplained, and what it does to parameters
+#
+# A formula that is off by phi adds phi xi(t) c(t) to the residual, c what the effect does there and xi of size 1. Part
+# of it looks like another effect (`formula_error_chi2`); the rest is taken for other values of the parameters
+# (`formula_covariance`):
+#
+#     p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
+#
+# with c_b = c in one stretch of one trace and 0 elsewhere: xi is taken to be constant over a stretch and independent
+# from one stretch to the next. Far from the data both are 0: samples are weighed there by what is left in them.
+#
+# Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy). Differs from source: xi is constant
+# by stretches rather than a Gaussian process, and its size is `inexact` of the effect, not fitted.
+
 
 FORMULA_CEILING = 0.04  # chi2 that may be put down to an inexact formula: at most this share of the number of samples
 FORMULA_STRETCHES = 6  # equal parts of a trace, over each of which the error of a formula is taken to be constant

@@ -1,4 +1,4 @@
-"""What is probable enough for a word: one list for statements, terminal and pages."""
+"""How likely is each explanation: how much a name answers for, questions with answers, and what is worth a word."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ from ..model.rig_effects import Place, rig_effect
 from ..problem.free_parameters import effect_named
 from .findings import Question, RoundReport, Whiteness
 from .settings import DiagnosisSettings
+
+# ---- What is probable enough for a word: one list for statements, terminal and pages
+
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
 LEAST_CREDIT = 0.5  # share of what is missing where it acts that a name must explain, beside what may be something else

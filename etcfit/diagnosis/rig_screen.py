@@ -1,11 +1,4 @@
-"""What an effect of the rig in one trace alone would do to the residual: the tangent of a parameter, cut to that trace.
-
-    d r / d a = d r / d p in the samples of the trace, 0 elsewhere
-
-A winding that was warm in one trace is an R_a of that trace (`like` of the effect's family). A channel that reads too
-much in one trace is that of its whole test, where the model has that one; elsewhere what the reading alone does is
-whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one whitening serves hundreds of traces.
-"""
+"""What effects of the rig in single traces, and signals that are logged late, would do to the residual."""
 
 from __future__ import annotations
 
@@ -32,6 +25,16 @@ from .composition import Effect, is_of_one_channel
 from .screen import Background, Signature, ranked
 from .settings import DiagnosisSettings
 from .tangents import Tangents, Variant
+
+# ---- What an effect of the rig in one trace alone would do to the residual: the tangent of a parameter, cut to that
+# trace
+#
+#     d r / d a = d r / d p in the samples of the trace, 0 elsewhere
+#
+# A winding that was warm in one trace is an R_a of that trace (`like` of the effect's family). A channel that reads too
+# much in one trace is that of its whole test, where the model has that one; elsewhere what the reading alone does is
+# whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one whitening serves hundreds of traces.
+
 
 LATE_STRETCHES = 20  # equal parts of a trace: what is late must explain more than the one that gains most, one event
 

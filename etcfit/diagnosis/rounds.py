@@ -1,10 +1,4 @@
-"""What a guide hides: a sensor whose reading is not where the plate is, or a mistake of the rig.
-
-Far from the data candidates are compared in runs that are drawn along the measured angle. A plate drawn to where a slow
-sensor has it has no lag left to show, a clock that is slow leaves it where it was measured, and the parameters have
-bent to make up for it. So where the first effect found does not bring the model near its data, the joint fit is made
-once more with such an effect in it; of the rig's, with those that promise most in a run that is not drawn.
-"""
+"""Round after round until one adds nothing; before them what the rig's checks found, and what a guide hides."""
 
 from __future__ import annotations
 
@@ -27,6 +21,13 @@ from .model_discrepancy import formula_error_chi2
 from .refit import is_no_worse, refit_fully
 from .score import Apart, Score, score
 from .trial import Trial, judge_trial
+
+# ---- What a guide hides: a sensor whose reading is not where the plate is, or a mistake of the rig
+#
+# Far from the data candidates are compared in runs that are drawn along the measured angle. A plate drawn to where a
+# slow sensor has it has no lag left to show, a clock that is slow leaves it where it was measured, and the parameters
+# have bent to make up for it. So where the first effect found does not bring the model near its data, the joint fit is
+# made once more with such an effect in it; of the rig's, with those that promise most in a run that is not drawn.
 
 
 def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:

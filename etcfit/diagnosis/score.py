@@ -1,4 +1,4 @@
-"""How well a model does: on the traces that were fitted, and on those that were not."""
+"""How well a model does: fitted and held out, with traces left out in turn, and how far two tied models are apart."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from ..problem.prediction_error import PredictionError, columns, pooled, rows
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
+
+# ---- How well a model does: on the traces that were fitted, and on those that were not
+
 
 FOLD_TOLERANCE = 1e-3  # relative change of chi2 that ends a refit without one group
 

@@ -1,14 +1,4 @@
-"""Every pair of candidates scored together: what two effects explain at once that neither explains alone.
-
-    gain_ab = max |r|^2 - |r + C_a' a + C_b' b|^2
-
-One QR of all signatures side by side, [C', r] = Q R, replaces n samples by as many rows as there are columns, so that a
-pair costs the solution of a few equations and thousands of pairs a second. Bounds of amplitudes are dropped first:
-without them a pair gains no less, so that only pairs that may still be among the best are solved with them.
-
-Source: Rao 1948 (score test), all subsets of size two (Miller 2002, Subset Selection in Regression, ch. 2). Differs
-from source: amplitudes are bounded.
-"""
+"""Sets of effects beside the one that came round by round: pairs scored together, and the best refitted."""
 
 from __future__ import annotations
 
@@ -35,6 +25,18 @@ from .score import Apart, Score, distance_to, holdout_worsened, score
 from .screen import Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
 from .trial import Cost, Trial, bic_change, judge_trial
+
+# ---- Every pair of candidates scored together: what two effects explain at once that neither explains alone
+#
+#     gain_ab = max |r|^2 - |r + C_a' a + C_b' b|^2
+#
+# One QR of all signatures side by side, [C', r] = Q R, replaces n samples by as many rows as there are columns, so that
+# a pair costs the solution of a few equations and thousands of pairs a second. Bounds of amplitudes are dropped first:
+# without them a pair gains no less, so that only pairs that may still be among the best are solved with them.
+#
+# Source: Rao 1948 (score test), all subsets of size two (Miller 2002, Subset Selection in Regression, ch. 2). Differs
+# from source: amplitudes are bounded.
+
 
 _NOTHING = 1e-5  # length of a column, once 1, below which another effect does all of it
 

@@ -1,7 +1,4 @@
-"""What a diagnosis states of each name: how sure it is, what else could explain the same, which measurement would tell.
-
-One place has the words; terminal, pages and closing lines print the sentence of a statement.
-"""
+"""What a diagnosis states: each name and how sure it is, mistakes of the rig and their cure, and the verdict."""
 
 from __future__ import annotations
 
@@ -18,6 +15,12 @@ from .findings import Question, RigMistake, RoundReport, Statement, Tie, Unexpla
 from .probabilities import SOMETHING_ELSE, in_words, likely
 from .score import clearly_worse
 from .settings import DiagnosisSettings
+
+# ---- What a diagnosis states of each name: how sure it is, what else could explain the same, which measurement would
+# tell
+#
+# One place has the words; terminal, pages and closing lines print the sentence of a statement.
+
 
 FOUND, PROBABLY = 0.9, 0.7
 _LACKED = {"found": "Found: the model lacked", "probably": "Probably the model lacked", "may be": "The model may lack"}

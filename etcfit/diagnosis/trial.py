@@ -1,17 +1,4 @@
-"""What is known of a mistake of the rig before its likelihood is asked: how large such a mistake usually is, and
-whether the rig's checks found it.
-
-    -2 ln prior = 2 sum over amplitudes of ln(1 + (a / usual size)^2)    - 2 ln 10 where the checks found it
-                                                                        + 2 ln 25 in one channel of one trace
-
-A Cauchy density of the size, over its peak: a mistake of a usual size pays next to nothing, and one of any size may be
-there. So a resistor of 1.2 ohm, which many rigs have, goes before a probe that reads 74 % too much, which none has,
-where both explain the data alike; and what a whole test shows is not put down to its one fitted trace. The usual size
-is the scale of the parameter.
-
-Source: Berger 1985, Statistical Decision Theory, 4.7 (robust priors with flat tails). Differs from source: only the
-ratio to the density at zero is kept.
-"""
+"""One effect more on trial, and what is known of a mistake of the rig before its likelihood is asked."""
 
 from __future__ import annotations
 
@@ -28,6 +15,21 @@ from .rig_screen import gain_in_one_event
 from .score import Score, score
 from .settings import DiagnosisSettings
 from .tangents import variants
+
+# ---- What is known of a mistake of the rig before its likelihood is asked: how large such a mistake usually is, and
+# whether the rig's checks found it.
+#
+#     -2 ln prior = 2 sum over amplitudes of ln(1 + (a / usual size)^2)    - 2 ln 10 where the checks found it
+#                                                                         + 2 ln 25 in one channel of one trace
+#
+# A Cauchy density of the size, over its peak: a mistake of a usual size pays next to nothing, and one of any size may
+# be there. So a resistor of 1.2 ohm, which many rigs have, goes before a probe that reads 74 % too much, which none
+# has, where both explain the data alike; and what a whole test shows is not put down to its one fitted trace. The usual
+# size is the scale of the parameter.
+#
+# Source: Berger 1985, Statistical Decision Theory, 4.7 (robust priors with flat tails). Differs from source: only the
+# ratio to the density at zero is kept.
+
 
 # held-out chi2 may rise by this share of what chi2 of the fitted traces falls: they may not show the effect
 SPARED_GAIN = 0.01

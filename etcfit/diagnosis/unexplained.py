@@ -1,7 +1,4 @@
-"""What no effect of the catalogue explains: a smooth curve in its place, and the names that it puts in doubt.
-
-A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
-"""
+"""What no effect of the catalogue explains: a smooth curve in its place, and intervals that allow for the rest."""
 
 from __future__ import annotations
 
@@ -31,6 +28,11 @@ from .screen import Signature
 from .settings import DiagnosisSettings
 from .tangents import fitted_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judge_trial
+
+# ---- What no effect of the catalogue explains: a smooth curve in its place, and the names that it puts in doubt
+#
+# A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
+
 
 CURVE_REFITS = 1  # smooth curves refitted, the most promising first
 NAME_KEEPS = 0.9  # share of the log-likelihood gained by a free curve which one effect must gain to keep its name
@@ -260,7 +262,7 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
     return np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 
-# ---- Intervals of the final model that allow for what is left in its residual, see `random_curves`
+# ---- Intervals of the final model that allow for what is left in its residual, see `model_discrepancy`
 
 
 @dataclass(frozen=True, eq=False)

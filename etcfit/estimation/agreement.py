@@ -1,21 +1,4 @@
-"""Do traces, or tests, disagree by more than their noise, and how wide must the intervals be if they do?
-
-    T_k = sum_g d_gk^2 / E[sum_g d_gk^2],    nu_k = (tr Q_k)^2 / tr Q_k^2
-
-d_g is what leaving cluster g out moves, Q_k = cov(d_gk, d_hk) if the model is right and noise as `inflation` has it:
-then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters to a parameter, nu_k about 2, and its
-raw cluster covariance would be a number drawn at random; it counts only where T_k refuses agreement. There
-
-    C' = C + W (sum_g d_g d_g^T) W,    C'_kk = phi_k (t_(1 + nu_k) / 1.96)^2 C_kk
-    phi_k = (1 + nu_k T_k) / (1 + nu_k)
-
-with W diagonal, and 0 for all other parameters. The 1 is one degree of freedom's worth of belief that noise is what it
-is said to be: without it an interval of two clusters would be ten times as wide or not at all.
-
-Source: Bell and McCaffrey 2002, Survey Methodology 28(2) (jackknife over clusters, degrees of freedom after
-Satterthwaite); Birge 1932, Phys. Rev. 40 (T); Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3(1) (phi). Differs from
-source: the variance under agreement is known here, so that it can be tested for, and nothing is ever narrowed.
-"""
+"""Do the parts of the data agree: what each pulls, how wide intervals must be, which test contradicts the others."""
 
 from __future__ import annotations
 
@@ -49,6 +32,25 @@ from .contradiction import (
 from .levenberg_marquardt import believed
 from .settings import FitSettings
 from .statement import Piece, Split, Statement, inflations_of, prior, statement
+
+# ---- Do traces, or tests, disagree by more than their noise, and how wide must the intervals be if they do?
+#
+#     T_k = sum_g d_gk^2 / E[sum_g d_gk^2],    nu_k = (tr Q_k)^2 / tr Q_k^2
+#
+# d_g is what leaving cluster g out moves, Q_k = cov(d_gk, d_hk) if the model is right and noise as `inflation` has it:
+# then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters to a parameter, nu_k about 2, and
+# its raw cluster covariance would be a number drawn at random; it counts only where T_k refuses agreement. There
+#
+#     C' = C + W (sum_g d_g d_g^T) W,    C'_kk = phi_k (t_(1 + nu_k) / 1.96)^2 C_kk
+#     phi_k = (1 + nu_k T_k) / (1 + nu_k)
+#
+# with W diagonal, and 0 for all other parameters. The 1 is one degree of freedom's worth of belief that noise is what
+# it is said to be: without it an interval of two clusters would be ten times as wide or not at all.
+#
+# Source: Bell and McCaffrey 2002, Survey Methodology 28(2) (jackknife over clusters, degrees of freedom after
+# Satterthwaite); Birge 1932, Phys. Rev. 40 (T); Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3(1) (phi). Differs from
+# source: the variance under agreement is known here, so that it can be tested for, and nothing is ever narrowed.
+
 
 _NORMAL = float(ndtri(0.975))
 _BELIEVED = 1.0  # degrees of freedom

@@ -1,4 +1,4 @@
-"""The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights."""
+"""Which rig test contradicts the others: the fit made again without it, and how far the two sides disagree."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from ..problem.trace import Trace
 from .levenberg_marquardt import descend
 from .settings import ContradictionSettings, FitSettings, WhitenessSettings
 from .statement import Piece, Split, Statement, inflations_of, pieces_at, statement
+
+# ---- The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights
+
 
 _CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than parts that disagree differ by
 

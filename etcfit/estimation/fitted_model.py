@@ -1,4 +1,4 @@
-"""How far a fit can be believed, in a form that every later stage carries."""
+"""A fitted model without its data: of one unit with the state of its fit, and of many units of one design."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from ..model.throttle import Throttle, catalogue
 from ..problem.free_parameters import Form, FreeParameters, Layout, Pick
 from ..rig.base import RigConfig
 from .settings import IdentifiabilitySettings
+
+# ---- How far a fit can be believed, in a form that every later stage carries
 
 
 @dataclass(frozen=True)

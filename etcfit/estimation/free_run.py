@@ -1,16 +1,4 @@
-"""A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
-best free run.
-
-    V_guide = stiffness (theta_measured - theta)
-
-Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 is full
-of valleys. Under a stiff guide it cannot leave it, and there is one; each weaker guide has its valley where the
-stronger one had it, a little deeper.
-
-Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
-(single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
-terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
-"""
+"""A model that is far from its data: led by a guide, fitted in the free run, and grown from smaller models."""
 
 from __future__ import annotations
 
@@ -31,6 +19,19 @@ from .levenberg_marquardt import approach, minimise
 from .result import Termination
 from .rounds import Reached, Report, evolve, quiet, searched, whitened
 from .settings import FitSettings, GuideSettings
+
+# ---- A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
+# best free run.
+#
+#     V_guide = stiffness (theta_measured - theta)
+#
+# Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 is
+# full of valleys. Under a stiff guide it cannot leave it, and there is one; each weaker guide has its valley where the
+# stronger one had it, a little deeper.
+#
+# Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
+# (single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
+# terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
 
 
 class Guided(NamedTuple):

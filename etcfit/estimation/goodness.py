@@ -1,4 +1,4 @@
-"""Are the residuals independent, and if not, by how much are the intervals too narrow?"""
+"""What is left in a residual: correlation, how it widens intervals, and whether a channel fits."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from scipy.special import chdtrc
 from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
 from .settings import FitSettings, WhitenessSettings
+
+# ---- Are the residuals independent, and if not, by how much are the intervals too narrow?
+
 
 LAGS = WhitenessSettings().lags
 

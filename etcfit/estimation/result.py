@@ -1,4 +1,4 @@
-"""The uncertainty budget: which source makes which share of an interval."""
+"""What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings."""
 
 from __future__ import annotations
 
@@ -26,6 +26,8 @@ from .settings import FitSettings
 from .statement import Piece, information_in, pieces_at
 from .statement import whitened as whitened_of
 
+# ---- The uncertainty budget: which source makes which share of an interval
+
 
 @dataclass(frozen=True, eq=False)
 class Budget:
@@ -45,9 +47,6 @@ class Budget:
         """Share of each parameter's variance that each source makes, the statistical one last, shape (S + 1, P)."""
         parts = np.vstack((self.moves**2, np.maximum(np.diag(self.statistical), 0.0)))
         return parts / np.maximum(parts.sum(axis=0), 1e-300)
-
-
-# ---- What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings
 
 
 class Reason(StrEnum):

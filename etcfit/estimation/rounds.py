@@ -1,4 +1,4 @@
-"""The rounds of a fit: the whitening filter and the least squares through it, renewed in turn until neither moves."""
+"""The rounds of whitening and least squares, and the searches about their end."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ from ..problem.residual import WeightedData
 from .levenberg_marquardt import approach, descend, local, minimise, with_lag_of
 from .result import Reason, Termination
 from .settings import FitSettings, GlobalSearchSettings
+
+# ---- The rounds of a fit: the whitening filter and the least squares through it, renewed in turn until neither moves
+
 
 Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 

@@ -1,4 +1,4 @@
-"""The residual of a fit channel by channel: what each of them says can be weighed, left out, or asked by itself."""
+"""What channels, traces and tests say of the coordinates: shares of the normal equations, two side by side."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .goodness import inflation
 from .settings import WhitenessSettings
+
+# ---- The residual of a fit channel by channel: what each of them says can be weighed, left out, or asked by itself
 
 
 class Piece(NamedTuple):
