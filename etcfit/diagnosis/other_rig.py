@@ -74,7 +74,7 @@ class Strange:
 
     def statement(self, settings: DiagnosisSettings) -> Statement:
         """It is shown, but for a lapse."""
-        apart = self.apart()
+        apart = differences(self.own, self.rest)
         each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(apart.items())[:_NAMED]]
         differs = listed(each) if each else "in what it does not tell"
         said = f"{OtherRig.kind} in {self.place.words}: a body of its own, which differs from all others: {differs}"
@@ -84,10 +84,6 @@ class Strange:
     def _mend(self) -> str:
         return f"{OtherRig.at(self.place).mend(0.0)}, or take the files out of the folder"
 
-    def apart(self) -> dict[str, float]:
-        """`differences` of the two bodies."""
-        return differences(self.own, self.rest)
-
     def mistake(self, stated: Statement) -> RigMistake:
         """As a finding; its size is the largest relative difference of a parameter that both tell."""
         return RigMistake(
@@ -95,7 +91,7 @@ class Strange:
             kind=OtherRig.kind,
             test=self.place.test or None,
             channel=None,
-            size=max((abs(d) for d in self.apart().values()), default=0.0),
+            size=max((abs(d) for d in differences(self.own, self.rest).values()), default=0.0),
             unit="",
             mend=self._mend,
             sentence=stated.sentence,
@@ -185,21 +181,17 @@ def left_without(
     Where it cannot come below `near` any more, for what is forgiven less only adds to it, the way is not gone on.
     """
     left = np.inf
+    counted = (t for t in problem.batch.traces if not _is_of(t.measurement.file, place))
+    samples = sum(int(np.sum(np.isfinite(trace.data))) for trace in counted)
     for by in late:
         problem = problem.with_integrator_states(x)
         weighted = problem.weighted(weights.forgiving(problem, by))
         others = with_only_weights_of(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
         x, _ = descend(problem, x, others, settings.rough_tolerance, settings.steps)
-        left = problem.chi2(x, others) / max(1.0, _counted(problem, place) - x.size)
+        left = problem.chi2(x, others) / max(1.0, samples - x.size)
         if left > _HOPELESS * near and not problem.controlled:  # an ECU's integral, begun anew, may still bring it near
             break
     return left
-
-
-def _counted(problem: EstimationProblem, place: Place) -> int:
-    """Samples of all other traces."""
-    others = (t for t in problem.batch.traces if not _is_of(t.measurement.file, place))
-    return sum(int(np.sum(np.isfinite(trace.data))) for trace in others)
 
 
 def _is_of(file: str, place: Place) -> bool:
@@ -227,9 +219,13 @@ def _shown(
     misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
     if misfit < NEAR_CHI2_PER_DOF or own is None:
         return None
-    if own.chi2_per_dof > _most_left(misfit, result):
+    # what noise may be, or next to nothing of the misfit: a fit to one trace may stop a little short of its optimum
+    if own.chi2_per_dof > max(result.settings.contradiction.compromise, min(_LEFT * misfit, NEAR_CHI2_PER_DOF)):
         return None
-    apart = _chi2_apart(others, start_at(own, s.settings))
+    # sum of squares of two bodies, and what BIC asks for the P parameters of the second: P ln n
+    second = start_at(own, s.settings)
+    samples = others.weighted.samples + second.weighted.samples
+    apart = others.chi2 + second.chi2 + second.x.size * float(np.log(samples))
     if (one is not None and _explains_all(one, result, apart)) or _one_effect_does(here, result, apart, report):
         return None
     itself = finished(own)
@@ -259,12 +255,6 @@ def _declared(problem: EstimationProblem) -> EstimationProblem:
     return replace(problem.guided(0.0), sigma=problem.batch.slots.sigma)
 
 
-def _most_left(misfit: float, result: FitResult) -> float:
-    """Most chi2 per degree of freedom that a body of its own may leave of a piece with this much in the others' model:
-    what noise may be, or next to nothing of it, for a fit to one trace may stop a little short of its optimum."""
-    return max(result.settings.contradiction.compromise, min(_LEFT * misfit, NEAR_CHI2_PER_DOF))
-
-
 def _explains_all(s: CandidateModel, result: FitResult, apart: float) -> bool:
     """Whether a model of all data leaves next to nothing, and a smaller sum of squares than two bodies would."""
     return explains_misfit(s, result) and s.chi2 < apart
@@ -277,12 +267,6 @@ def explains_misfit(s: CandidateModel, result: FitResult) -> bool:
     excess = _LEFT_SHARE * (result.chi2_per_dof - 1.0)
     nearly = s.chi2_per_sample < min(1.0 + excess, result.settings.contradiction.compromise)
     return nearly or is_white(s)
-
-
-def _chi2_apart(others: CandidateModel, own: CandidateModel) -> float:
-    """Sum of squares of two bodies, and what BIC asks for the P parameters of the second: P ln n."""
-    samples = others.weighted.samples + own.weighted.samples
-    return others.chi2 + own.chi2 + own.x.size * float(np.log(samples))
 
 
 def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, report: Report) -> bool:

@@ -175,7 +175,15 @@ def questions(
     ]
     left = _left(rounds, bool(added), curve, doubts, settings)
     every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
-    return tuple(_beside_a_slow_log(each, settings) for each in every) if slow else every
+    if not slow:
+        return every
+    return tuple(
+        Question(
+            each.asks,
+            {a: (1.0 - settings.slow_log) * p for a, p in each.answers.items()} | {BETWEEN_SAMPLES: settings.slow_log},
+        )
+        for each in every
+    )
 
 
 class Said(NamedTuple):
@@ -215,11 +223,6 @@ def said(
     if unlikely:
         return said(rounds, present, (*doubts, *unlikely), curve, settings, slow)
     return Said(names, tuple(doubts), asked, chance)
-
-
-def _beside_a_slow_log(question: Question, settings: DiagnosisSettings) -> Question:
-    answers = {answer: (1.0 - settings.slow_log) * p for answer, p in question.answers.items()}
-    return Question(question.asks, {**answers, BETWEEN_SAMPLES: settings.slow_log})
 
 
 def probabilities(

@@ -25,9 +25,8 @@ from .contradiction import (
     fitted_to,
     prior_score,
     refit_with_own_whitening,
-    sides_of,
+    split_off,
     tests_of,
-    undisputed,
 )
 from .levenberg_marquardt import believed
 from .settings import FitSettings
@@ -439,10 +438,9 @@ def _compromise(asked: _Asked, why: str) -> Compromise:
 def _alone(asked: _Asked, test: str) -> np.ndarray:
     """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where it does not know them, or lies so
     far off that one step does not lead there."""
-    own, others = sides_of(asked.everything, test)
-    split = Split(undisputed(own), undisputed(others) + asked.believed(asked.everything), asked.reach, asked.unknown)
-    believed = asked.believed(asked.everything).information
-    sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed)))
+    believed = asked.believed(asked.everything)
+    split = split_off(asked.everything, test, believed, asked.reach, asked.unknown)
+    sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed.information)))
     near = np.abs(split.own_step) < asked.unknown * asked.reach
     known = sd < asked.settings.identifiability.weak * asked.reach
     return np.where(known & near, asked.x + split.own_step, np.nan)

@@ -192,6 +192,12 @@ def undisputed(pieces: Sequence[Piece]) -> Statement:
     return statement(pieces, [1.0] * len(pieces))
 
 
+def split_off(here: Subset, test: str, believed: Statement, reach: np.ndarray, unknown: float) -> Split:
+    """One test and the others that count, noise as declared."""
+    own, others = sides_of(here, test)
+    return Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+
+
 # ---- Which rig test contradicts the others: it is left out, the fit is made again, and the two sides are compared
 #
 # The level is shared out over the tests (Holm's first step). Of those that contradict, the one is named that explains
@@ -268,8 +274,7 @@ def contradiction_distance(each: Contradicting, believed: Statement, reach: np.n
     in standard errors of noise alone: 1 along b_i is one standard error of all the data together. No parameter, and no
     combination of parameters, moves by more.
     """
-    own, others = sides_of(each.together, each.test)
-    split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+    split = split_off(each.together, each.test, believed, reach, unknown)
     information = split.own.information + split.others.information
     along = split.directions[:, split.determined_by_others].T @ information @ (each.without.x - each.together.x)
     return float(np.linalg.norm(along))
@@ -320,7 +325,12 @@ class Comparison:
     def _worst(self, here: Subset) -> Contradicting | None:
         bound = self._bound(here)
         together = sum(piece.misfit() for piece in here.pieces if piece.test in here.tests)
-        likely = [test for test in here.tests if self._screened(here, test) < bound]
+        believed = self.believed(here)
+        likely = []
+        for test in here.tests:  # to first order, as if noise were as declared: cheap, and never too lenient
+            split = split_off(here, test, believed, self.reach, self.unknown)
+            if self._unlikely(split) < bound:
+                likely.append(test)
         tried = (self._tried(here, test, together) for test in likely)
         proven = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
         return max(proven, key=lambda each: each.gain, default=None)
@@ -328,13 +338,6 @@ class Comparison:
     def _bound(self, here: Subset) -> float:
         """log p below which one of so many tests contradicts the others."""
         return float(np.log(self.settings.level / len(here.tests)))
-
-    def _screened(self, here: Subset, test: str) -> float:
-        """log p to first order, as if noise were as declared: cheap, and never too lenient."""
-        own, others = sides_of(here, test)
-        return self._unlikely(
-            Split(undisputed(own), undisputed(others) + self.believed(here), self.reach, self.unknown)
-        )
 
     def _unlikely(self, split: Split) -> float:
         return disagreement(split, self.settings.understated)
