@@ -318,7 +318,7 @@ class Agreement:
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _FittedData:
     """What is compared: the problem at its optimum; see `agreement`."""
 
     problem: EstimationProblem
@@ -382,21 +382,21 @@ def agreement(
     """
     if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
         return Agreement(Influence(), covariance)
-    asked = _Asked(problem, weighted, x, pieces, settings)
-    believed = asked.believed(asked.everything)
+    data = _FittedData(problem, weighted, x, pieces, settings)
+    believed = data.believed(data.everything)
     traces = _by_trace(pieces, settings)
-    found = influence(problem.layout.free, traces, believed, asked.reach, asked.unknown)
+    found = influence(problem.layout.free, traces, believed, data.reach, data.unknown)
     tests = [said for (_, file), said in parts(traces).items() if file is None]
-    every = (scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
+    every = (scatter(each, believed, data.reach, data.unknown) for each in ([*traces.values()], tests))
     wide = widened(covariance, every, settings.contradiction.scatter)
     decides = settings.contradiction, settings.whiteness
-    comparison = Comparison(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
+    comparison = Comparison(data.refitted, data.believed, data.reach, data.unknown, *decides)
     # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
-    contradicting = () if misfit[0] else tuple(map(asked.freed, comparison.contradicting(asked.everything)))
-    named = tuple(_named(asked, each) for each in contradicting)
+    contradicting = () if misfit[0] else tuple(map(data.freed, comparison.contradicting(data.everything)))
+    named = tuple(_named(data, each) for each in contradicting)
     real, outweighed = by_consequence(named, settings.contradiction.moves)
     why = compromise_reason(*misfit, (each.test for each in real), settings)
-    return Agreement(found, wide, real, outweighed, None if why is None else _compromise(asked, why))
+    return Agreement(found, wide, real, outweighed, None if why is None else _compromise(data, why))
 
 
 def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Statement]:
@@ -407,43 +407,43 @@ def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str,
     return out
 
 
-def _named(asked: _Asked, each: Contradicting) -> Contradiction:
+def _named(data: _FittedData, each: Contradicting) -> Contradiction:
     """The parameter that the test pulls most, of those that the others know."""
-    layout = asked.problem.layout
-    said = reduce(add, (statement((piece,), (1.0,)) for piece in asked.pieces), asked.believed(asked.everything))
+    layout = data.problem.layout
+    said = reduce(add, (statement((piece,), (1.0,)) for piece in data.pieces), data.believed(data.everything))
     sd = np.sqrt(np.diag(np.linalg.inv(said.information)))
-    known = np.sqrt(np.diag(asked.covariance(each.without))) < asked.unknown * asked.reach
+    known = np.sqrt(np.diag(data.covariance(each.without))) < data.unknown * data.reach
     pulls = (each.without.x - each.together.x) / sd
     k = int(np.argmax(np.where(known, np.abs(pulls), -1.0)))
     with_it, without = (float(layout.numbers(here.x)[0][k]) for here in (each.together, each.without))
-    moved = contradiction_distance(each, asked.believed(each.together), asked.reach, asked.unknown)
+    moved = contradiction_distance(each, data.believed(each.together), data.reach, data.unknown)
     return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share, moved)
 
 
-def _compromise(asked: _Asked, why: str) -> Compromise:
+def _compromise(data: _FittedData, why: str) -> Compromise:
     """The range that subsets give: the fit made again without each test, and one step to each test alone."""
-    tests, size = tests_of(asked.problem), asked.x.size
+    tests, size = tests_of(data.problem), data.x.size
     left_out = tests if len(tests) > 1 else ()
     rest = [tuple(each for each in tests if each != test) for test in left_out]
-    without = concurrently(partial(asked.refitted, asked.x), rest)
+    without = concurrently(partial(data.refitted, data.x), rest)
     return Compromise(
         why,
         left_out,
         np.array([here.x for here in without]).reshape(-1, size),
-        np.array([asked.covariance(here) for here in without]).reshape(-1, size, size),
-        np.array([_alone(asked, test) for test in left_out]).reshape(-1, size),
+        np.array([data.covariance(here) for here in without]).reshape(-1, size, size),
+        np.array([_alone(data, test) for test in left_out]).reshape(-1, size),
     )
 
 
-def _alone(asked: _Asked, test: str) -> np.ndarray:
+def _alone(data: _FittedData, test: str) -> np.ndarray:
     """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where it does not know them, or lies so
     far off that one step does not lead there."""
-    believed = asked.believed(asked.everything)
-    split = split_off(asked.everything, test, believed, asked.reach, asked.unknown)
+    believed = data.believed(data.everything)
+    split = split_off(data.everything, test, believed, data.reach, data.unknown)
     sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed.information)))
-    near = np.abs(split.own_step) < asked.unknown * asked.reach
-    known = sd < asked.settings.identifiability.weak * asked.reach
-    return np.where(known & near, asked.x + split.own_step, np.nan)
+    near = np.abs(split.own_step) < data.unknown * data.reach
+    known = sd < data.settings.identifiability.weak * data.reach
+    return np.where(known & near, data.x + split.own_step, np.nan)
 
 
 def in_words(each: Contradiction, unit: str) -> str:
