@@ -118,8 +118,7 @@ def covers(moved: np.ndarray, sd: np.ndarray, sd_without: np.ndarray) -> bool:
     return bool(np.all(np.abs(moved) <= Z_95 * np.hypot(sd, sd_without)))
 
 
-# ---- The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, and the statements at the
-# end.
+# ---- the course
 
 
 def diagnose(

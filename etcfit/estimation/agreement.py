@@ -282,8 +282,6 @@ def compromise_reason(far: bool, chi2: float, contradicting: Iterable[str], sett
     return None
 
 
-# ---- Do the parts of the data agree? What each pulls, how wide intervals must be, which test contradicts the others
-
 _SEEN = 1.0  # standard errors by which a parameter must move to show a contradiction
 _LOOK = (
     "Look for what differs in that test: series resistance, a sensor, wiring, temperature, or an effect that the model "

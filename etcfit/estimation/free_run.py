@@ -11,13 +11,14 @@ import numpy as np
 from ..model.effects import PAPER, AbstractEffect
 from ..model.parameters import parameters_of
 from ..problem import weights
+from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import effect_named
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..rig.base import Rig, Tied
 from .levenberg_marquardt import approach, minimise
 from .result import Termination
-from .rounds import Reached, Report, evolve, quiet, searched, whitened
+from .rounds import Reached, Report, evolve_population, quiet, searched, whitened
 from .settings import FitSettings, GuideSettings
 
 # ---- A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
@@ -168,7 +169,8 @@ def freed(
     """
     problem = weights.discounted(problem, x)
     weighted = problem.weighted(weights.free_running(problem))
-    x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
+    reach = spread * problem.layout.reach(x)
+    x = evolve_population(lambda points: chi2_of(problem, points, weighted), x, reach, settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
     end = relax_guide(problem, x, settings) if guided else x
     if end is x:

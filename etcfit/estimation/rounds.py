@@ -139,7 +139,9 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
     problem, weighted, x, end = reached
     here = local(problem, x, weighted)
     report("the gradient does not vanish: searching without it", 0.9)
-    x, gain = settle(problem, x, weighted, here.covariance, here.unit, settings.search)
+    x, gain = search_about(
+        lambda points: chi2_of(problem, points, weighted), x, here.covariance, here.unit, settings.search
+    )
     return Reached(problem, weighted, x, after_search(gain, end.outliers, settings))
 
 
@@ -150,17 +152,6 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
 # that there is none nearby.
 
 Cost = Callable[[np.ndarray], np.ndarray]  # what is minimised, of K points at once, shape (K, P) -> (K,)
-
-
-def evolve(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    spread: np.ndarray,
-    settings: GlobalSearchSettings = GlobalSearchSettings(),
-) -> np.ndarray:
-    """`evolve_population` on the chi2 of a problem; coordinates of the best point, shape (P,)."""
-    return evolve_population(lambda points: chi2_of(problem, points, weighted), x, spread, settings)
 
 
 def evolve_population(
@@ -199,18 +190,6 @@ def evolve_population(
         crowd[better], price[better] = young[better], asked[better]
         history.append(float(price.min()))
     return crowd[int(np.argmin(price))]
-
-
-def settle(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    covariance: np.ndarray,
-    unit: float,
-    settings: GlobalSearchSettings = GlobalSearchSettings(),
-) -> tuple[np.ndarray, float]:
-    """`search_about` on the chi2 of a problem."""
-    return search_about(lambda points: chi2_of(problem, points, weighted), x, covariance, unit, settings)
 
 
 def search_about(
