@@ -53,7 +53,7 @@ def fit(
     Args:
         rig: a measurement folder.
         report: called with what is going on and the share done.
-        settings: every threshold, budget and seed; written into the result.
+        settings: thresholds, budgets and seeds; written into the result.
         about: values of a like body, SI by symbol, to start from in place of the reading. No other start is tried where
             that one ends near the data; where it does not, the reading and all starts are, as without it.
     Raises:
