@@ -1,4 +1,4 @@
-"""What a fit decides by: its thresholds, budgets and seeds, with its unit, default and allowed range.
+"""What a fit decides by: its thresholds, budgets and seeds, each with unit, default and allowed range.
 
 Two terms return throughout:
 
