@@ -131,11 +131,11 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 #     w_e = prior_e exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
 #
 # T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be; what
-# was known before the data (`prior.py`, which the change of BIC leaves out here) is not tempered. `lapse` is the answer
-# "something else": how often a name is wrong however strong its evidence, for the truth may lie outside the catalogue;
-# more, where a name answers for less than all that is missing where it acts (`credit.py`). The answers of a question
-# add up to one. Over rounds an effect is there unless none of them puts it there. How well they are calibrated:
-# docs/validation/bank.md.
+# was known before the data (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the
+# answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside the
+# catalogue; more, where a name answers for less than all that is missing where it acts (`credits`). The answers of a
+# question add up to one. Over rounds an effect is there unless none of them puts it there. How well they are
+# calibrated: docs/validation/bank.md.
 #
 # Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
 

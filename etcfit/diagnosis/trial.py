@@ -62,7 +62,7 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 #
 #     BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
 #
-# with n the number of independent samples and the prior that of a mistake of the rig (`prior.py`).
+# with n the number of independent samples and the prior that of a mistake of the rig (`surprise`).
 #
 # An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
 #

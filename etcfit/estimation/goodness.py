@@ -110,7 +110,7 @@ def widen(
 # ---- Whether a channel of a trace fits: ONE rule for the warnings of a fit, the lights of the interactive page,
 # verdicts.
 #
-#     fits      the whitened residual r is neither larger than its noise nor correlated (`autocorrelation`),
+#     fits      the whitened residual r is neither larger than its noise nor correlated (`is_correlated`),
 #               and the free run is off by at most 3 sigma, rms
 #     strays    r is noise, but the free run is further off
 #     more      r is larger than its noise, or correlated

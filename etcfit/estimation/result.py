@@ -196,7 +196,7 @@ class Termination:
         far: the model is far from the data and was fitted free-running.
         wander: what the last round moved, coordinates, shape (1, P): where an impact or a slip falls on either side of
             a sample, two whitenings alternate, and neither is better; the intervals include the difference. Below it,
-            one row each, how far optima nearby lie away that the data hardly rule out (`neighbouring_optima`).
+            one row each, how far optima nearby lie away that the data hardly rule out (`likeliest_nearby`).
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
         reason_code: `reason` for programs; None where the end was not judged by the joint fit.
     """

@@ -82,7 +82,7 @@ def information_in(
 
 # ---- What a part of the data says of the coordinates, and in which directions another part can say the same
 #
-#     F = J^T J,    s = J^T r,    M = sum_c f_c J_c^T J_c,    f_c as in `autocorrelation.inflation`
+#     F = J^T J,    s = J^T r,    M = sum_c f_c J_c^T J_c,    f_c as in `goodness.inflation`
 #
 # F and s are a part's share of the normal equations, M is the variance of s where residuals are larger than their noise
 # or not independent. Two parts, own and others, are compared in directions b_i with
