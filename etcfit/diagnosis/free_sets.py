@@ -3,7 +3,8 @@
 Under the guide, by which the rounds compare effects there, the plate goes where it was measured; what an effect does to
 where a free plate goes shows little, and the set that the rounds found need not be the one whose free run is best. So
 a set is grown beside theirs, from the free run of the first fit: of the effects that stood in any round the one is
-taken first to which a guide leads lowest, as in a fit of named effects (`free_run.guided_start`), then the next, as long as
+taken first to which a guide leads lowest, as in a fit of named effects (`free_run.guided_start`), then the next, as
+long as
 
     -2 log L = 2 n log(error) + k log n,    n = number of independent samples,
 
