@@ -288,17 +288,18 @@ def propose(
                   limits)  # fmt: skip
 
 
+_EASED_SUPPLY = 4.0  # factor on the supply voltage when it is tried whether the supply is what binds
+_EASED_PERIOD = 5e-4  # s, of the ECU when it is tried whether its clock is
+_EASED_MARGIN = 1e-3  # dB and degrees, the margins required when it is tried whether they are
 _EASED: dict[str, Callable[[Task], Task]] = {
-    "the supply voltage": lambda task: _with_ecu(task, supply=task.settings.eased_supply * task.ecu.supply),
-    "the ECU's period and delay": lambda task: _with_ecu(
-        task, period=min(task.ecu.period, task.settings.eased_period), delay=0.0
-    ),
+    "the supply voltage": lambda task: _with_ecu(task, supply=_EASED_SUPPLY * task.ecu.supply),
+    "the ECU's period and delay": lambda task: _with_ecu(task, period=min(task.ecu.period, _EASED_PERIOD), delay=0.0),
     "the stability margins asked for": lambda task: replace(
         task,
         requirements=replace(
             task.requirements,
-            gain_margin_db=task.settings.eased_margin,
-            phase_margin_deg=task.settings.eased_margin,
+            gain_margin_db=_EASED_MARGIN,
+            phase_margin_deg=_EASED_MARGIN,
         ),
     ),
     "dry friction": lambda task: replace(task, loop=_sliding_freely(task.loop)),

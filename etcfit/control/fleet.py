@@ -25,6 +25,8 @@ from .pid.optimal import best_over_draws, optimal
 from .settings import DesignSettings, FleetDesignSettings
 
 ORIGIN = "fleet"
+FEWEST_UNITS = 5  # from which on their scatter is believed
+_AT_ONCE = 200  # units whose responses are in memory together
 EVERY_UNIT = FleetDesignSettings()
 DESIGN = DesignSettings()
 
@@ -65,7 +67,7 @@ class SearchOverUnits:
         return best
 
     def _tried(self, task: Task, gains: Gains) -> OneByOne:
-        return one_by_one(task, self.plants, self.units, gains, self.asked.at_once)
+        return one_by_one(task, self.plants, self.units, gains, _AT_ONCE)
 
     def _with(self, task: Task, worst: np.ndarray) -> Task:
         """The same with some units ahead of those that the search saw before, behind the nominal one."""
@@ -132,11 +134,11 @@ def design_for_fleet(
     report("judging every unit", 0.97)
     gains = found.chosen.gains
     assert gains is not None, "a rule that refused is not proposed"
-    own = one_by_one(task, plants, model.units, gains, asked.at_once)
+    own = one_by_one(task, plants, model.units, gains, _AT_ONCE)
     ahead = None
     if future is not None:
         fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
-        ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, gains, asked.at_once)
+        ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, gains, _AT_ONCE)
     verdict = FleetVerdict(asked, own, None if ahead is None else ahead.share, max(1, search.made))
     return replace(found, fleet=verdict)
 
@@ -180,7 +182,7 @@ def future_units(model: FleetModel, asked: FleetDesignSettings = EVERY_UNIT) -> 
         model: the units measured.
         asked: how many, from how few on, and the seed.
     """
-    if model.law.units < asked.fewest:
+    if model.law.units < FEWEST_UNITS:
         return None
     return model.future(asked.future, np.random.default_rng(asked.seed + 1))
 

@@ -17,6 +17,7 @@ from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..model.linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag, turning_against
 from ..model.throttle import Throttle
+from .pid.feedforward import SLIDING_PLACES
 from .settings import SlidingSettings
 
 INPUTS = {"V": "voltage", "%": "duty"}
@@ -148,11 +149,11 @@ def motor_constants(
         fitted: the model.
         lower, upper: its travel, rad.
         share: of the travel, for kA.
-        settings: the speed, and the places.
+        settings: the speed.
     """
     types, gear = fitted.free_parameters.layout.types, fitted.config.gear_ratio
     travel = upper - lower
-    angles = lower + travel * (np.arange(settings.places) + 0.5) / settings.places
+    angles = lower + travel * (np.arange(SLIDING_PLACES) + 0.5) / SLIDING_PLACES
     speed = settings.rate * travel
 
     def of(values: Any) -> Any:

@@ -15,7 +15,6 @@ from ..control.motion import Bands, Experiment, Motion, Watching, moved
 from ..control.pid.conditions import DRY_FRICTION, scaled
 from ..control.pid.loop import Body
 from ..control.safety.unpowered import falls
-from ..control.settings import SafetySettings
 from ..estimation.fitted_model import FleetModel
 from ..model.effects import AbstractEffect, Inputs, State
 from ..model.effects.coulomb_friction import CoulombFriction
@@ -140,8 +139,8 @@ class Station:
         return self._fall(1.0)
 
     def _fall(self, circuit: float) -> Motion:
-        how = replace(SafetySettings(), returned=RETURNED, falls=LONGEST, fall_step=STEP, at_rest=AT_REST)
-        return falls(self.throttles, np.full(self.count, self.body.upper), self.homes, circuit, self.body, how)
+        angles, how = np.full(self.count, self.body.upper), Watching(STEP, LONGEST, AT_REST)
+        return falls(self.throttles, angles, self.homes, circuit, self.body, RETURNED, how)
 
     @cached_property
     def homes(self) -> PerUnit:

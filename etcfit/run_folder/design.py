@@ -20,7 +20,7 @@ from ..control.pid.feedforward import Bias, Sliding
 from ..control.pid.optimal import FrontPoint
 from ..control.safety import Envelope, Holding, JamCheck, Return, Runaway, Sag
 from ..control.setpoint import Setpoint
-from ..control.supply_table import AtSupply, OverPosition, SupplyTable
+from ..control.supply_table import NEAR, AtSupply, OverPosition, SupplyTable
 from ..files import plain, write_json
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import GENERIC, NOT_DIVIDED, RUSEFI, BiasTable, EcuProfile, Scheduling, differences
@@ -485,7 +485,7 @@ def _end(end: AtSupply) -> dict[str, Any]:
 
 
 def _position(over: OverPosition) -> dict[str, Any]:
-    return {"crossover_Hz": over.frequency, "within_pct": 100.0 * over.near, "share_of_travel_within": over.alike,
+    return {"crossover_Hz": over.frequency, "within_pct": 100.0 * NEAR, "share_of_travel_within": over.alike,
             "least_ratio": over.ratio.min(), "largest_ratio": over.ratio.max()}  # fmt: skip
 
 
@@ -522,7 +522,7 @@ def _of_end(end: AtSupply) -> str:
 def _of_position(over: OverPosition) -> str:
     """Whether a table over the position had anything to compensate."""
     known = (f"over the position: at the crossover of {over.frequency:.3g} Hz the plant's gain is within "
-             f"{100.0 * over.near:g} % of that at a quarter of the travel over {100.0 * over.alike:.0f} % "
+             f"{100.0 * NEAR:g} % of that at a quarter of the travel over {100.0 * over.alike:.0f} % "
              "of it")  # fmt: skip
     if over.alike == 1.0:
         return f"{known}: a table would be flat"

@@ -299,13 +299,13 @@ def parts_of(run: Path) -> Parts:
     Raises:
         UsageError: see `read_fleet_files`; too few units to say how parts scatter.
     """
-    from ..control.fleet import EVERY_UNIT, Parts
+    from ..control.fleet import FEWEST_UNITS, Parts
 
     files = read_fleet_files(run)
     model, left_out = model_in(files), _left_out(files.content)
-    if model.law.units < EVERY_UNIT.fewest:
+    if model.law.units < FEWEST_UNITS:
         raise UsageError(f"{run}: its population is known from {model.law.units} units, too few to say how parts "
-                         f"scatter. Measure {EVERY_UNIT.fewest} at least, and run `etcfit fleet` again.")  # fmt: skip
+                         f"scatter. Measure {FEWEST_UNITS} at least, and run `etcfit fleet` again.")  # fmt: skip
     kept = np.flatnonzero([unit not in left_out for unit in model.units])
     if not kept.size:
         raise UsageError(f"{run} holds no unit whose fit can be trusted. The page fleet.html says why of each.")

@@ -26,7 +26,7 @@ from ...rig.signals import drive_voltage
 from ..linearise import reduce, stops
 from ..settings import FrequencySettings
 from .lag import Order, order_of
-from .wave import Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
+from .wave import NEARLY, Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
 
 SETPOINT, POSITION, DRIVE = "setpoint", "position", "drive"
 
@@ -90,13 +90,13 @@ def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings 
     if wanted.time.size < 2 * settings.fewest_cycles:
         found = f"the setpoint moves in {wanted.time.size} samples only."
         raise _unfit(trace, settings, found, "Log the sine for longer.")
-    frequency = frequency_of(wanted, settings)
+    frequency = frequency_of(wanted)
     _check_length(trace, wanted, channels[POSITION], frequency, settings)
     count = _harmonics(channels.values(), frequency, settings)
     window = settled(wanted, channels[POSITION], frequency, count, settings)
     parts = {name: signal.between(window.begin, window.end) for name, signal in channels.items()}
     _check_density(trace, parts, window, settings)
-    waves = fit_waves(parts, frequency, count, settings)
+    waves = fit_waves(parts, frequency, count)
     _check_sine(trace, waves, settings)
     power = float(np.var(parts[POSITION].value))
     return Point(trace, window, waves, trace.channels["position"].sigma ** 2 / power if power else math.inf)
@@ -121,9 +121,9 @@ def _signal(channel: Channel) -> Signal:
 
 
 def _harmonics(signals: Iterable[Signal], frequency: float, settings: FrequencySettings) -> int:
-    """As many as the slowest logged signal can tell."""
+    """As many as the slowest logged signal has 2.5 samples a cycle of."""
     step = max(float(np.median(np.diff(signal.time))) for signal in signals)
-    return int(np.clip(1.0 / (settings.samples_a_harmonic * frequency * step), 1, settings.harmonics))
+    return int(np.clip(1.0 / (2.5 * frequency * step), 1, settings.harmonics))
 
 
 def _check_length(
@@ -131,7 +131,7 @@ def _check_length(
 ) -> None:
     begin, end = common(wanted, position)
     cycles = (end - begin) * frequency
-    if cycles < settings.fewest_cycles - settings.nearly:
+    if cycles < settings.fewest_cycles - NEARLY:
         raise _unfit(trace, settings, f"{max(cycles, 0.0):.2g} cycles of {frequency:.3g} Hz.",
                      f"Log it for {settings.fewest_cycles / frequency:.2g} s or longer.")  # fmt: skip
 

@@ -22,6 +22,8 @@ from ..settings import ConditionSettings, ScenarioSettings
 from .ecu import Gains
 from .loop import Loop
 
+LEAD = 0.3  # s at the first level of a scenario, not judged
+BEYOND_REST = 0.02  # how far the steps across the limp-home position go beyond it either way, share of the travel
 _FINE = 2001  # angles between which the default position is found
 
 
@@ -34,13 +36,12 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
         further: more of them, such as a log's own setpoint.
     """
     rest = default_position(loop)
-    large = stairs("large steps", (settings.low, settings.high, settings.low), settings.large_hold, settings.lead)
-    small = stairs("small steps", _there_and_back(settings.small), settings.hold, settings.lead)
+    large = stairs("large steps", (settings.low, settings.high, settings.low), settings.large_hold, LEAD)
+    small = stairs("small steps", _there_and_back(settings.small), settings.hold, LEAD)
     every = [large, small]
     if rest is not None:
-        beyond = settings.beyond_rest
-        across = (rest - beyond, rest + beyond, rest - beyond)
-        every.append(stairs("across the limp-home position", across, settings.hold, settings.lead))
+        across = (rest - BEYOND_REST, rest + BEYOND_REST, rest - BEYOND_REST)
+        every.append(stairs("across the limp-home position", across, settings.hold, LEAD))
     return in_turn(trapezoid(), *every, *further)
 
 
@@ -58,9 +59,9 @@ def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
     """
     begin = setpoint.busiest(settings.log)
     inside = (setpoint.time > begin) & (setpoint.time < begin + settings.log)
-    times = np.concatenate(([begin], setpoint.time[inside], [begin + settings.log])) - begin + settings.lead
-    shares = np.clip(0.01 * np.interp(times - settings.lead + begin, setpoint.time, setpoint.value), 0.0, 1.0)
-    tracked = Stretch(settings.lead, settings.lead + settings.log, "log")
+    times = np.concatenate(([begin], setpoint.time[inside], [begin + settings.log])) - begin + LEAD
+    shares = np.clip(0.01 * np.interp(times - LEAD + begin, setpoint.time, setpoint.value), 0.0, 1.0)
+    tracked = Stretch(LEAD, LEAD + settings.log, "log")
     return Setpoint((0.0, *times.tolist()), (float(shares[0]), *shares.tolist()), (), (tracked,))
 
 

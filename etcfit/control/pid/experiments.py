@@ -62,6 +62,12 @@ def grids(settings: ManualSettings) -> Gains:
     )
 
 
+_HYSTERESIS = 0.005  # error at which the relay turns over, share of the travel
+_SWINGS = 0.06, 0.9, 12  # least and largest amplitude, shares of the supply, and how many; the least that swings counts
+_TURNS = 4  # of the swing in the second half of an experiment at least
+_CLEAR = 1.2  # swing over the hysteresis above which it counts
+
+
 class Relay(NamedTuple):
     """v = bias + d or bias - d.
 
@@ -99,14 +105,14 @@ def experiment(task: Task) -> Ultimate | Refusal:
     settings = task.settings.relay
     nominal = task.loop.first(1).in_steps_of(settings.longest_step)
     ecu, body = nominal.ecu, nominal.body
-    span = settings.hysteresis * (body.upper - body.lower)
+    span = _HYSTERESIS * (body.upper - body.lower)
     _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))
-    swings = np.geomspace(settings.smallest, settings.largest, settings.count) * ecu.supply
+    swings = np.geomspace(*_SWINGS) * ecu.supply
     relays = Relay(jnp.asarray(swings), jnp.full(swings.shape, float(hold[0])), jnp.full(swings.shape, span))
     path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, settings.hold, lead=0.0))
     for swing, angle in zip(swings, np.asarray(path.position)[0], strict=True):
-        swung = swing_of(angle[angle.size // 2 :], ecu.period, settings.turns)
-        if swung is not None and swung[0] > settings.clear * span:
+        swung = swing_of(angle[angle.size // 2 :], ecu.period, _TURNS)
+        if swung is not None and swung[0] > _CLEAR * span:
             amplitude, period = swung
             return Ultimate(4.0 * swing / (math.pi * math.sqrt(amplitude**2 - span**2)), period)
     return Refusal("no relay within the supply keeps the plate swinging")

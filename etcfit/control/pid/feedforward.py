@@ -18,6 +18,7 @@ from ..settings import SlidingSettings
 POINTS = 8  # of a curve, where no ECU says
 PLACES = 20_001  # angles from which they are chosen, where no ECU says
 _HALVINGS = 24
+SLIDING_PLACES = 41  # evenly over the travel, of which friction and drag of a moving plate are the mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,10 +182,10 @@ def sliding_of(
     Args:
         throttle: the model.
         gear_ratio, lower, upper: of the rig; rad.
-        settings: the speed, and the places.
+        settings: the speed.
     """
     travel = upper - lower
-    angles = jnp.asarray(lower + travel * (np.arange(settings.places) + 0.5) / settings.places)
+    angles = jnp.asarray(lower + travel * (np.arange(SLIDING_PLACES) + 0.5) / SLIDING_PLACES)
     speed = settings.rate * travel
     body = gear_ratio, lower, upper
     opens, up, down, closes = (np.asarray(_turns(throttle, angles, way * speed, share, *body))

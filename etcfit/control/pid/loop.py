@@ -66,6 +66,7 @@ class _Carry(NamedTuple):
     sent: Any  # voltages of the last ticks, newest first, V
 
 
+_LATEST = 64  # ticks of delay that are remembered at most
 _UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
 
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
@@ -407,4 +408,4 @@ class Loop:
     def _room(self) -> int:
         """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""
         ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
-        return min(self.settings.latest, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1
+        return min(_LATEST, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1

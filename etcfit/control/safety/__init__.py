@@ -7,7 +7,20 @@ from dataclasses import dataclass
 from ...model.linear import MIDDLE
 from ..pid.base import Task
 from ..pid.ecu import Gains
-from .faults import Envelope, JamCheck, Runaway, Sag, envelope, proposed, runaways, sag_trials, sags, sensor_trials
+from .faults import (
+    FAILS_AT,
+    WATCHED,
+    Envelope,
+    JamCheck,
+    Runaway,
+    Sag,
+    envelope,
+    proposed,
+    runaways,
+    sag_trials,
+    sags,
+    sensor_trials,
+)
 from .guarded import Seen, bench_and_extremes, together, tried
 from .unpowered import Holding, Return, holding, returns
 
@@ -40,7 +53,7 @@ def safety(task: Task, gains: Gains) -> Safety:
     check = proposed(found, task)
     loop = bench_and_extremes(task)
     longest = max(settings.dip_for, sum(settings.crank_for))
-    ticks = round((settings.lead + longest + settings.watched) / task.ecu.period)
+    ticks = round((FAILS_AT + longest + WATCHED) / task.ecu.period)
     failing = sensor_trials(loop, task, gains, check, ticks)
     every = tried(loop, together([*failing, *sag_trials(loop, task, gains, ticks)]), MIDDLE)
     failed, sagged = (Seen(*(v[:, part] for v in every)) for part in (slice(len(failing)), slice(len(failing), None)))

@@ -16,6 +16,12 @@ from ..pid.loop import Loop
 from ..setpoint import Setpoint
 from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of_setpoint, together, tried
 
+FAILS_AT = 0.6  # s for which a plate may settle before something fails
+WATCHED = 1.2  # s for which it is watched afterwards
+_THRESHOLDS = 40  # tried for the jam check, evenly spaced in the logarithm
+_CLOCK = 0.01  # to whose whole multiples a timeout is rounded up, s
+_RECOVERED = 0.01  # distance from the setpoint at which a plate is back after a dip, share of the travel
+
 
 @dataclass(frozen=True)
 class JamCheck:
@@ -69,7 +75,7 @@ def envelope(task: Task, gains: Gains) -> Envelope:
     asked = setpoint.at(time)
     seen = tried(loop, together([of_setpoint(loop, gains, asked)]), float(asked[0]))
     error = (asked - loop.share(seen.shown[:, 0]))[:, time >= setpoint.judged_from]
-    errors = np.geomspace(settings.least, settings.most, settings.count)
+    errors = np.geomspace(settings.least, settings.most, _THRESHOLDS)
     longest = task.ecu.period * np.array([np.max(longest_above(error, level)) for level in errors])
     return Envelope(errors, longest, loop.draws, float(np.max(np.abs(error))))
 
@@ -78,7 +84,7 @@ def proposed(found: Envelope, task: Task) -> JamCheck | None:
     """The least threshold whose timeout, with a reserve, is short enough; None where none is."""
     settings, period = task.settings.safety, task.ecu.period
     needed = np.maximum(settings.reserve * found.longest, period)
-    timeouts = settings.clock * np.ceil(needed / settings.clock - 1e-9)
+    timeouts = _CLOCK * np.ceil(needed / _CLOCK - 1e-9)
     fit = np.flatnonzero(timeouts <= settings.within + 1e-9)
     if not fit.size:
         return None
@@ -129,11 +135,11 @@ def faults(task: Task) -> Iterator[tuple[str, SensorFault, float]]:
     settings, body = task.settings.safety, task.loop.body
     travel = body.upper - body.lower
     for step in settings.frozen:
-        stuck = SensorFault(settings.lead, kept=0.0, frozen=1.0)
+        stuck = SensorFault(FAILS_AT, kept=0.0, frozen=1.0)
         yield f"frozen, {100.0 * step:g} % more asked for", stuck, MIDDLE + step
-    yield "shows the closed stop", SensorFault(settings.lead, kept=0.0, shift=body.lower), MIDDLE
-    yield "shows the open stop", SensorFault(settings.lead, kept=0.0, shift=body.upper), MIDDLE
-    low = SensorFault(settings.lead, shift=-settings.offset * travel)
+    yield "shows the closed stop", SensorFault(FAILS_AT, kept=0.0, shift=body.lower), MIDDLE
+    yield "shows the open stop", SensorFault(FAILS_AT, kept=0.0, shift=body.upper), MIDDLE
+    low = SensorFault(FAILS_AT, shift=-settings.offset * travel)
     yield f"one of two reads {100.0 * settings.offset:g} % too little", low, MIDDLE
 
 
@@ -150,7 +156,7 @@ def sensor_trials(loop: Loop, task: Task, gains: Gains, check: JamCheck | None, 
     time = task.ecu.period * np.arange(ticks)
     supply = settings.supply / task.ecu.supply
     return [
-        of_setpoint(loop, gains, np.where(time < settings.lead - 1e-9, MIDDLE, asked), fault, guards, supply)
+        of_setpoint(loop, gains, np.where(time < FAILS_AT - 1e-9, MIDDLE, asked), fault, guards, supply)
         for _, fault, asked in faults(task)
         for guards in guards_of(task, check)
     ]
@@ -203,7 +209,7 @@ def profiles(task: Task, ticks: int) -> Iterator[tuple[str, np.ndarray, float]]:
     time = ecu.period * np.arange(ticks) + 1e-9
     for name, volts, spans in (("dip", (settings.dip,), (settings.dip_for,)),
                                ("crank", settings.crank, settings.crank_for)):  # fmt: skip
-        ends = settings.lead + np.cumsum((0.0, *spans))
+        ends = FAILS_AT + np.cumsum((0.0, *spans))
         levels = np.array([ecu.supply, *np.minimum(volts, ecu.supply), ecu.supply])
         yield name, levels[np.searchsorted(ends, time, side="right")] / ecu.supply, float(ends[-1])
 
@@ -226,11 +232,11 @@ def sags(loop: Loop, task: Task, seen: Seen, check: JamCheck | None) -> tuple[Sa
 
 def _sag(loop: Loop, task: Task, seen: Seen, name: str, over: float, opening: float, check: JamCheck | None) -> Sag:
     """Of one trial on every model, shape (D, K)."""
-    settings, period = task.settings.safety, task.ecu.period
-    begin, end = (math.ceil(instant / period - 1e-9) for instant in (settings.lead, over))
+    period = task.ecu.period
+    begin, end = (math.ceil(instant / period - 1e-9) for instant in (FAILS_AT, over))
     off = loop.share(seen.position) - loop.share(seen.position[:, begin])[:, None]
     shown = opening - loop.share(seen.shown[:, begin:])
-    far = np.abs(opening - loop.share(seen.position[:, end:])) > settings.recovered
+    far = np.abs(opening - loop.share(seen.position[:, end:])) > _RECOVERED
     last = far.shape[-1] - np.argmax(far[:, ::-1], axis=-1)
     back = np.where(far.any(axis=-1), last, 0)
     wound = np.max(np.abs(seen.integral[:, begin:] - seen.integral[:, begin][:, None])) / task.ecu.supply

@@ -15,7 +15,10 @@ from ..motion import Bands, Experiment, Motion, Watching, moved
 from ..pid.base import Task
 from ..pid.conditions import default_position
 from ..pid.loop import Body, Loop
-from ..settings import SafetySettings
+
+RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
+FALLS = 2.0  # s for which a plate without a current is watched
+_FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 
 @dataclass(frozen=True)
@@ -37,11 +40,9 @@ class Return:
 
 
 def falls(
-    throttles: Throttle, angles: np.ndarray, homes: np.ndarray, circuit: float, body: Body, settings: SafetySettings
+    throttles: Throttle, angles: np.ndarray, homes: np.ndarray, circuit: float, body: Body, near: float, how: Watching
 ) -> Motion:
     """Every model let go from an angle of its own, its terminals open (`circuit` 0) or shorted (1).
-
-    The one band of the motion is what counts as back: `settings.returned` of the travel either side of its home.
 
     Args:
         throttles: parameters of shape (D,).
@@ -49,24 +50,23 @@ def falls(
         homes: where its springs bring it, rad, shape (D,).
         circuit: 0 or 1.
         body: gear ratio and stops.
-        settings: how near, how long and how closely.
+        near: the plate is back within this share of the travel of its home: the one band of the motion.
+        how: how closely and how long it is watched.
     """
-    near = settings.returned * (body.upper - body.lower)
+    reach = near * (body.upper - body.lower)
     none = np.zeros(angles.size)
-    what = Experiment(angles, none, none + circuit)
-    bands = Bands((homes - near)[:, None], (homes + near)[:, None])
-    return moved(throttles, what, bands, body, Watching(settings.fall_step, settings.falls, settings.at_rest))
+    bands = Bands((homes - reach)[:, None], (homes + reach)[:, None])
+    return moved(throttles, Experiment(angles, none, none + circuit), bands, body, how)
 
 
 def returns(loop: Loop, task: Task) -> tuple[Return, ...]:
     """From rest at each opening, the bridge open as of then."""
-    settings, body = task.settings.safety, loop.body
-    openings = np.array([0.0, *settings.openings])
+    openings = np.array([0.0, *task.settings.safety.openings])
     home = loop.angle(default_position(loop) or 0.0)
     which, angles = (each.ravel() for each in np.meshgrid(np.arange(loop.draws), loop.angle(openings), indexing="ij"))
     throttles = jax.tree.map(lambda leaf: np.asarray(leaf)[which], loop.throttles)
     homes, shape = np.full(angles.size, home), (loop.draws, openings.size)
-    cut, shorted = (falls(throttles, angles, homes, circuit, body, settings) for circuit in (0.0, 1.0))
+    cut, shorted = (falls(throttles, angles, homes, circuit, loop.body, RETURNED, _FALL) for circuit in (0.0, 1.0))
     rests = loop.share(cut.angle).reshape(shape)
     worst = [np.max(each.stays.reshape(shape), axis=0).tolist() for each in (cut, shorted)]
     ends = zip(np.min(rests, axis=0).tolist(), np.max(rests, axis=0).tolist(), strict=True)
