@@ -35,7 +35,7 @@ from etcfit.files import write_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
-from etcfit.run_folder.design import design_json
+from etcfit.run_folder.pid import design_json
 from independent.truth import CONSISTENT, Truth
 
 NOISE = 1e-4  # rad
