@@ -32,7 +32,6 @@ from etcfit.control.settings import (
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,
@@ -53,7 +52,6 @@ KINDS: list[Any] = [
     CheckSettings,
     PlanSettings,
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,
