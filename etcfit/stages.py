@@ -157,7 +157,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     from .api.work import keep_diagnosis
     from .diagnosis import diagnose
     from .reporting.closing.model import of_run
-    from .reporting.diagnosis.table import diagnosis_table
+    from .reporting.diagnosis import diagnosis_table
     from .run_folder.diagnosis import KeptRounds
 
     rounds = KeptRounds(run.path, result)
@@ -186,7 +186,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     from .reporting.blocks import cautioned
     from .reporting.closing.control import of_posterior
     from .reporting.drawing import begin_helper
-    from .reporting.posterior.table import posterior_table
+    from .reporting.posterior import posterior_table
 
     begin_helper()
     posterior = sample(result.taken_as_exact(), run.path, steps, part_of(report, 0.0, 0.8), result.formulas)
