@@ -42,8 +42,7 @@ from etcfit.estimation.settings import (
 from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
 from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
-from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
-from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
+from etcfit.fleets.settings import EngineSettings, FleetSettings, PopulationSettings, StoreSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
