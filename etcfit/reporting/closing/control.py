@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...control.linearise import Reduction
     from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
-    from ..fleet.words import Content
+    from ..fleet import Content
 
 _TUNE = "msq"  # a format of `etcfit export`
 
@@ -113,8 +113,8 @@ def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
 
 def of_fleet(content: Content, run: Path) -> Closing:
     """What somebody must do something about, else that nothing is bad; gains for all units come next."""
+    from ..fleet import verdict
     from ..fleet.page import NAME
-    from ..fleet.words import verdict
 
     said = verdict(content)
     bad = [sentence.text for sentence in said if sentence.bad]
