@@ -231,8 +231,8 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
 def beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
     """J_k^T J_k of other traces, shape (P, P) each, batched in the shape of the problem so that what was compiled for
     it serves again."""
-    for some in batched(traces, problem.shape[1]):
-        other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x)
+    for some in batched(traces, problem.batch.steps.dt.shape[1]):
+        other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.room).refined(x)
         yield from informations(replace(other, jitter=problem.jitter), x)
 
 
