@@ -101,7 +101,7 @@ def twin(folder: Path, fitted_run: Path, trials: int) -> Twin:
     from etcfit.model.rig_effects import EdgePhase
     from etcfit.rig.paper_readings import read_graphs
     from etcfit.rig.reader import read_folder
-    from etcfit.run_folder import load_fit
+    from etcfit.run_folder.state import load_fit
 
     rig, fitted = read_folder(folder), load_fit(fitted_run)
     known, values = fitted.free_parameters, {s: float(v) for s, v in fitted.values.items()}

@@ -50,7 +50,7 @@ def fitted(run: Path | None, scratch: Path) -> Any:
     """The fit of the 30-trace folder, or that in RUN."""
     from etcfit.estimation.joint_fit import fit
     from etcfit.rig.reader import read_folder
-    from etcfit.run_folder import load_final
+    from etcfit.run_folder.state import load_final
 
     if run is not None:
         return load_final(run).taken_as_exact()

@@ -22,7 +22,7 @@ from typing import Any
 
 from etcfit.api.tuned import TuneRequest, tune_logs
 from etcfit.backend import use_compilation_cache
-from etcfit.run_folder import RunFolder
+from etcfit.run_folder.folder import RunFolder
 from independent.cars import Car, draw_car, log_of, tracking_errors, write_log
 
 from .page import Between

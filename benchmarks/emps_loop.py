@@ -35,17 +35,16 @@ from scipy.signal import butter, sosfiltfilt
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.setpoint import Setpoint
+from etcfit.control.setpoint import Setpoint
+from etcfit.datasets.base import obtain, read_vectors
 from etcfit.datasets.emps import EMPS
-from etcfit.datasets.matlab import read_vectors
-from etcfit.datasets.obtain import obtain
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER, State
 from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
 from etcfit.model.parameters import Scalar
 from etcfit.model.throttle import Throttle, catalogue
 from etcfit.reporting.blocks import plain_table, render
-from etcfit.run_folder import load_final
+from etcfit.run_folder.state import load_final
 
 _TICK = 1e-3  # s
 _LIMIT = 10.0  # V

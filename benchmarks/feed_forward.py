@@ -15,12 +15,11 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from etcfit.backend import use_compilation_cache
+from etcfit.control.loop_figures import judge
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
-from etcfit.control.pid.feedforward import bias_of
-from etcfit.control.pid.judge import judge
+from etcfit.control.pid.conditions import course
+from etcfit.control.pid.feedforward import bias_of, sliding_of
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.scenarios import course
-from etcfit.control.pid.sliding import sliding_of
 from etcfit.control.settings import DesignSettings
 from etcfit.control.supply_table import supply_table
 from etcfit.model.ecu import Ecu

@@ -20,9 +20,8 @@ import numpy as np
 from scipy import stats
 
 from etcfit.fleets.statistics.odd import odd_units
-from etcfit.fleets.statistics.population import population
+from etcfit.fleets.statistics.population import population, shrink
 from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
-from etcfit.fleets.statistics.shrunk import shrink
 from etcfit.fleets.statistics.stack import Stack
 
 NO_PROFILES = FleetSettings(PopulationSettings(wald=10.0))  # where intervals are not looked at

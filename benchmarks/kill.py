@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from etcfit.errors import UsageError
-from etcfit.run_folder import MANIFEST, STAGE_FILES, SUPERSEDED, is_current, read_records
+from etcfit.run_folder.manifest import MANIFEST, STAGE_FILES, SUPERSEDED, is_current, read_records
 from independent.fleet import make_fleet
 from independent.line import Line
 

@@ -28,10 +28,10 @@ from scipy.optimize import differential_evolution
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid import RULES, Gains, Refusal, Task
-from etcfit.control.pid.margins import COARSE, OpenLoop, margins
+from etcfit.control.pid.conditions import course
+from etcfit.control.pid.linear_loop import COARSE, OpenLoop, margins
 from etcfit.control.pid.optimal import scores
-from etcfit.control.pid.scenarios import course
-from etcfit.control.pid.setpoint import Level
+from etcfit.control.setpoint import Level
 from etcfit.model.ecu import Ecu
 from etcfit.model.ecus import RUSEFI
 from independent.control import Computer, noisy

@@ -22,16 +22,14 @@ import numpy as np
 import etcfit
 from etcfit.backend import use_compilation_cache
 from etcfit.control.design import ecu_of, task_of
-from etcfit.control.fleet_verdict import Share
+from etcfit.control.fleet import Parts, best_for_parts, sought_over
 from etcfit.control.judged import over_models
-from etcfit.control.loop_figures import OF_THE_PAPER
-from etcfit.control.parts import Parts, best_for_parts, sought_over
+from etcfit.control.loop_figures import OF_THE_PAPER, Run, judge, with_effort
+from etcfit.control.on_units import Share
 from etcfit.control.pid import RULES, Gains, Refusal, Task
-from etcfit.control.pid.judge import judge, with_effort
-from etcfit.control.response import Run
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.model.throttle import Throttle
-from etcfit.run_folder.parts import parts_of
+from etcfit.run_folder.fleet import parts_of
 from independent.control import Computer, noisy
 from independent.effects import NONE
 from independent.fleet import UnitTruth, draw_fleet, make_fleet

@@ -22,8 +22,8 @@ import numpy as np
 
 from etcfit.datasets import DATASETS, fetch
 from etcfit.errors import MeasurementError
+from etcfit.rig.base import Finding
 from etcfit.rig.checks import DETECTORS
-from etcfit.rig.finding import Finding
 from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, MEDIUM, draw_truth, make_folder
 from independent.mistakes import MISTAKES, ONLY_BY_A_FIT, Mistake, make_mistaken

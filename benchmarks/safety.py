@@ -20,9 +20,11 @@ import numpy as np
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid import RULES, Gains, Requirements, Task
+from etcfit.control.pid.conditions import course
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.scenarios import course
 from etcfit.control.safety import Safety, safety
+from etcfit.control.safety.faults import FAILS_AT, WATCHED
+from etcfit.control.safety.unpowered import FALLS, RETURNED
 from etcfit.control.settings import ConditionSettings, DesignSettings
 from etcfit.model.linear import TransferFunction
 from etcfit.model.throttle import Throttle
@@ -169,8 +171,8 @@ def _envelope(ours: Safety, place: There) -> float:
 def _sensors(ours: Safety, places: list[There]) -> Iterator[tuple[float, float, int]]:
     """By how much an opening and the time of a check are missed, and whether one tells in one program alone."""
     settings, period, jam = places[0].task.settings.safety, places[0].task.ecu.period, ours.jam
-    ticks = round((settings.lead + 0.55 + settings.watched) / period)
-    begin = round(settings.lead / period)
+    ticks = round((FAILS_AT + 0.55 + WATCHED) / period)
+    begin = round(FAILS_AT / period)
     failed = np.arange(ticks) >= begin
     asked = [0.25 + step for step in settings.frozen] + [0.25] * 3
     shown = [np.inf, np.inf, 0.0, TRAVEL, np.nan]
@@ -193,7 +195,7 @@ def _sensors(ours: Safety, places: list[There]) -> Iterator[tuple[float, float, 
                 cut = np.arange(ticks) * period >= trip + place.task.ecu.delay - 1e-9
                 stopped = place.run(wanted, shift, instead, np.where(cut, 0.0, feed))
                 openings[k] = max(openings[k], stopped[begin:].max() / TRAVEL)
-                times[k] = max(times[k], trip - settings.lead)
+                times[k] = max(times[k], trip - FAILS_AT)
         theirs = (mine.opens, mine.jam_opens, mine.apart_opens)
         told = [math.inf if t is None else t for t in (mine.jam_after, mine.apart_after)]
         known = np.isfinite(times[1:]) & np.isfinite(told)
@@ -217,8 +219,8 @@ def _trip(bad: np.ndarray, timeout: float, period: float) -> float:
 
 def _sags(ours: Safety, places: list[There]) -> Iterator[float]:
     settings, own = places[0].task.settings.safety, places[0].task.ecu
-    ticks = round((settings.lead + sum(settings.crank_for) + settings.watched) / own.period)
-    time = own.period * np.arange(ticks) - settings.lead + 1e-9
+    ticks = round((FAILS_AT + sum(settings.crank_for) + WATCHED) / own.period)
+    time = own.period * np.arange(ticks) - FAILS_AT + 1e-9
     dip = np.where((time >= 0.0) & (time < settings.dip_for), settings.dip, own.supply)
     crank = np.where((time >= 0.0) & (time < sum(settings.crank_for)), settings.crank[1], own.supply)
     crank = np.where((time >= 0.0) & (time < settings.crank_for[0]), settings.crank[0], crank)
@@ -235,16 +237,15 @@ def _sags(ours: Safety, places: list[There]) -> Iterator[float]:
 
 
 def _returns(ours: Safety, places: list[There]) -> tuple[float, float, float]:
-    settings = places[0].task.settings.safety
-    instants = np.arange(0.0, settings.falls, 1e-3)
-    still = Drive(np.array([0.0, settings.falls]), np.zeros(2))
+    instants = np.arange(0.0, FALLS, 1e-3)
+    still = Drive(np.array([0.0, FALLS]), np.zeros(2))
     late, apart = ([], []), []
     for mine in ours.returns:
         worst, rests = np.zeros(2), []
         for place in places:
             for k, plant in enumerate((terminals_open, independent_throttle)):
                 angle = simulate(plant(place.truth, place.effects), still, instants, angle=TRAVEL * mine.opening).angle
-                far = np.flatnonzero(np.abs(angle - place.rig.limp.angle) / TRAVEL > settings.returned)
+                far = np.flatnonzero(np.abs(angle - place.rig.limp.angle) / TRAVEL > RETURNED)
                 worst[k] = max(
                     worst[k], 0.0 if not far.size else math.inf if far[-1] == angle.size - 1 else instants[far[-1] + 1]
                 )

@@ -246,7 +246,8 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         from .experiment.advice import advise
         from .reporting.advice import advice_table
         from .reporting.closing.rig import of_advice
-        from .run_folder import fitted_to, save_advice
+        from .run_folder.plan import save_advice
+        from .run_folder.state import fitted_to
 
         advice = advise(rig, None if at is None else fitted_to(at, rig))
         if out is not None:
@@ -777,7 +778,7 @@ def plan(
     quiet: Quiet = False,
 ) -> None:
     """The next tests as files to play within limits, chosen for what they tell, with a procedure sheet."""
-    from .datasets.folder import refuse_to_overwrite
+    from .datasets.base import refuse_to_overwrite
 
     refuse_to_overwrite(out)
     try:

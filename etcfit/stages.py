@@ -27,12 +27,12 @@ from .errors import UsageError, command, require_extra, visible
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
-    from .api.diagnosed import Diagnosed
+    from .api.explanation import Diagnosed
     from .api.fit import Fit
     from .api.tuned import TuneRequest
     from .estimation.result import FitResult
     from .reporting.closing import Closing
-    from .run_folder import RunFolder
+    from .run_folder.folder import RunFolder
 
 Report = Callable[[str, float], None]
 
@@ -76,7 +76,7 @@ def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
     def noted(work: Callable[..., Done]) -> Callable[..., Done]:
         @functools.wraps(work)
         def timed(*args: Any, **kwargs: Any) -> Done:
-            from .run_folder import note_seconds
+            from .run_folder.manifest import note_seconds
 
             began = time.monotonic()
             done = work(*args, **kwargs)
@@ -89,7 +89,7 @@ def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
 
 
 def _run_among(args: tuple[Any, ...]) -> RunFolder:
-    from .run_folder import RunFolder
+    from .run_folder.folder import RunFolder
 
     return next(each for each in args if isinstance(each, RunFolder))
 
@@ -103,7 +103,7 @@ def expected(run: Path, stage: str) -> Expected | None:
     Raises:
         UsageError: another version wrote RUN.
     """
-    from .run_folder import read_records
+    from .run_folder.manifest import read_records
 
     took = {name: record.seconds for name, record in read_records(run).items() if record.seconds is not None}
     if stage in took:
@@ -125,10 +125,11 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
         OSError: no file can be written there.
     """
     from .files import require_writable
-    from .run_folder import RunFolder, read_records
+    from .run_folder.folder import RunFolder
+    from .run_folder.manifest import read_records
 
     if folder is not None:
-        from .run_folder import refuse_among_measurements  # it needs the rig tests, which nobody else here does
+        from .run_folder.state import refuse_among_measurements  # it needs the rig tests, which nobody else here does
 
         refuse_among_measurements(folder, run)
     read_records(run)
@@ -145,7 +146,7 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     rig = read_folder(folder)
     report("loading the model", 0.0)
     keep_compiled()
-    from .api.saving import keep_fit
+    from .api.work import keep_fit
     from .estimation.joint_fit import fit
     from .reporting.closing.model import of_run
     from .reporting.tables import fit_table
@@ -167,11 +168,11 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.fit()
-    from .api.saving import keep_diagnosis
+    from .api.work import keep_diagnosis
     from .diagnosis import diagnose
     from .reporting.closing.model import of_run
     from .reporting.diagnosis.table import diagnosis_table
-    from .run_folder.rounds import KeptRounds
+    from .run_folder.diagnosis import KeptRounds
 
     rounds = KeptRounds(run.path, result)
     try:
@@ -193,7 +194,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
-    from .api.saving import keep_posterior
+    from .api.work import keep_posterior
     from .posterior.profile import profiles
     from .posterior.sampling import sample
     from .reporting.closing.control import of_posterior
@@ -231,8 +232,7 @@ def reduce_run(
     result = run.final()
     from rich.console import Group
 
-    from .api.control import plant_of
-    from .api.saving import keep_reduction
+    from .api.work import keep_reduction, plant_of
     from .reporting.closing.control import of_plant
     from .reporting.control.tables import reduction_table, sine_table
 
@@ -251,12 +251,11 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
-    from .api.control import design_of
-    from .api.saving import keep_design
+    from .api.work import design_of, keep_design
     from .control.design import DRAWS, SEED
     from .reporting.closing.control import of_design
     from .reporting.control.tables import design_table
-    from .run_folder import read_draws
+    from .run_folder.reading import read_draws
 
     fitted = result.fitted()
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
@@ -282,8 +281,8 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
     responses."""
     report("taking up the fleet", 0.0)
     keep_compiled()
-    from .api.control import fleet_design_of
     from .api.fleet import Fleet
+    from .api.work import fleet_design_of
     from .files import held
     from .reporting.closing.control import of_fleet_design
     from .reporting.control.tables import design_table
@@ -362,9 +361,9 @@ def export_run(
     report("taking up the model", 0.0)
     keep_compiled()
     result = run.final()
-    from .api.exported import exported
+    from .api.work import exported
     from .reporting.closing.control import of_export
-    from .run_folder import read_design
+    from .run_folder.reading import read_design
 
     report(f"exporting to {to}", 0.5)
     done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into,
@@ -384,7 +383,7 @@ def write_report(run: RunFolder, report: Report) -> Done:
         from .reporting.drawing import begin_helper
 
         begin_helper()
-    from .api.saving import keep_page
+    from .api.work import keep_page
     from .reporting.closing.model import of_run
 
     page = keep_page(run, part_of(report, 0.0, 0.8))
@@ -493,7 +492,7 @@ def run_all(
         UsageError: RUN was made from other measurements or by another version, or a stage misses what it needs.
     """
     from .files import held
-    from .run_folder import must_belong
+    from .run_folder.state import must_belong
 
     must_belong(path, folder)
     run = opened(path, folder=folder)
@@ -509,7 +508,8 @@ def _run_all(
     stages: tuple[Stage, ...],
     asked: Mapping[str, Mapping[str, Any]],
 ) -> str:
-    from .run_folder import is_done, last_failure, set_aside_stale, settings_before
+    from .run_folder.manifest import set_aside_stale, settings_before
+    from .run_folder.state import is_done, last_failure
 
     path = run.path
     before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()

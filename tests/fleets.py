@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from etcfit.estimation.fleet_model import FleetModel, fleet_model
+from etcfit.estimation.fitted_model import FleetModel, fleet_model
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.rig.base import Fixed, RigConfig

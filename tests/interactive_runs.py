@@ -11,13 +11,15 @@ import numpy as np
 import diagnoses
 import results
 import runs
-from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.setpoint import trapezoid
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.estimation.result import FitResult
 from etcfit.files import write_json
 from etcfit.problem.trace import Trace
 from etcfit.reporting.pictures import all_traces
-from etcfit.run_folder import RunFolder, replacing, save_diagnosis
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.manifest import replacing
+from etcfit.run_folder.state import save_diagnosis
 
 # of an ECU as pid.json has it
 ECU = {"period_s": 1e-3, "supply_V": 12.0, "derivative_filter_s": 2e-3, "delay_s": 0.0, "pwm_V": 0.0, "noise_rad": 0.0,

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from etcfit.estimation.pieces import Piece
-from etcfit.estimation.statement import Statement, prior, statement
+from etcfit.estimation.statement import Piece, Statement, prior, statement
 
 P = 3
 TESTS = {"alpha": 3, "beta": 2, "gamma": 4}  # traces of each

@@ -13,7 +13,9 @@ from PIL import Image
 
 import results
 from etcfit.files import write_json
-from etcfit.run_folder import STAGE_FILES, fit_json, read_records, replacing, save_fit
+from etcfit.run_folder.fit import fit_json
+from etcfit.run_folder.manifest import STAGE_FILES, read_records, replacing
+from etcfit.run_folder.state import save_fit
 
 STAGES = {"diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
           "frequency_response": "reduce", "pid": "design"}  # fmt: skip

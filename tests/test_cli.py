@@ -34,7 +34,8 @@ from etcfit.experiment.settings import AdviceSettings
 from etcfit.files import plain
 from etcfit.reporting.closing import Closing
 from etcfit.rig.base import Rig
-from etcfit.run_folder import RunFolder, save_diagnosis, save_fit
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.state import save_diagnosis, save_fit
 from etcfit.stages import Done, stages_until
 
 CLOSING = "Answer: It is known.\nNext:   etcfit report bench\n"

@@ -11,7 +11,7 @@ import pytest
 import diagnoses
 import results
 from benchmarks.kill import Case, Tally, compare, contents, look
-from etcfit.run_folder import load_fit, save_diagnosis, save_fit
+from etcfit.run_folder.state import load_fit, save_diagnosis, save_fit
 
 
 @pytest.fixture(scope="module")

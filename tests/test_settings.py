@@ -43,14 +43,11 @@ from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSe
 from etcfit.exporting.settings import ExportSettings
 from etcfit.files import plain
 from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
-from etcfit.fleets.line.settings import LineSettings, TemperatureSettings
-from etcfit.fleets.statistics.settings import ChartSettings, FleetSettings, OddSettings, PopulationSettings
+from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
 from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
-from etcfit.rig.checks import DETECTORS, SynchronousEdges
-from etcfit.rig.checks.edge_phase import EdgeSettings
 
 KINDS: list[Any] = [
     AdviceSettings,
@@ -84,15 +81,9 @@ KINDS: list[Any] = [
     ExportSettings,
     EngineSettings,
     StoreSettings,
-    LineSettings,
-    TemperatureSettings,
     PopulationSettings,
-    OddSettings,
-    ChartSettings,
     FleetSettings,
     Judgement,
-    EdgeSettings,
-    *(type(detector) for detector in DETECTORS if not isinstance(detector, SynchronousEdges)),
 ]
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 IN_ARGS = [(kind, name) for kind, name in FIELDS if kind is not DiagnosisSettings]  # its fields are explained in place

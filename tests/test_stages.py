@@ -14,9 +14,8 @@ import diagnoses
 import etcfit
 import results
 from equality import equal
-from etcfit.api.control import design_of
-from etcfit.api.diagnosed import Diagnosed
-from etcfit.api.saving import keep_diagnosis, keep_fit
+from etcfit.api.explanation import Diagnosed
+from etcfit.api.work import design_of, keep_diagnosis, keep_fit
 from etcfit.control.pid import Requirements
 from etcfit.control.request import DesignRequest
 from etcfit.diagnosis.findings import Diagnosis
@@ -29,7 +28,9 @@ from etcfit.reporting import draw_others, drawing, has_undrawn
 from etcfit.reporting.diagnosis.pictures import jobs as jobs_of_diagnosis
 from etcfit.reporting.drawing import draw_one
 from etcfit.reporting.pictures import jobs
-from etcfit.run_folder import STAGE_FILES, RunFolder, has_diagnosis, read_records, save_diagnosis
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.manifest import STAGE_FILES, read_records
+from etcfit.run_folder.state import has_diagnosis, save_diagnosis
 from etcfit.stages import (
     REPORT,
     STAGES,
@@ -295,8 +296,8 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
 ) -> None:
     asked: list[DesignRequest] = []
     kept: list[dict[str, Any]] = []
-    monkeypatch.setattr("etcfit.api.control.design_of", lambda fitted, request, *_: asked.append(request))
-    monkeypatch.setattr("etcfit.api.saving.keep_design", lambda run, result, design, settings, _: kept.append(settings))
+    monkeypatch.setattr("etcfit.api.work.design_of", lambda fitted, request, *_: asked.append(request))
+    monkeypatch.setattr("etcfit.api.work.keep_design", lambda run, result, design, settings, _: kept.append(settings))
     monkeypatch.setattr("etcfit.reporting.control.tables.design_table", lambda design: "a table")
     monkeypatch.setattr("etcfit.reporting.closing.control.of_design", lambda *_: None)
     run = opened(tmp_path / "run")

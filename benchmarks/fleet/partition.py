@@ -16,10 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from etcfit.fleets.engine.store import Store
-from etcfit.fleets.statistics.robust import robust
+from etcfit.fleets.statistics.population import shrink
 from etcfit.fleets.statistics.settings import FleetSettings
-from etcfit.fleets.statistics.shrunk import shrink
-from etcfit.fleets.statistics.stack import stacked
+from etcfit.fleets.statistics.stack import MOST_WIDENED, MOST_WIDENED_TO_SHRINK, robust, stacked
 from etcfit.fleets.study import without_odd
 from etcfit.fleets.unit import UnitResult
 from independent.fleet import BENCH, LINE_TESTS, WEAK_BENCH, WEAK_TESTS, FleetTruth, draw_fleet, make_fleet
@@ -32,10 +31,9 @@ from .watched import fleet
 
 def held(units: list[UnitResult], truth: FleetTruth, rows: dict[str, list[tuple[float, ...]]]) -> None:
     """One fleet: whether its intervals hold the truth, and squared errors of its units."""
-    settings = FleetSettings()
-    stack = stacked(robust(units, settings.most_widening))
-    found, _ = without_odd(stack, tuple(units), (), settings)
-    shrunk = shrink(stacked(robust(units, settings.most_drawn)), found, settings)
+    stack = stacked(robust(units, MOST_WIDENED))
+    found, _ = without_odd(stack, tuple(units), (), FleetSettings())
+    shrunk = shrink(stacked(robust(units, MOST_WIDENED_TO_SHRINK)), found)
     true = {unit.name: unit.values for unit in truth.units}
     ordinary = np.array([unit.unit not in truth.odd for unit in units])
     for k, symbol in enumerate(found.symbols):

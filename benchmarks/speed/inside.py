@@ -41,7 +41,7 @@ def seconds(call: Callable[[], Any], repeats: int = REPEATS) -> float:
 def fit_in(run: str) -> Any:
     """The fit that RUN holds; what is compiled for it is kept."""
     from etcfit.backend import use_compilation_cache
-    from etcfit.run_folder import load_fit
+    from etcfit.run_folder.state import load_fit
 
     use_compilation_cache()
     return load_fit(Path(run))

@@ -17,10 +17,10 @@ from ..estimation.result import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
-from . import words
-from .frames import contradiction_frame, influence_frame, interval_frame, score_frame, units_of
+from . import views
 from .progress import Report, silent
 from .trace import FittedTrace, named, traces_of
+from .views import contradiction_frame, influence_frame, interval_frame, score_frame, units_of
 
 if TYPE_CHECKING:
     from ..control.design import Design
@@ -66,8 +66,8 @@ class Fit:
         Raises:
             UsageError: another model lies in RUN.
         """
-        from ..run_folder import RunFolder
-        from .saving import keep_design
+        from ..run_folder.folder import RunFolder
+        from .work import keep_design
 
         folder = RunFolder(run)
         folder.refuse_other_model(self.result)
@@ -159,8 +159,8 @@ class Fit:
         Args:
             run: made if absent.
         """
-        from ..run_folder import RunFolder
-        from .saving import keep_fit
+        from ..run_folder.folder import RunFolder
+        from .work import keep_fit
 
         keep_fit(RunFolder(run), self.result)
         return Path(run)
@@ -179,25 +179,25 @@ class Fit:
         held_out = sum(each.held_out for each in self._traces.values())
         count = f"{len(self._traces) - held_out} traces fitted, {held_out} held out"
         lost = [s for s, i in self._known.items() if i.status == "not identifiable"]
-        shown = "; ".join(words.known_text(s, i, self._units[s]) for s, i in self._known.items() if i.low is not None)
-        return words.block(
-            f"Fit of {words.name_of(self.result.rig.config)}: {self._model}; {count}",
+        shown = "; ".join(views.known_text(s, i, self._units[s]) for s, i in self._known.items() if i.low is not None)
+        return views.block(
+            f"Fit of {views.name_of(self.result.rig.config)}: {self._model}; {count}",
             self._outcome,
             f"not identifiable: {', '.join(lost)}" if lost else "",
             f"compromise: {self.result.compromise.why}" if self.result.compromise is not None else "",
-            words.count_of(self.warnings),
+            views.count_of(self.warnings),
             shown,
         )
 
     def _repr_html_(self) -> str:
         alarm = "" if self.converged else f"NOT CONVERGED: {self.reason}"
-        return words.card(
+        return views.card(
             self.result.rig.config,
             self._model,
-            words.paragraph(f"{len(self._traces)} traces; chi2/dof {short(self.chi2_per_dof, 4)}"
+            views.paragraph(f"{len(self._traces)} traces; chi2/dof {short(self.chi2_per_dof, 4)}"
                             f"{_predicts(self.result)}"),
-            words.table(words.INTERVAL_HEAD, words.interval_rows(self._known, self._units)),
-            words.folded("Warnings", self.warnings),
+            views.table(views.INTERVAL_HEAD, views.interval_rows(self._known, self._units)),
+            views.folded("Warnings", self.warnings),
             alarm=alarm,
         )  # fmt: skip
 

@@ -11,13 +11,13 @@ import pandas as pd
 
 from ..errors import UsageError
 from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
-from . import words
+from . import views
 from .progress import Report, silent
 
 if TYPE_CHECKING:
     from ..control.design import Design
-    from ..estimation.fleet_model import FleetModel
-    from .fleet_plots import FleetPlots
+    from ..estimation.fitted_model import FleetModel
+    from .plots import FleetPlots
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,7 +132,7 @@ class Fleet:
     @property
     def plot(self) -> FleetPlots:
         """Pictures: `plot.population()`, `plot.correlation()`, `plot.charts()`, `plot.odd()`."""
-        from .fleet_plots import FleetPlots
+        from .plots import FleetPlots
 
         return FleetPlots(self.files)
 
@@ -159,8 +159,9 @@ class Fleet:
         """
         from ..files import held, write_json
         from ..reporting import draw_design
-        from ..run_folder import design_json, is_fleet, read_records
         from ..run_folder.commit import all_or_none, settle
+        from ..run_folder.design import design_json
+        from ..run_folder.manifest import is_fleet, read_records
 
         if run.resolve() != self.run.resolve() and (is_fleet(run) or read_records(run)):
             raise UsageError(f"{run} holds other results than those of {self.run}, the fleet that these gains are of. "
@@ -193,11 +194,11 @@ class Fleet:
         return self._content["name"] + (", SYNTHETIC DATA" if self._content["synthetic"] else "")
 
     def __repr__(self) -> str:
-        return words.block(f"Fleet {self._name}: {len(self._content['units'])} units", *self._said)
+        return views.block(f"Fleet {self._name}: {len(self._content['units'])} units", *self._said)
 
     def _repr_html_(self) -> str:
-        title = words.paragraph(f"Fleet {self._name}: {len(self._content['units'])} units")
-        return title + "".join(words.paragraph(text) for text in self._said)
+        title = views.paragraph(f"Fleet {self._name}: {len(self._content['units'])} units")
+        return title + "".join(views.paragraph(text) for text in self._said)
 
 
 def _row(each: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:

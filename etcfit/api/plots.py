@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -30,6 +31,9 @@ from ..reporting.numbers import short
 from ..rig.base import RigConfig
 from .trace import FittedTrace, traces_of
 from .trace import named as trace_named
+
+if TYPE_CHECKING:
+    from ..run_folder.fleet import FleetFiles
 
 _ACROSS = 4  # panels of an overview
 _SHORT = 0.1  # s; a shorter trace is drawn over ms
@@ -286,3 +290,52 @@ def log_panels(config: RigConfig, study: Study) -> np.ndarray:
     from ..reporting import car_log
 
     return panels_of(lambda: car_log.draw(study, config.synthetic))
+
+
+@dataclass(frozen=True)
+class FleetPlots:
+    """Pictures of a fleet; each gives its panels, shape (K,).
+
+    Args:
+        files: what lies in its run folder.
+    """
+
+    files: FleetFiles
+
+    def population(self) -> np.ndarray:
+        """Every unit's parameters with their intervals, and the population."""
+        from ..reporting.fleet.columns import Columns
+        from ..reporting.fleet.drawn import population
+
+        content = self.files.content
+        return panels_of(lambda: population.draw(content, Columns.of(content["units"], self.files.units)))
+
+    def correlation(self) -> np.ndarray:
+        """Which parameters go together from unit to unit."""
+        from ..reporting.fleet.drawn import correlation
+
+        return panels_of(lambda: correlation.draw(self.files.content))
+
+    def charts(self, *symbols: str) -> np.ndarray:
+        """Control chart and cumulative sums, a figure a symbol.
+
+        Args:
+            symbols: which; all that have a chart where none is named.
+        Raises:
+            UsageError: a symbol has none.
+        """
+        from ..reporting.fleet.drawn import charts
+
+        there = self.files.content["charts"]
+        if unknown := [symbol for symbol in symbols if symbol not in there]:
+            raise UsageError(f"there is no chart of {unknown[0]}. There are: {', '.join(there) or 'none'}.")
+        drawn = [panels_of(lambda s=s: charts.draw(self.files.content, s)) for s in symbols or there]
+        return np.concatenate(drawn) if drawn else np.empty(0, dtype=object)
+
+    def odd(self) -> np.ndarray:
+        """How far each unit is from the population, and by what the odd ones are."""
+        from ..reporting.fleet.drawn import odd
+
+        if not self.files.content["odd"]:
+            raise UsageError("no unit of this fleet is odd: there is nothing to draw.")
+        return panels_of(lambda: odd.draw(self.files.content))

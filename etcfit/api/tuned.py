@@ -23,7 +23,7 @@ from ..importing.answers import Answers
 from ..importing.tuning import KnownEcu, TuneInput, TuneSettings, tune_input
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
-from ..run_folder import RunFolder
+from ..run_folder.folder import RunFolder
 from .progress import Report, part_of, silent
 
 if TYPE_CHECKING:
@@ -216,8 +216,7 @@ def _worked_out(
     from ..diagnosis import diagnose
     from ..estimation.joint_fit import fit
     from ..rig.reader import read_folder
-    from .control import design_of
-    from .saving import keep_design, keep_diagnosis, keep_fit
+    from .work import design_of, keep_design, keep_diagnosis, keep_fit
 
     folder = _written(run.path / LOGS, prepared)
     rig = read_folder(folder)
@@ -248,7 +247,7 @@ def _written(folder: Path, prepared: TuneInput) -> Path:
     """The measurement folder, anew."""
     import shutil
 
-    from ..datasets.folder import write_folder
+    from ..datasets.base import write_folder
 
     if folder.is_dir():
         shutil.rmtree(folder)

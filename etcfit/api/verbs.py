@@ -35,18 +35,13 @@ if TYPE_CHECKING:
     from ..importing.tuning import TuneSettings
     from ..model.feed_forward import Asked
     from ..rig.base import Rig
-    from .advised import Advised
-    from .checked import Checked
-    from .designed import Designed
-    from .diagnosed import Diagnosed
-    from .driven import Driven
-    from .exported import Exported
+    from .controller import Designed, Reduced
+    from .explanation import Diagnosed, Sampled
     from .fit import Fit
     from .fleet import Fleet
-    from .planned import Planned
-    from .reduced import Reduced
-    from .sampled import Sampled
+    from .measurements import Advised, Checked, Driven, Planned
     from .tuned import Tuned
+    from .work import Exported
 
     Folder = str | Path
     Model = Fit | Diagnosed | Sampled | Reduced | Folder
@@ -65,7 +60,7 @@ def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bo
     """
     with working(quiet) as report:
         from ..experiment.check import check as check_rig
-        from .checked import Checked
+        from .measurements import Checked
 
         rig = _rig_of(rig, report)
         report("working out what these data can identify", 0.3)
@@ -94,7 +89,7 @@ def advise(
     """
     with working(quiet) as report:
         from ..experiment.advice import advise as advise_rig
-        from .advised import Advised
+        from .measurements import Advised
 
         rig = _rig_of(rig, report)
         model = None if at is None else _fitted_to(at, rig)
@@ -129,7 +124,7 @@ def plan(
     with working(quiet) as report:
         from ..experiment.campaign import Criterion, plan_campaign
         from ..rig.base import Rig
-        from .planned import Planned
+        from .measurements import Planned
 
         if criterion not in {each.value for each in Criterion}:
             raise UsageError(f"there is no criterion {criterion}. There are {', '.join(Criterion)}.")
@@ -174,7 +169,7 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
     """
     with working(quiet) as report:
         from ..diagnosis import diagnose as diagnose_fit
-        from .diagnosed import Diagnosed
+        from .explanation import Diagnosed
         from .fit import Fit
 
         if isinstance(fit, str | Path):
@@ -202,7 +197,7 @@ def sample(
     with working(quiet) as report:
         from ..posterior.sampling import sample as sample_fit
         from ..run_folder.posterior import require_netcdf
-        from .sampled import Sampled
+        from .explanation import Sampled
 
         require_netcdf()
         result = _fit_of("sample", model).result
@@ -235,8 +230,8 @@ def reduce(
         quiet: show no progress.
     """
     with working(quiet) as report:
-        from .control import plant_of
-        from .reduced import Reduced
+        from .controller import Reduced
+        from .work import plant_of
 
         fit = _fit_of("reduce", model)
         return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report, settings))
@@ -290,10 +285,10 @@ def design(
         from ..control.request import DesignRequest
         from ..control.settings import DesignSettings
         from ..model.ecu import Ecu
-        from ..run_folder import is_fleet
-        from .control import design_of, fleet_design_of
-        from .designed import Designed
+        from ..run_folder.manifest import is_fleet
+        from .controller import Designed
         from .fleet import Fleet
+        from .work import design_of, fleet_design_of
 
         if unknown := sorted(set(ecu) - set(Ecu._fields)):
             raise TypeError(
@@ -345,10 +340,11 @@ def export(
     with working(quiet) as told:
         from ..exporting import ExportSettings, named
         from ..files import require_writable
-        from ..run_folder import design_json, read_design
-        from .designed import Designed
-        from .exported import exported
+        from ..run_folder.design import design_json
+        from ..run_folder.reading import read_design
+        from .controller import Designed
         from .fit import Fit
+        from .work import exported
 
         told(f"exporting to {to}", 0.3)
         run = Path(model) if isinstance(model, str | Path) else None
@@ -386,9 +382,9 @@ def report(
     """
     with working(quiet) as told:
         from ..reporting.interactive import write_interactive
-        from ..run_folder import RunFolder
+        from ..run_folder.folder import RunFolder
         from .progress import part_of
-        from .saving import keep_page
+        from .work import keep_page
 
         if not isinstance(run, str | Path):
             if to is None:
@@ -424,7 +420,7 @@ def drive(
         from ..car_log import study
         from ..car_log.place import logs_at
         from ..car_log.study import chosen
-        from .driven import Driven
+        from .measurements import Driven
 
         config, logs = logs_at(folder)
         return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
@@ -461,7 +457,7 @@ def tune(
     """
     with working(quiet) as report:
         from ..importing.tuning import TuneSettings
-        from ..run_folder import RunFolder
+        from ..run_folder.folder import RunFolder
         from .tuned import TuneRequest, tune_logs
 
         files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
@@ -535,7 +531,7 @@ def load(run: Folder) -> Fit | Diagnosed | Fleet:
     Raises:
         UsageError: it holds no fit, or one of another version.
     """
-    from ..run_folder import is_fleet
+    from ..run_folder.manifest import is_fleet
 
     if not is_fleet(Path(run)):
         return _load_model(Path(run))
@@ -545,8 +541,8 @@ def load(run: Folder) -> Fit | Diagnosed | Fleet:
 
 
 def _load_model(run: Path) -> Fit | Diagnosed:
-    from ..run_folder import RunFolder
-    from .diagnosed import Diagnosed
+    from ..run_folder.folder import RunFolder
+    from .explanation import Diagnosed
     from .fit import Fit
 
     folder = RunFolder(run)
@@ -555,7 +551,7 @@ def _load_model(run: Path) -> Fit | Diagnosed:
 
 
 def _load_fit(run: Path) -> Fit:
-    from ..run_folder import load_fit
+    from ..run_folder.state import load_fit
     from .fit import Fit
 
     return Fit(load_fit(run))
@@ -576,8 +572,8 @@ def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
     Raises:
         UsageError: the run folder holds no fit, or the fit is of other measurements.
     """
-    from ..run_folder import fitted_to
-    from .diagnosed import Diagnosed
+    from ..run_folder.state import fitted_to
+    from .explanation import Diagnosed
     from .fit import Fit
 
     if isinstance(at, str | Path):
@@ -592,8 +588,8 @@ def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
 
 def _fit_of(verb: str, model: Model) -> Fit:
     """The fit behind whatever a verb was given."""
-    from ..run_folder import is_fleet
-    from .diagnosed import Diagnosed
+    from ..run_folder.manifest import is_fleet
+    from .explanation import Diagnosed
     from .fit import Fit
 
     if isinstance(model, str | Path):
@@ -604,8 +600,8 @@ def _fit_of(verb: str, model: Model) -> Fit:
         return model
     if isinstance(model, Diagnosed):
         return model.final
-    from .reduced import Reduced
-    from .sampled import Sampled
+    from .controller import Reduced
+    from .explanation import Sampled
 
     if isinstance(model, Sampled | Reduced):
         return model.fit
@@ -626,8 +622,8 @@ def _draws(source: Model, fitted: Fitted, settings: DesignSettings) -> np.ndarra
     """Coordinates of further models from a posterior or a run folder that holds one, shape (D, P); None without."""
     import numpy as np
 
-    from ..run_folder import read_draws
-    from .sampled import Sampled
+    from ..run_folder.reading import read_draws
+    from .explanation import Sampled
 
     if isinstance(source, str | Path):
         return read_draws(Path(source), fitted, settings.draws - 1, settings.seed)

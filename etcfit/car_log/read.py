@@ -21,10 +21,9 @@ from ..importing.sheet import Column, Sheet
 from ..importing.take import LEFT_OUT, Take
 from ..importing.time_column import time_of
 from ..rig.base import RigConfig
-from ..rig.comments import toml_string
 from ..rig.config import read_config
-from ..rig.names import refuse_foreign_names
 from ..rig.units import UnitError, to_channel
+from ..rig.user_text import refuse_foreign_names, toml_string
 from . import others
 from .log import DriveLog, Series
 

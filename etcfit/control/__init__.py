@@ -3,8 +3,8 @@ or for a fleet.
 
 Parts:
 
-    pid/                    tuning rules, the loop with its ECU, margins, scenarios
-    frequency/              sines: measured response, order of lag
-    design, supply_table    one design; gains over the supply
-    fleet, fleet_verdict    gains for many units; parts, parts_verdict: for one unit's model, a fleet being its kind
+    pid/           tuning rules, the loop with its ECU, margins, scenarios and conditions
+    frequency/     sines: measured response, order of lag
+    safety/        what the gains do where something fails
+    design         one design; `fleet`: gains for many units, or for one unit's model, a fleet being its kind
 """

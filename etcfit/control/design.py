@@ -18,21 +18,18 @@ from ..model.ecus import PROFILES, EcuProfile
 from ..model.feed_forward import Asked, Term, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
-from .fleet_verdict import FleetVerdict
 from .judged import Robust, Tuned, judged, outside_the_bench
 from .linearise import reduce, stops
+from .on_units import FleetVerdict, PartsVerdict
 from .own_numbers import checked
-from .parts_verdict import PartsVerdict
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
-from .pid.conditions import DRY_FRICTION, scaled
-from .pid.feedforward import Bias, bias_of
-from .pid.front import FrontPoint, front
+from .pid.conditions import DRY_FRICTION, course, of_log, scaled
+from .pid.feedforward import Bias, Sliding, bias_of, sliding_of
 from .pid.loop import Body, Loop
-from .pid.scenarios import course, of_log
-from .pid.setpoint import Setpoint
-from .pid.sliding import Sliding, sliding_of
+from .pid.optimal import FrontPoint, front
 from .safety import Safety
 from .safety import safety as safety_of
+from .setpoint import Setpoint
 from .settings import DesignSettings
 from .supply_table import SupplyTable, supply_table
 
@@ -291,17 +288,18 @@ def propose(
                   limits)  # fmt: skip
 
 
+_EASED_SUPPLY = 4.0  # factor on the supply voltage when it is tried whether the supply is what binds
+_EASED_PERIOD = 5e-4  # s, of the ECU when it is tried whether its clock is
+_EASED_MARGIN = 1e-3  # dB and degrees, the margins required when it is tried whether they are
 _EASED: dict[str, Callable[[Task], Task]] = {
-    "the supply voltage": lambda task: _with_ecu(task, supply=task.settings.eased_supply * task.ecu.supply),
-    "the ECU's period and delay": lambda task: _with_ecu(
-        task, period=min(task.ecu.period, task.settings.eased_period), delay=0.0
-    ),
+    "the supply voltage": lambda task: _with_ecu(task, supply=_EASED_SUPPLY * task.ecu.supply),
+    "the ECU's period and delay": lambda task: _with_ecu(task, period=min(task.ecu.period, _EASED_PERIOD), delay=0.0),
     "the stability margins asked for": lambda task: replace(
         task,
         requirements=replace(
             task.requirements,
-            gain_margin_db=task.settings.eased_margin,
-            phase_margin_deg=task.settings.eased_margin,
+            gain_margin_db=_EASED_MARGIN,
+            phase_margin_deg=_EASED_MARGIN,
         ),
     ),
     "dry friction": lambda task: replace(task, loop=_sliding_freely(task.loop)),

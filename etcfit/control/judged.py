@@ -8,14 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fleet_verdict import OneByOne
-from .loop_figures import FIGURES, OF_THE_PAPER
-from .pid import Gains, LoopFigures, Refusal, Requirements, Task, linear_loop
+from .loop_figures import FIGURES, OF_THE_PAPER, judge, judge_each
+from .on_units import OneByOne
+from .pid import Gains, LoopFigures, Refusal, Requirements, Task
 from .pid.conditions import Conditions, at_corners, corners, scattered, under
-from .pid.judge import judge, judge_each
+from .pid.linear_loop import margins, respond
 from .pid.loop import Loop
-from .pid.margins import margins
-from .pid.setpoint import trapezoid
+from .setpoint import trapezoid
 
 PAPERS_SETPOINT = trapezoid()
 
@@ -170,7 +169,7 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
     figures, share = over_draws
     asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
     gain, phase = (float(m) for m in margins(gains, task.plant, task.ecu))
-    straight = linear_loop.respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
+    straight = respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
     follows = judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)
     linear = replace(follows.each(float), gain_margin_db=gain, phase_margin_deg=phase)
     nonlinear = replace(figures.each(lambda of: float(of[0])), gain_margin_db=gain, phase_margin_deg=phase)

@@ -1,4 +1,5 @@
-"""The figures of a loop, each declared once with its formula; what they must stay below.
+"""The figures of a loop: their formulas (the paper's sections 4.1 and 4.3, Eq. 9), each declared once, computed of a
+response; and what they must stay below.
 
 A new figure is one line of `LoopFigures`: JSON and its schema, terminal, page, DataFrame and reference follow.
 """
@@ -9,20 +10,116 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..car_log.criteria import ACTIVITY, HELD, OVERSHOOT, SETTLING
-from ..model.figure import Figure, figure, figures_of
-from .response import (
-    current_rms,
-    duty_activity,
-    overshoot,
-    settling,
-    steady_state_error,
-    tracking_error,
+from ..car_log.criteria import (
+    ACTIVITY,
+    HELD,
+    LEAST_HELD,
+    LEAST_OVERSHOT,
+    NEGLIGIBLE,
+    OVERSHOOT,
+    SETTLED,
+    SETTLING,
+    TAIL,
 )
+from ..model.figure import Figure, figure, figures_of
+from .setpoint import Level, Setpoint, Stretch
+
+
+class AtLevel(NamedTuple):
+    """A response from a change of the setpoint to the next one.
+
+    Args:
+        size: of the change, share of the travel.
+        since: s since the change began, shape (K,).
+        beyond: how far the position lies beyond the new level, in the direction of the change, shares of the travel,
+            shape (..., K).
+        tail: number of the first tick of the level's last quarter.
+    """
+
+    size: float
+    since: np.ndarray
+    beyond: np.ndarray
+    tail: int
+
+    @classmethod
+    def of(cls, level: Level, time: np.ndarray, share: np.ndarray) -> AtLevel:
+        """Args: level; time: s, shape (K,); share: of the travel, shape (..., K)."""
+        begin, end = index(time, level.begins), index(time, level.ends)
+        beyond = (share[..., begin:end] - level.after) * np.sign(level.change)
+        return cls(abs(level.change), time[begin:end] - level.begins, beyond, _tail(begin, end) - begin)
+
+    @property
+    def far(self) -> np.ndarray:
+        """Distance from the level."""
+        return np.abs(self.beyond)
+
+
+class Run(NamedTuple):
+    """A whole response.
+
+    Args:
+        setpoint: that it follows.
+        time: s, shape (K,).
+        duty: share of the supply, shape (..., K).
+        current: A, shape (..., K).
+    """
+
+    setpoint: Setpoint
+    time: np.ndarray
+    duty: np.ndarray
+    current: np.ndarray
+
+
+def overshoot(at: AtLevel) -> np.ndarray:
+    """%, of the change."""
+    return 100.0 * np.maximum(np.max(at.beyond, axis=-1), 0.0) / max(at.size, LEAST_OVERSHOT)
+
+
+def settling(at: AtLevel) -> np.ndarray:
+    """s, until the first tick after the last one outside."""
+    since = np.append(at.since, np.inf)
+    outside = at.far > max(SETTLED * at.size, NEGLIGIBLE)
+    last = outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1)
+    return np.where(outside.any(axis=-1), since[last], 0.0)
+
+
+def steady_state_error(at: AtLevel) -> np.ndarray:
+    """%, of the change."""
+    return 100.0 * np.max(at.far[..., at.tail :], axis=-1) / max(at.size, LEAST_HELD)
+
+
+def tracking_error(setpoint: Setpoint, stretch: Stretch, time: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Root mean square over a stretch, % of the travel (Eq. 9)."""
+    part = slice(index(time, stretch.begins), index(time, stretch.ends))
+    return 100.0 * np.sqrt(np.mean(np.square(share[..., part] - setpoint.at(time[part])), axis=-1))
+
+
+def duty_activity(run: Run) -> np.ndarray:
+    """Standard deviation of the duty in the last quarter of a level, root mean square of all levels, %."""
+    ends = ((index(run.time, level.begins), index(run.time, level.ends)) for level in run.setpoint.levels)
+    moved = [np.var(run.duty[..., _tail(begin, end) : end], axis=-1) for begin, end in ends]
+    return 100.0 * np.sqrt(np.mean(np.stack(moved), axis=0))
+
+
+def current_rms(run: Run) -> np.ndarray:
+    """A."""
+    judged = run.current[..., index(run.time, run.setpoint.judged_from) :]
+    return np.sqrt(np.mean(np.square(judged), axis=-1))
+
+
+def index(time: np.ndarray, instant: float) -> int:
+    """First tick at or after an instant (s)."""
+    return int(np.searchsorted(time, instant - 0.5 * (time[1] - time[0])))
+
+
+def _tail(begin: int, end: int) -> int:
+    """First tick of a level's last quarter."""
+    return begin + round((1.0 - TAIL) * (end - begin))
+
 
 Same = TypeVar("Same", bound="LoopFigures")
 
@@ -136,3 +233,63 @@ class Requirements(LoopFigures):
     def met(self, figures: LoopFigures, symbols: tuple[str, ...] = REQUIRED) -> dict[str, Any]:
         """figure < limit, entry by entry; a figure that is infinite or NaN never is."""
         return {symbol: getattr(figures, symbol) < limit for symbol, limit in self.limits(symbols).items()}
+
+
+def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigures:
+    """How well a response follows: each figure the worst of all levels, or of all stretches.
+
+    Args:
+        setpoint: what was asked for.
+        time: s, shape (K,), from 0 with an even step.
+        share: of the travel, shape (..., K); what is not finite counts as infinitely far off.
+    """
+    share = np.where(np.isfinite(share), share, np.inf)
+    return _tracking(setpoint, setpoint.levels, setpoint.stretches, time, share)
+
+
+def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[str, LoopFigures]:
+    """The same scenario by scenario, each with the tracking error over all of its own.
+
+    Of a log, which has no levels, there is nothing but the tracking error; the others are NaN.
+    """
+    share = np.where(np.isfinite(share), share, np.inf)
+    out = {}
+    for name in setpoint.scenarios:
+        levels = setpoint.only(name)
+        parts = [part for part in (*levels, *setpoint.stretches) if part.scenario == name]
+        whole = Stretch(min(part.begins for part in parts), max(part.ends for part in parts))
+        out[name] = _tracking(setpoint, levels, (whole,), time, share)
+    return out
+
+
+def _tracking(setpoint: Setpoint, levels: Any, stretches: Any, time: np.ndarray, share: np.ndarray) -> LoopFigures:
+    at = [AtLevel.of(level, time, share) for level in levels]
+    nothing = np.full(share.shape[:-1], np.nan)
+
+    def worst(symbol: str) -> np.ndarray:
+        formula = FIGURES[symbol].how["formula"]
+        if FIGURES[symbol].how["by"] is By.LEVEL:
+            every = [formula(each) for each in at]
+        else:
+            every = [formula(setpoint, stretch, time, share) for stretch in stretches]
+        return np.max(np.stack(every), axis=0) if every else nothing
+
+    return LoopFigures(**{symbol: worst(symbol) for symbol in TRACKING})
+
+
+def with_effort(figures: LoopFigures, run: Run) -> LoopFigures:
+    """Figures, and those of what the response costs."""
+    return replace(figures, **{symbol: FIGURES[symbol].how["formula"](run) for symbol in symbols_by(By.RUN)})
+
+
+def with_heat(figures: LoopFigures, winding: Any, bridge: float) -> LoopFigures:
+    """Figures, and the heat that the current makes.
+
+    Args:
+        figures: with the current.
+        winding, bridge: resistances, ohm.
+    """
+    current = figures.current_rms_A
+    return replace(
+        figures, **{symbol: FIGURES[symbol].how["formula"](current, winding, bridge) for symbol in symbols_by(By.HEAT)}
+    )

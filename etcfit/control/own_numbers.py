@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..errors import UsageError
 from ..model.ecu import Terms
 from .pid import Gains, Refusal, Task
-from .pid.ultimate import Ultimate, ultimate
+from .pid.formulas import Ultimate, ultimate
 
 PRESENT = (*Terms._fields, "swings_at")  # what a user may know, in the ECU's own numbers
 

@@ -15,9 +15,8 @@ import numpy as np
 
 from .design import Design
 from .judged import over_models
-from .loop_figures import LoopFigures
+from .loop_figures import LoopFigures, judge_each
 from .pid import Gains
-from .pid.judge import judge_each
 
 PRESENT, HALF_WAY, PROPOSED = "present", "half_way", "proposed"
 SHOWN = "large steps"  # the scenario that a next log is compared by, and that is drawn

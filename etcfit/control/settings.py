@@ -8,12 +8,14 @@ from itertools import pairwise
 from ..ranges import check_ranges, real, reals, whole
 
 
-def _rising(settings: object, low: str, high: str) -> None:
-    """Refuse bounds that do not rise, entry by entry."""
-    begin, end = getattr(settings, low), getattr(settings, high)
-    if len(begin) != len(end) or not all(a < b for a, b in zip(begin, end, strict=True)):
-        raise ValueError(f"{type(settings).__name__}.{high} = {end!r}: it must have an entry above each of {low}, "
-                         f"{begin!r}.")  # fmt: skip
+def _check_bounds(settings: OptimumSettings | ManualSettings) -> None:
+    """Refuse least and largest gains that are not three each, or do not rise."""
+    check_ranges(settings)
+    name, low, high = type(settings).__name__, settings.lowest, settings.highest
+    if len(low) != 3:
+        raise ValueError(f"{name}.lowest = {low!r}: it must have three gains, Kp, Ki and Kd.")
+    if len(high) != 3 or not all(a < b for a, b in zip(low, high, strict=True)):
+        raise ValueError(f"{name}.highest = {high!r}: it must have an entry above each of lowest, {low!r}.")
 
 
 @dataclass(frozen=True)
@@ -34,13 +36,8 @@ class OptimumSettings:
         about: standard deviation of the gains with which the latter begin, in their logarithm.
         spares: share of each requirement kept in hand during the search, for draws that it did not see; the next where
             all draws together are not met with the one before.
-        spare_alone: likewise on the nominal model alone, which sees one sequence of the noise.
         lowest: least gains, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
         highest: largest gains, likewise.
-        narrowest: least standard deviation of a population in the logarithm of a gain.
-        wider: factor on the covariance of the elite, lest the search narrows before it has arrived.
-        weight: cost of missing a requirement by its own size, in units of the tracking error.
-        safety: a stability margin missed by its own size counts as a requirement missed by this many times its own.
         seed: of the random numbers.
     """
 
@@ -55,20 +52,12 @@ class OptimumSettings:
     last_rounds: int = whole(12, 0, 100_000)
     about: float = real(0.15, 0.0, 10.0)
     spares: tuple[float, ...] = reals((0.03, 0.06, 0.1), 0.0, 1.0)
-    spare_alone: float = real(0.12, 0.0, 1.0)
     lowest: tuple[float, ...] = reals((0.3, 0.3, 3e-3), 1e-12, 1e12)
     highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
-    narrowest: float = real(0.01, 1e-9, 10.0)
-    wider: float = real(1.5, 0.1, 100.0)
-    weight: float = real(50.0, 0.0, 1e9)
-    safety: float = real(100.0, 1.0, 1e9)
     seed: int = whole(20230701, 0, 2**32 - 1)
 
     def __post_init__(self) -> None:
-        check_ranges(self)
-        if len(self.lowest) != 3:
-            raise ValueError(f"OptimumSettings.lowest = {self.lowest!r}: it must have three gains, Kp, Ki and Kd.")
-        _rising(self, "lowest", "highest")
+        _check_bounds(self)
         if self.elite > self.population:
             raise ValueError(f"OptimumSettings.elite = {self.elite}: it must be at most the population, "
                              f"{self.population}.")  # fmt: skip
@@ -92,11 +81,7 @@ class ManualSettings:
     quick: float = real(1.05, 1.0, 100.0)
     calm: float = real(0.25, 0.0, 1.0)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if len(self.lowest) != 3:
-            raise ValueError(f"ManualSettings.lowest = {self.lowest!r}: it must have three gains, Kp, Ki and Kd.")
-        _rising(self, "lowest", "highest")
+    __post_init__ = _check_bounds
 
 
 @dataclass(frozen=True)
@@ -104,23 +89,11 @@ class RelaySettings:
     """The relay experiment.
 
     Args:
-        hysteresis: error at which the relay turns over, share of the travel.
-        smallest: smallest amplitude tried, share of the supply voltage.
-        largest: largest one, likewise; the smallest of all that keeps the plate swinging is taken.
-        count: amplitudes tried, evenly spaced in the logarithm.
         hold: duration of each experiment, s; the first half lets the swing settle.
-        turns: of the swing in the second half at least.
-        clear: swing over the hysteresis above which it counts.
         longest_step: of the integration, s; each turn of the relay leaves an error of that order.
     """
 
-    hysteresis: float = real(0.005, 0.0, 0.5)
-    smallest: float = real(0.06, 1e-6, 1.0)
-    largest: float = real(0.9, 1e-6, 1.0)
-    count: int = whole(12, 1, 10_000)
     hold: float = real(2.0, 1e-3, 1e3)
-    turns: int = whole(4, 2, 1000)
-    clear: float = real(1.2, 1.0, 100.0)
     longest_step: float = real(2.5e-5, 1e-7, 1.0)
 
     __post_init__ = check_ranges
@@ -147,37 +120,25 @@ class FrequencySettings:
 
     Args:
         fewest_cycles: that setpoint and position must have in common.
-        nearly: share of a cycle that may be missing from a whole one.
         samples_a_cycle: of every signal at least.
         harmonics: fitted at most, the fundamental among them.
-        samples_a_harmonic: in a cycle of the highest harmonic fitted, at least.
         outside: share of the setpoint's power outside its fundamental, at most.
         outside_low: share of it in the 2nd to 5th harmonic, at most.
         strays: an early cycle that differs from the settled ones by more times their own scatter has not settled.
         same: cycles that differ by less than this share of the swing never count as different.
-        drift_cycles: fewer are not used to tell a drift from the waves, where cycles outside them are compared.
-        drift_errors: standard errors at which a drift is told from zero.
         fewest_points: frequencies from which on an order of lag is sought.
         poor: share of the response that the best lag fails to explain, from which on it is no description.
-        excluded: weight of all lower orders together below which they are excluded.
-        likely: weight that the order itself must exceed; higher ones, which contain it, always keep some.
     """
 
     fewest_cycles: int = whole(3, 2, 1000)
-    nearly: float = real(0.05, 0.0, below=1.0)
     samples_a_cycle: float = real(5.0, 4.0, 1e6)
     harmonics: int = whole(7, 5, 100)
-    samples_a_harmonic: float = real(2.5, 2.0, 1e6)
     outside: float = real(0.10, 0.0, 1.0)
     outside_low: float = real(0.01, 0.0, 1.0)
     strays: float = real(4.0, 0.0, 1e6)
     same: float = real(1e-3, 0.0, 1.0)
-    drift_cycles: float = real(3.5, 0.0, 1000.0)
-    drift_errors: float = real(3.0, 0.0, 1000.0)
     fewest_points: int = whole(4, 4, 1000)
     poor: float = real(0.1, 0.0, 10.0)
-    excluded: float = real(0.05, 0.0, 1.0)
-    likely: float = real(0.5, 0.0, 1.0)
 
     __post_init__ = check_ranges
 
@@ -188,13 +149,11 @@ class LoopSettings:
 
     Args:
         longest_step: of the integration, s; a tick of the ECU is divided into equal steps no longer than this.
-        latest: ticks of delay that are remembered at most.
         seed: of the sensor's noise, a sequence for each model, the same for all gains.
         bridge_ohm: resistance of the bridge that drives the motor, both of its closed switches together.
     """
 
     longest_step: float = real(5e-4, 1e-7, 1.0)
-    latest: int = whole(64, 1, 2**20)
     seed: int = whole(20230701, 0, 2**32 - 1)
     bridge_ohm: float = real(0.2, 0.0, 1e3)
 
@@ -208,20 +167,16 @@ class ScenarioSettings:
     Args:
         low, high: ends of the large steps, shares of the travel.
         small: the small steps, up from a quarter of the travel and back, shares of the travel.
-        beyond_rest: how far beyond the limp-home position, either way, the steps across it go, share of the travel.
         large_hold: s that each large step is held.
         hold: s that each other step is held.
-        lead: s at the first level of a scenario, not judged.
         log: s of a log from the car that are taken.
     """
 
     low: float = real(0.1, 0.0, 1.0)
     high: float = real(0.7, 0.0, 1.0)
     small: tuple[float, ...] = reals((0.005, 0.01, 0.02), 1e-6, 0.5)
-    beyond_rest: float = real(0.02, 1e-6, 0.5)
     large_hold: float = real(0.5, 1e-3, 100.0)
     hold: float = real(0.4, 1e-3, 100.0)
-    lead: float = real(0.3, 0.0, 100.0)
     log: float = real(4.0, 0.1, 1000.0)
 
     def __post_init__(self) -> None:
@@ -266,12 +221,10 @@ class SlidingSettings:
         full: rate of the setpoint from which on all of the dry friction is put ahead, travels per second; a smaller one
             gets its share, so that a setpoint that rests with a flicker does not make the duty jump.
         rate: of a plate whose friction and drag are read off the model, travels per second; that of the trapezoid.
-        places: evenly over the travel, of which both are the mean.
     """
 
     full: float = real(0.05, 1e-6, 100.0)
     rate: float = real(4.0, 1e-3, 1000.0)
-    places: int = whole(41, 1, 10_000)
 
     __post_init__ = check_ranges
 
@@ -282,14 +235,9 @@ class ScheduleSettings:
 
     Args:
         supplies: at the points of a table over the supply, V, rising.
-        places: evenly over the travel, at which the plant's gain is compared.
-        near: by how much that may differ from the gain at a quarter of the travel and a table over the position would
-            still have nothing to do, a share.
     """
 
     supplies: tuple[float, ...] = reals((9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0), 0.1, 1e3)
-    places: int = whole(201, 1, 10_000)
-    near: float = real(0.1, 0.0, 10.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -321,10 +269,8 @@ class SafetySettings:
 
     Args:
         least, most: errors between which a threshold of the jam check is looked for, shares of the travel.
-        count: thresholds tried, evenly spaced in the logarithm.
         reserve: timeout over the longest time for which a sound throttle is further off than the threshold.
         within: longest timeout that is proposed, s; the least threshold that gets along with it is.
-        clock: to whose whole multiples a timeout is rounded up, s.
         frozen: steps of the setpoint asked of a plate whose sensor is stuck, shares of the travel.
         offset: by how much one of two sensors reads too little, share of the travel.
         apart: by how much two sensors may differ, share of the travel.
@@ -335,23 +281,14 @@ class SafetySettings:
         crank: V of the supply while the starter breaks away, and while it turns.
         crank_for: duration of each, s.
         openings: held during a dip, and from which the spring brings the plate back, shares of the travel.
-        recovered: distance from the setpoint at which a plate is back after a dip, share of the travel.
-        returned: distance from the limp-home position at which a plate is back without a current, likewise.
-        lead: s for which a plate may settle before something fails.
-        watched: s for which it is watched afterwards.
-        falls: s for which a plate without a current is watched.
-        fall_step: of its integration, s.
-        at_rest: s without any motion after which such a plate is at rest.
         places: positions at which the holding current is given.
         insulation: temperature that a winding may reach, degrees Celsius; 155 for class F of IEC 60085.
     """
 
     least: float = real(0.005, 1e-4, 1.0)
     most: float = real(0.6, 1e-4, 1.0)
-    count: int = whole(40, 2, 1000)
     reserve: float = real(1.5, 1.0, 100.0)
     within: float = real(0.25, 1e-3, 100.0)
-    clock: float = real(0.01, 1e-4, 1.0)
     frozen: tuple[float, ...] = reals((0.02, 0.1), 1e-3, 0.7)
     offset: float = real(0.1, 1e-3, 0.7)
     apart: float = real(0.05, 1e-4, 1.0)
@@ -362,13 +299,6 @@ class SafetySettings:
     crank: tuple[float, ...] = reals((6.0, 8.0), 0.0, 1e3)
     crank_for: tuple[float, ...] = reals((0.05, 0.5), 1e-3, 1.0)
     openings: tuple[float, ...] = reals((0.05, 0.25, 0.5, 0.75, 1.0), 0.0, 1.0)
-    recovered: float = real(0.01, 1e-4, 0.5)
-    returned: float = real(0.05, 1e-4, 0.5)
-    lead: float = real(0.6, 0.0, 100.0)
-    watched: float = real(1.2, 0.1, 100.0)
-    falls: float = real(2.0, 0.1, 100.0)
-    fall_step: float = real(5e-4, 1e-6, 1e-2)
-    at_rest: float = real(0.1, 1e-3, 100.0)
     places: int = whole(21, 2, 10_000)
     insulation: float = real(155.0, 0.0, 1000.0)
 
@@ -388,10 +318,8 @@ class FleetDesignSettings:
         share: of the units that must meet every requirement.
         few: units, the extreme ones along the fleet's principal directions and random ones, that the search sees.
         directions: principal ones, each of which gives its two extreme units.
-        at_once: units whose responses are in memory together.
         refinements: searches made anew with the units that failed among the few, where too many do.
         future: units drawn from the population that tell what to expect of those not made yet.
-        fewest: units from which on their scatter is believed.
         named: worst units that are named.
         seed: of the random numbers.
     """
@@ -399,10 +327,8 @@ class FleetDesignSettings:
     share: float = real(0.99, 0.0, 1.0)
     few: int = whole(32, 2, 100_000)
     directions: int = whole(6, 0, 1000)
-    at_once: int = whole(200, 2, 100_000)
     refinements: int = whole(3, 0, 100)
     future: int = whole(1000, 2, 10**6)
-    fewest: int = whole(5, 2, 10**6)
     named: int = whole(10, 1, 10_000)
     seed: int = whole(20230703, 0, 2**32 - 1)
 
@@ -416,9 +342,6 @@ class DesignSettings:
     Args:
         draws: models that judge every rule, the nominal one among them; further ones are drawn from posterior or fit.
         seed: of the random numbers that draw them.
-        eased_supply: factor on the supply voltage when it is asked whether the supply is what binds.
-        eased_period: period of the ECU when it is asked whether its clock is, s.
-        eased_margin: gain margin (dB) and phase margin (degrees) asked for when it is asked whether they are.
         loop: the simulation.
         scenarios: what gains are judged on.
         conditions: of a car, besides those of the bench.
@@ -434,9 +357,6 @@ class DesignSettings:
 
     draws: int = whole(200, 1, 10**6)
     seed: int = whole(20230701, 0, 2**32 - 1)
-    eased_supply: float = real(4.0, 1.0, 1000.0)
-    eased_period: float = real(5e-4, 1e-6, 1.0)
-    eased_margin: float = real(1e-3, 1e-9, 100.0)
     loop: LoopSettings = LoopSettings()
     scenarios: ScenarioSettings = ScenarioSettings()
     conditions: ConditionSettings = ConditionSettings()

@@ -11,10 +11,11 @@ from ..model.ecu import Ecu, Notation, Terms
 from .judged import over_models
 from .pid import Gains, LoopFigures, Task
 from .pid.conditions import at_corners, corners
-from .pid.linear_loop import controller
+from .pid.linear_loop import FINE, OpenLoop, controller
 from .pid.loop import Loop
-from .pid.margins import FINE, OpenLoop
-from .settings import ScheduleSettings
+
+_PLACES = 201  # evenly over the travel, at which the plant's gain is compared
+NEAR = 0.1  # by how much that may differ from the gain at a quarter of the travel where a table is still worth nothing
 
 
 class AtSupply(NamedTuple):
@@ -43,18 +44,16 @@ class OverPosition(NamedTuple):
         frequency: of the crossover at a quarter of the travel, Hz; the highest where there are several.
         shares: of the travel at which it is compared, shape (P,).
         ratio: of the gain there to that at a quarter of the travel, shape (P,).
-        near: by how much it may differ and a table of gains would still have nothing to do.
     """
 
     frequency: float
     shares: np.ndarray
     ratio: np.ndarray
-    near: float
 
     @property
     def alike(self) -> float:
         """Share of the places at which it hardly differs."""
-        return float(np.mean(np.abs(self.ratio - 1.0) <= self.near))
+        return float(np.mean(np.abs(self.ratio - 1.0) <= NEAR))
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +98,12 @@ def supply_table(task: Task, gains: Gains) -> SupplyTable:
         task: what they were found for.
         gains: of one rule.
     """
-    settings = task.settings.schedule
     fixed = at_corners(task.loop, task.settings.conditions)
     ends = tuple(
         AtSupply(supply, _worst(task, fixed, gains, supply), _worst(task, _knowing(task, fixed, supply), gains, supply))
         for supply in dict.fromkeys(task.settings.conditions.supply)
     )
-    return SupplyTable(settings.supplies, ends, over_position(task, gains, settings))
+    return SupplyTable(task.settings.schedule.supplies, ends, over_position(task, gains))
 
 
 def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
@@ -136,20 +134,19 @@ def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     return found.figures.worst(there)
 
 
-def over_position(task: Task, gains: Gains, settings: ScheduleSettings) -> OverPosition:
+def over_position(task: Task, gains: Gains) -> OverPosition:
     """The nominal plant's gain at the crossover, linearised at places over the travel.
 
     Args:
         task: plant and ECU.
         gains: which say where the crossover is.
-        settings: the places, and what is alike.
     """
     ecu, loop = task.ecu, task.loop.first(1)
     frequencies = FINE.frequencies(ecu.period)
     open_loop = OpenLoop.of(task.plant, ecu)
     around = np.abs(controller(gains, ecu, open_loop.z) * open_loop.response)
     crossover = float(frequencies[np.max(np.flatnonzero(around >= 1.0), initial=0)])
-    shares = (np.arange(settings.places) + 0.5) / settings.places
+    shares = (np.arange(_PLACES) + 0.5) / _PLACES
     there = np.array([abs(loop.linear(share)(1j * crossover)).item() for share in shares])
     here = abs(task.plant(1j * crossover))
-    return OverPosition(crossover / (2.0 * np.pi), shares, there / here, settings.near)
+    return OverPosition(crossover / (2.0 * np.pi), shares, there / here)

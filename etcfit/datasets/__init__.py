@@ -6,11 +6,9 @@ from pathlib import Path
 
 from ..errors import UsageError
 from .bam_xl330 import BAM_XL330
-from .base import Dataset, Source
+from .base import Dataset, Source, obtain, refuse_to_overwrite, write_folder
 from .emps import EMPS
-from .folder import refuse_to_overwrite, write_folder
 from .kassel_throttle import KASSEL_THROTTLE
-from .obtain import obtain
 
 DATASETS: dict[str, Dataset] = {dataset.name: dataset for dataset in (KASSEL_THROTTLE, EMPS, BAM_XL330)}
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MeasurementError
-from .base import Dataset, Source, csv_text, on_github
-from .matlab import read_vectors
+from .base import Dataset, Source, csv_text, on_github, read_vectors
 
 _PERIOD = 0.001  # s
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .base import Dataset, Source, csv_text, licence_text, on_github
-from .matlab import read_vectors
+from .base import Dataset, Source, csv_text, licence_text, on_github, read_vectors
 
 _PERIOD = 0.010  # s, as in the authors' script
 _FITTED = 0.6  # of the record; the rest is held out

@@ -8,9 +8,9 @@ from enum import Enum
 
 import numpy as np
 
-from ..estimation.remedies import listed
+from ..estimation.identifiability import listed
 from .composition import Effect, is_of_one_channel, is_of_the_rig
-from .model_discrepancy import left_by
+from .model_discrepancy import chi2_left_by_formula
 from .score import Score
 from .screen import Signature
 from .settings import DiagnosisSettings
@@ -46,7 +46,7 @@ class Choice:
     ties: tuple[Effect, ...]
     why: str
 
-    def spoilt(self) -> Choice:
+    def with_refit_refused(self) -> Choice:
         """What becomes of it where the full refit is worse than the model before."""
         why = f"{self.why} Refitted in full with it the model is further from the data: it is not added."
         return replace(self, outcome=Outcome.SPOILT, effect=None, ties=(), why=why)
@@ -55,15 +55,15 @@ class Choice:
 # ---- before any refit
 
 
-def worth_a_look(chi2: float, samples: float, blur: float) -> bool:
-    """Whether chi2 exceeds the noise's, one a sample, by as much as inexact formulas may leave; always where blur is 0.
+def worth_a_look(chi2: float, samples: float, formula_chi2: float) -> bool:
+    """Whether chi2 exceeds the noise's, one a sample, by what inexact formulas may leave; always where that is 0.
 
     Args:
         chi2: of the fitted traces.
         samples: fitted samples.
-        blur: chi2 that inexact formulas of the effects added may leave.
+        formula_chi2: chi2 that inexact formulas of the effects added may leave.
     """
-    return not (blur > 0.0 and chi2 - samples < blur)
+    return not (formula_chi2 > 0.0 and chi2 - samples < formula_chi2)
 
 
 def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
@@ -99,7 +99,6 @@ def promising(
         signatures: of all candidates, the most promising first.
         before: score of the model without them.
         far: whether that model is far from the data.
-        settings: what decides.
     """
     rival = settings.rival_promise_far if far else settings.rival_promise
     worth = []
@@ -118,7 +117,6 @@ def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSett
     Args:
         signatures: the most promising first.
         most: of the others.
-        settings: what decides.
     """
     single = [g for g in signatures if is_of_one_channel(g.variant.effect)]
     others = [g for g in signatures if not is_of_one_channel(g.variant.effect)]
@@ -137,7 +135,7 @@ def deserves_second_trial(v: TrialVerdict, before: Score, far: bool, settings: D
     return main and not v.bic_change > settings.strong_bic_change and not v.helps_elsewhere(settings)
 
 
-def stands(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
+def is_accepted(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
     """Whether an effect is worth its parameters and not contradicted by the held-out traces."""
     return v.is_strong(settings) and v.helps_elsewhere(settings)
 
@@ -149,7 +147,6 @@ def choose(
 
     Args:
         verdicts: of the effects tried, the lowest BIC first.
-        settings: what decides.
         most: chi2 that an effect must get below to be proven.
         noise: chi2 of noise alone; an effect that explains little of what it leaves above it imitates something else.
     """
@@ -242,7 +239,7 @@ def alike(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> b
     fewer parameters may fit a little worse and be as likely: then BIC alone is even. BIC chooses which of them is put
     into the model; it does not prove that one.
     """
-    left = left_by(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
+    left = chi2_left_by_formula(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
     apart = v.score.chi2 - best.score.chi2
     fits = apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood
     usual = v.prior - best.prior < settings.tied_likelihood

@@ -1,14 +1,9 @@
-"""Every effect that a rig could show, and the models that have some of them in it.
-
-An effect is taken out of a model by holding its parameters at their off values, at which it contributes exactly zero:
-which of them are at work is data, so that a model compiles once. Effects of the rig itself act around the throttle, not
-in it: dozens of them cost little, and all are tried by one program.
-"""
+"""Which effects of the rig its checks state, read off the records before any fit, and how large."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,8 +15,32 @@ from ..model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_p
 from ..problem.free_parameters import FreeParameters, Layout, free_parameters
 from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace, by_test
-from ..rig.base import Rig
-from .stated import stated_effects
+from ..rig.base import Finding, Rig
+
+
+def stated_effects(
+    findings: Iterable[Finding], candidates: Iterable[type[AbstractEffect]]
+) -> dict[type[AbstractEffect], float]:
+    """Effects of the rig that the findings state, and the value of the first parameter of each, SI."""
+    families = [e for e in candidates if issubclass(e, AbstractRigEffect) and e.stated]
+    return {
+        effect: effect.stated[finding.kind](finding.size)
+        for finding in findings
+        for effect in families
+        if finding.kind in effect.stated and _is_at_its_place(finding, effect)
+    }
+
+
+def _is_at_its_place(finding: Finding, effect: type[AbstractRigEffect]) -> bool:
+    place = effect.place
+    return place.test == (finding.test or "") and place.channel in ("", finding.channel) and not place.file
+
+
+# ---- Every effect that a rig could show, and the models that have some of them in it
+#
+# An effect is taken out of a model by holding its parameters at their off values, at which it contributes exactly zero:
+# which of them are at work is data, so that a model compiles once. Effects of the rig itself act around the throttle,
+# not in it: dozens of them cost little, and all are tried by one program.
 
 Effect = type[AbstractEffect]
 

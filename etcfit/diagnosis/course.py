@@ -1,34 +1,123 @@
-"""The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, and the statements at the end."""
+"""The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from ..estimation.agreement import compromise_reason, in_words
+from ..estimation.free_run import free_run_cost, freed
+from ..estimation.identifiability import listed
+from ..estimation.intervals import Z_95, with_accuracy
 from ..estimation.joint_fit import Report, quiet
-from ..estimation.result import FitResult
-from ..rig.checks.slow_log import SlowLog
+from ..estimation.result import FitResult, Optimum, Termination, outcome
+from ..rig.base import SLOW_LOG
 from .candidate_model import CandidateModel
-from .check_findings import first_from_checks
-from .credit import UNSAID, doubted
-from .discrepancy import Allowed, allowing_for_the_rest
-from .evidence import is_white
-from .exchange import exchanged, pruned
-from .final import final_fit
+from .evidence import is_white, motions
+from .exchange import exchanged, merged, pruned
 from .findings import Diagnosis, Question, SetTried, Unexplained
 from .free_sets import searched_free
-from .merge import merged
-from .missing_torque import motions
+from .model_discrepancy import formula_covariance, percent_off
 from .other_rig import Strange, clears, of_another_rig
-from .probabilities import SOMETHING_ELSE, besides, said
+from .probabilities import SOMETHING_ELSE, UNSAID, besides, doubted, said
 from .refit import start
-from .rig_mistakes import rig_mistakes
-from .rounds import Keep, Progress, forget, forward, names
-from .score import score
+from .rounds import Keep, Progress, first_from_checks, forget, forward, names
+from .score import score, tie_covariance
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
-from .statements import statements
-from .unexplained import outdone, unexplained
-from .verdict import runs_free_worse, tie, verdict
+from .statements import rig_mistakes, runs_free_worse, statements, tie, verdict
+from .unexplained import Allowed, allowing_for_the_rest, outdone, unexplained
+
+
+def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResult:
+    """The final model as the result of a fit; the first fit itself where nothing was added.
+
+    Args:
+        progress: the final model, where one that was guided along the data is let run free, and what is known of its
+            effects.
+    """
+    s = progress.model
+    if not s.added:
+        return result  # a guided optimum let run free may end worse than the fit that began free
+    s = s.lean()
+    problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
+    if s.far:
+        report("letting the final model run free", 0.95)
+        known = problem.layout.coordinates({**s.values, **progress.free})
+        x = min((x, known), key=lambda at: free_run_cost(problem, at))
+        problem, weighted, x, _ = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
+        end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
+    optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)
+    after = outcome(optimum)
+    return with_accuracy(_widened(after, s, progress))
+
+
+def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResult:
+    """The fit with a covariance that allows for ties and for inexact formulas, and a remark on each."""
+    tied = [each for each in progress.found if s.at_work(each.effect) and each.ties]
+    even = progress.beside_ties
+    ties = [*(tie for each in tied for tie in each.ties.values()), *even.values()]
+    unsure = tie_covariance(s.problem.layout.free, ties)
+    remarks = [
+        f"Intervals allow for {each.effect.name} being {listed(e.name for e in each.ties)} instead: a tie."
+        for each in tied
+    ]
+    remarks += [
+        f"Intervals allow for {listed(sorted(e.name for e in effects))} being what is missing instead: BIC is even."
+        for effects in even
+    ]
+    formulas, allowed = (), formula_covariance(s)
+    if allowed.any():
+        formulas = tuple(e.name for e in s.added if e.inexact)
+        remarks.append(f"Intervals allow for formulas of {listed(formulas)} that are {percent_off(formulas)} off.")
+    covariance, warnings = after.covariance + allowed + unsure, (*after.warnings, *remarks)
+    wide = replace(
+        after, covariance=covariance, exact_covariance=after.covariance, formulas=formulas, warnings=warnings
+    )
+    return reconciled(wide)
+
+
+def reconciled(after: FitResult) -> FitResult:
+    """The fit, its parameters estimates again where intervals are wide enough for every test that contradicts others.
+
+    A contradiction is measured by noise alone. Where ties and inexact formulas widen the intervals, a fit without that
+    test may lie well within them: then it is said, and the parameters are no compromise.
+    """
+    subsets = after.compromise
+    if subsets is None or compromise_reason(after.far, after.chi2_per_dof, (), after.settings) is not None:
+        return after
+    sd = np.sqrt(np.diag(after.covariance))
+    for each in after.contradictions:
+        k = subsets.without.index(each.test)
+        if not covers(subsets.points[k] - after.x, sd, np.sqrt(np.diag(subsets.covariances[k]))):
+            return after
+    layout = after.free_parameters.layout
+    said = {in_words(each, layout.parameter(each.parameter).unit) for each in after.contradictions}
+    remarks = (
+        f"Without {each.test} {each.parameter} would move by {abs(each.pull):.2g} standard errors of noise alone; the "
+        "intervals, widened as said here, hold what it would become."
+        for each in after.contradictions
+    )
+    warnings = (*(words for words in after.warnings if words not in said), *remarks)
+    return replace(after, compromise=None, contradictions=(), warnings=warnings)
+
+
+def covers(moved: np.ndarray, sd: np.ndarray, sd_without: np.ndarray) -> bool:
+    """Whether 95 % intervals hold what each coordinate becomes without a part of the data, as far as that knows it.
+
+        |moved| <= 1.96 sqrt(sd^2 + sd_without^2)
+
+    Args:
+        moved: by how much each does, shape (P,).
+        sd: standard errors of all the data, widened, shape (P,).
+        sd_without: standard errors without the part, shape (P,).
+    """
+    return bool(np.all(np.abs(moved) <= Z_95 * np.hypot(sd, sd_without)))
+
+
+# ---- The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, and the statements at the
+# end.
 
 
 def diagnose(
@@ -163,7 +252,7 @@ def _told(
 ) -> Diagnosis:
     """All that was found as plain data."""
     s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
-    slow = any(finding.kind == SlowLog.kind for finding in result.rig.findings)
+    slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
     doubts = () if s.far else doubted(progress.rounds, present, settings)
     added, doubts, asked, chance = said(progress.rounds, present, doubts, left is not None, settings, slow)

@@ -22,11 +22,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..estimation.free_run import freed
-from ..estimation.guide import unlikely
+from ..estimation.free_run import free_run_cost, freed, lower, lowest
+from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report, from_own_starts, model_of
-from ..estimation.nested import lower, lowest
-from ..estimation.remedies import listed
 from ..estimation.result import FitResult
 from ..problem.prediction_error import pooled, rows
 from ..problem.problem import EstimationProblem
@@ -37,7 +35,7 @@ from .exchange import Found
 from .findings import RoundReport, SetTried
 from .refit import refit_fully
 from .rounds import Progress
-from .score import independent, strays
+from .score import holdout_worsened, independent
 from .settings import DiagnosisSettings
 
 
@@ -79,7 +77,7 @@ class FreeRun:
         beside = problem.beside(held_out, x) if held_out else None
         error = None if beside is None else pooled(rows(held_out, beside.free_run(x)))
         samples = float(sum(c.size for c in channels))
-        return cls(effects, problem, x, unlikely(problem, x), independent(channels), samples, error)
+        return cls(effects, problem, x, free_run_cost(problem, x), independent(channels), samples, error)
 
 
 def bic_change(new: FreeRun, old: FreeRun) -> float:
@@ -95,7 +93,7 @@ def bic_change(new: FreeRun, old: FreeRun) -> float:
 def preferred(grown: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool:
     """Whether a grown set takes the place of the rounds' own: likelier, or as likely with fewer parameters."""
     change = bic_change(grown, own)
-    if strays(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
+    if holdout_worsened(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
         return False
     return change < -settings.tied_likelihood or (change < settings.tied_likelihood and grown.x.size < own.x.size)
 
@@ -113,10 +111,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
     """A set of effects grown from the first fit's free run, one effect after the other.
 
     Args:
-        result: the first fit, far from its data.
         names: of effects that may be taken.
-        report: progress.
-        settings: what is asked of an effect.
     """
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     known, plan = result.rig.config.effects, result.settings
@@ -130,7 +125,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
         end = lower(models[best], from_own_starts(models[best], plan), point, plan)
         new = FreeRun.of((*here.effects, best), end.problem, end.x, held_out)
         rest = tuple(name for name in rest if name != best)
-        if strays(new.holdout_rms, here.holdout_rms, settings.refit_rise):
+        if holdout_worsened(new.holdout_rms, here.holdout_rms, settings.refit_rise):
             continue
         if not bic_change(new, here) < settings.strong_bic_change:
             break
@@ -144,10 +139,7 @@ def searched_free(
     """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared.
 
     Args:
-        result: the first fit.
-        first: the model of the first round.
         progress: what the rounds came to, far from the data.
-        report: progress in words.
     """
     s, settings = progress.model, first.settings
     names = pool(progress.rounds, settings)

@@ -12,16 +12,14 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
-from .choice import Choice, deserves_second_trial, in_turn, nothing_to_read, promising, stands, worth_a_look
+from .choice import Choice, deserves_second_trial, in_turn, is_accepted, nothing_to_read, promising, worth_a_look
 from .composition import Effect, is_of_the_rig, resting
-from .cross_validation import folds, left_out
 from .model_discrepancy import inexact
 from .refit import holds, refit_fully
-from .score import Score, score
-from .screen import Background, Signature, Tangents, ranked, screen_of_the_rig, variants
-from .screen_delays import screen_of_late
-from .single_traces import of_whole_tests, screen_of_single_traces
-from .throttle_tangents import tangents_inside
+from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
+from .score import Score, folds, left_out, score
+from .screen import Background, Signature, ranked, screen_of_the_rig
+from .tangents import Tangents, tangents_inside, variants
 from .trial import Trial, second_trial, tried
 
 
@@ -63,16 +61,14 @@ class Round:
         raise LookupError("no effect was added in this round: ask `added` before `best`")
 
 
-def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
+def run_round(s: CandidateModel, report: Report, formula_chi2: float = 0.0) -> Round:
     """One round.
 
     Args:
-        s: the model that it begins with.
-        report: progress.
-        blur: chi2 above the noise's that inexact formulas of the effects added may leave: nothing is read into it.
+        formula_chi2: chi2 above the noise's that inexact formulas of the effects added may leave: it is not judged.
     """
     before, samples = score(s), s.weighted.samples
-    if not worth_a_look(before.chi2, samples, blur):
+    if not worth_a_look(before.chi2, samples, formula_chi2):
         names = [e.name for e in s.added]
         nothing = nothing_to_read(names, inexact(s.added), max(0.0, before.chi2 / samples - 1.0))
         return Round(s, before, (), (), nothing)
@@ -84,33 +80,32 @@ def turn(s: CandidateModel, report: Report, blur: float = 0.0) -> Round:
     if s.holdout is None:
         trials = _cross_validated(s, trials)
     # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
-    noise = np.inf if s.far else samples + blur
-    choices = in_turn([t.verdict for t in trials], s.settings, before.chi2 - blur, noise)
+    noise = np.inf if s.far else samples + formula_chi2
+    choices = in_turn([t.verdict for t in trials], s.settings, before.chi2 - formula_chi2, noise)
     return Round(s, before, signatures, tuple(trials), choices[0], choices[1:])
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
     """Every candidate's best signature, briefly, the most promising first."""
-    return ranked(measured(s, candidates, Signature.briefly).signatures)
+    return ranked(score_candidates(s, candidates, Signature.briefly).signatures)
 
 
-class Measured(NamedTuple):
+class ScoredCandidates(NamedTuple):
     """Signatures of every variant of some candidates, and the residual's background that they were taken before."""
 
     background: Background
     signatures: Sequence[Signature]
 
 
-def measured(
+def score_candidates(
     s: CandidateModel, candidates: Sequence[Effect], kept: Callable[[Signature], Signature] = lambda whole: whole
-) -> Measured:
+) -> ScoredCandidates:
     """What every variant of the candidates would do to the residual.
 
     Effects of the rig, which act around the throttle and are cheap, are taken all at once; those that act in it see
     `inside`.
 
     Args:
-        s: the model.
         candidates: effects that are not at work.
         kept: what is kept of each signature.
     """
@@ -129,7 +124,7 @@ def measured(
         found += map(kept, singles)
     if late:
         found += map(kept, screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings))
-    return Measured(background, found)
+    return ScoredCandidates(background, found)
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:
@@ -180,10 +175,10 @@ def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report)
         return trial
     report(f"refitting with {effect.name} in full", 0.8)
     again = second_trial(trial.model, refit_fully(trial.model, report), before, effect)
-    return again if stands(again.verdict, settings) else trial
+    return again if is_accepted(again.verdict, settings) else trial
 
 
-def settled(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
+def refit_chosen(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
     """The round and the model after it: refitted in full with the effect added, or with the next that stands where
     that is worse than the model before; that model itself where all are."""
     if turned.added is None:
@@ -194,5 +189,5 @@ def settled(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
         new = refit_fully(attempt.best.model, report)
         if holds(new, turned.before, turned.score):
             return attempt, new
-        words = f"{attempt.choice.spoilt().why} "
-    return replace(turned, choice=turned.choice.spoilt(), instead=()), turned.before
+        words = f"{attempt.choice.with_refit_refused().why} "
+    return replace(turned, choice=turned.choice.with_refit_refused(), instead=()), turned.before

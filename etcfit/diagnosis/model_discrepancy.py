@@ -1,7 +1,8 @@
 """The formulas of the effects found are conventions: what that leaves unexplained, and what it does to parameters.
 
 A formula that is off by phi adds phi xi(t) c(t) to the residual, c what the effect does there and xi of size 1. Part of
-it looks like another effect (`blur`); the rest is taken for other values of the parameters (`spread`):
+it looks like another effect (`formula_error_chi2`); the rest is taken for other values of the parameters
+(`formula_covariance`):
 
     p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
 
@@ -14,15 +15,22 @@ by stretches rather than a Gaussian process, and its size is `inexact` of the ef
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
+from scipy import linalg, optimize
+from scipy.special import ndtri, stdtrit
 
+from ..estimation.identifiability import listed
 from ..estimation.levenberg_marquardt import local
-from ..estimation.remedies import listed
+from ..model.parameters import parameters_of
+from ..model.smooth import AbstractSmooth
 from ..problem.free_parameters import effect_named
 from .candidate_model import CandidateModel
 from .composition import Effect
+from .screen import Background
 from .settings import DiagnosisSettings
 
 
@@ -36,7 +44,7 @@ def percent_off(effects: Sequence[str]) -> str:
     return listed(dict.fromkeys(f"{100.0 * effect_named(name).inexact:.0f} %" for name in effects))
 
 
-def blur(first_chi2_per_dof: float, s: CandidateModel) -> float:
+def formula_error_chi2(first_chi2_per_dof: float, s: CandidateModel) -> float:
     """Chi2 that inexact formulas of the effects added may leave; 0 far from the data.
 
     Args:
@@ -45,22 +53,21 @@ def blur(first_chi2_per_dof: float, s: CandidateModel) -> float:
     """
     n = s.weighted.samples
     explained = n * max(0.0, first_chi2_per_dof - 1.0)
-    return 0.0 if s.far else left_by(inexact(s.added), explained, n, s.settings)
+    return 0.0 if s.far else chi2_left_by_formula(inexact(s.added), explained, n, s.settings)
 
 
-def left_by(phi: float, explained: float, n: float, settings: DiagnosisSettings) -> float:
+def chi2_left_by_formula(phi: float, explained: float, n: float, settings: DiagnosisSettings) -> float:
     """min(phi^2 chi2, 0.04 n): chi2 that an effect whose formula is off may leave of what it explained.
 
     Args:
         phi: relative error of the formula.
         explained: chi2 that the effect explained.
         n: fitted samples; 0.04 is `formula_ceiling`.
-        settings: what decides.
     """
     return min(phi**2 * explained, settings.formula_ceiling * n)
 
 
-def spread(s: CandidateModel) -> np.ndarray:
+def formula_covariance(s: CandidateModel) -> np.ndarray:
     """What inexact formulas of the effects added do to the covariance of the coordinates, shape (P, P), to be added."""
     out = np.zeros((s.x.size, s.x.size))
     if s.far or not s.added:
@@ -88,9 +95,248 @@ def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> I
     """J^T c_b of every stretch of every trace, shape (P,) each.
 
     Args:
-        s: the model.
         jacobian: of the residual, shape (T, L, M, P).
         effect: c, what the effect does to the residual, shape (T, L, M).
     """
     for lane, stretch in s.problem.batch.stretches(s.settings.formula_stretches):
         yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])
+
+
+# ---- What is left in a residual, as a random curve over each axis, and by how much it may have bent the parameters
+#
+#     r = e + J dx + sum_c T_c a_c,    a_c ~ N(0, tau_c^2 K),    K_kl = exp(-|k - l| / l_K)
+#
+# e is noise, T_c what the amplitudes of a smooth curve do to the residual, a_c a Gaussian process over its knots. Only
+# the part of T_c that no parameter can imitate is seen in r: from that part every tau_c is estimated. With tau known
+# the part that parameters do imitate, which is seen nowhere, has a size too, and so has what it moved them by,
+#
+#     C' = C + (t_nu / 1.96)^2 ([cov(dx | r) - (J^T J + P_0)^-1] + dx dx^T)
+#
+# dx is the step to the optimum with curves beside the parameters, nu the number of amplitudes that told tau; the fit
+# stays where it is, at the optimum without. Where nothing is left every tau is 0, and so is what is added.
+#
+# Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy); Patterson and Thompson 1971,
+# Biometrika 58(3) (restricted likelihood); Simpson et al. 2017, Stat. Sci. 32(1) (prior of tau). Differs from source:
+# what one event explains is no evidence for a curve; the estimate is not moved, but widened by what it would move by.
+
+_RANK = 1e-8  # singular values below this share of the largest count as zero
+_LARGEST = 1e3  # tau over a curve's typical size: no more is asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """What one smooth curve does to residual and parameters.
+
+    Args:
+        effect: which.
+        columns: T, d residual / d amplitude over its scale, shape (n, K).
+    """
+
+    effect: type[AbstractSmooth]
+    columns: np.ndarray = field(repr=False)
+
+    @property
+    def scale(self) -> float:
+        """What a tau of 1 is, in the curve's unit."""
+        return parameters_of(self.effect)[0].domain.scale
+
+
+@dataclass(frozen=True, eq=False)
+class CurveDiscrepancy:
+    """How large each random curve is, and how far it may have bent the coordinates.
+
+    Args:
+        sizes: tau of each curve that is there, in the curve's unit.
+        covariance: to be added to that of the coordinates, shape (P, P).
+    """
+
+    sizes: Mapping[type[AbstractSmooth], float]
+    covariance: np.ndarray = field(repr=False)
+
+
+def curve_discrepancy(
+    r: np.ndarray,
+    jacobian: np.ndarray,
+    believed: np.ndarray,
+    curves: Sequence[Curve],
+    events: np.ndarray,
+    settings: DiagnosisSettings,
+) -> CurveDiscrepancy:
+    """Estimate every tau, and what the curves have done to the coordinates.
+
+    Args:
+        r: whitened residual at the optimum, shape (n,).
+        jacobian: of it, shape (n, P).
+        believed: information of the priors, shape (P, P).
+        curves: C of them.
+        events: number of the stretch of a trace that each sample lies in, shape (n,).
+        settings: `curve_length` is l_K in knots; `curve_evidence` and `large_curve`.
+    """
+    none = CurveDiscrepancy({}, np.zeros_like(believed))
+    if not any(c.columns.any() for c in curves):
+        return none
+    background = Background.spanned(r, jacobian)
+    root = np.linalg.cholesky(kernel(curves[0].columns.shape[1], settings.curve_length))
+    ways = np.empty((r.size, len(curves) * len(root)))
+    for c, own in zip(curves, np.split(ways, len(curves), axis=1), strict=True):
+        np.matmul(c.columns, root, out=own)
+    left = _Left.of(background, background.free_of(background.basis, ways), len(curves), events)
+    tau = most_likely(left, settings)
+    if not tau.any():
+        return none
+    sizes = {c.effect: float(t) * c.scale for c, t in zip(curves, tau, strict=True) if t > 0.0}
+    freedom, noise = left.freedom(tau), left.noise
+    del left
+    ways *= np.repeat(tau, len(root))
+    return CurveDiscrepancy(
+        sizes, t_to_normal_ratio(freedom) ** 2 * moved_by_curves(r, jacobian, believed, ways, noise)
+    )
+
+
+def t_to_normal_ratio(freedom: float) -> float:
+    """t_nu / 1.96, 95 % of both: a tau that nu visible amplitudes told is itself uncertain; two at least count.
+
+    Args:
+        freedom: nu.
+    """
+    return float(stdtrit(max(freedom, 2.0), 0.975) / ndtri(0.975))
+
+
+def kernel(count: int, length: float) -> np.ndarray:
+    """K_kl = exp(-|k - l| / length), shape (count, count): rough, for what is missing may have corners."""
+    k = np.arange(count)
+    return np.exp(-np.abs(k[:, None] - k[None, :]) / length)
+
+
+def moved_by_curves(
+    r: np.ndarray, jacobian: np.ndarray, believed: np.ndarray, ways: np.ndarray, noise: float
+) -> np.ndarray:
+    """Mean square of what the curves moved the coordinates by, given the data, shape (P, P).
+
+        [J^T J + P_0   J^T W    ] [dx]     [J^T r]
+        [W^T J         W^T W + 1] [b ] = - [W^T r],    cov(dx) - (J^T J + P_0)^-1 + dx dx^T
+
+    Args:
+        r, jacobian, believed: as of `curve_discrepancy`.
+        ways: W, sqrt(tau^2 K) of all curves side by side, shape (n, m): their amplitudes b are of unit variance.
+        noise: s^2.
+    """
+    alone = jacobian.T @ jacobian / noise + believed
+    across, own = jacobian.T @ ways / noise, ways.T @ ways / noise + np.eye(ways.shape[1])
+    inverse = np.linalg.inv(alone - across @ np.linalg.solve(own, across.T))
+    by = inverse @ (across @ np.linalg.solve(own, ways.T @ r) - jacobian.T @ r) / noise
+    return inverse - np.linalg.inv(alone) + np.outer(by, by)
+
+
+@dataclass(frozen=True, eq=False)
+class _Left:
+    """What is left of the residual, and what curves do there beside the parameters. All W side by side are as long as
+    all samples, so there is one copy of them; all else is read off their products.
+
+    Args:
+        r: free of what the parameters can do, shape (n,).
+        ways: W of all curves side by side, free of it too, shape (n, C K).
+        curves: C.
+        events: see `curve_discrepancy`.
+        gram: W^T W, shape (C K, C K).
+        across: W^T r, shape (C K,).
+        turn: W times it is an orthonormal basis of the space that all W span, shape (C K, m).
+        noise: s^2, mean square of r outside of that space, 1 at least.
+    """
+
+    r: np.ndarray
+    ways: np.ndarray
+    curves: int
+    events: np.ndarray
+    gram: np.ndarray
+    across: np.ndarray
+    turn: np.ndarray
+    noise: float
+
+    @classmethod
+    def of(cls, background: Background, ways: np.ndarray, curves: int, events: np.ndarray) -> _Left:
+        r, gram, across = background.r, ways.T @ ways, ways.T @ background.r
+        values, vectors = np.linalg.eigh(gram)
+        keep = values > _RANK * max(float(values[-1]), 1e-300)
+        turn = vectors[:, keep] / np.sqrt(values[keep])
+        y = turn.T @ across
+        rest = max(r.size - background.basis.shape[1] - y.size, 1)
+        noise = max(1.0, float(r @ r - y @ y) / rest)
+        return cls(r, ways, curves, events, gram, across, turn, noise)
+
+    def freedom(self, tau: np.ndarray) -> float:
+        """tr G (G + 1)^-1, G = tau^2 W^T W / s^2 of all curves: how many amplitudes of theirs noise lets through."""
+        power = np.maximum(np.linalg.eigvalsh(self._system(tau)), 0.0)
+        return float(np.sum(power / (power + 1.0)))
+
+    def by_event(self, tau: np.ndarray) -> np.ndarray:
+        """Fall of chi2 that all curves at their likeliest amplitudes make in each event."""
+        size, system = self._sizes(tau), self._system(tau) + np.eye(self.across.size)
+        with_them = self.r - self.ways @ (size * np.linalg.solve(system, size * self.across / self.noise))
+        return np.bincount(self.events, self.r**2 - with_them**2) / self.noise
+
+    def _sizes(self, tau: np.ndarray) -> np.ndarray:
+        return np.repeat(tau, self.across.size // self.curves)
+
+    def _system(self, tau: np.ndarray) -> np.ndarray:
+        size = self._sizes(tau)
+        return size[:, None] * self.gram * size / self.noise
+
+
+def most_likely(left: _Left, settings: DiagnosisSettings) -> np.ndarray:
+    """tau of each curve by restricted maximum likelihood, shape (C,).
+
+    All are 0 where without them -2 ln L rises by less than `curve_evidence`, what they explain in one event left out.
+    Which of them it is need not be decided: curves over related axes share what they can all do.
+    """
+    system = _Likelihood.of(left, -2.0 * np.log(settings.large_curve))
+    every = system.fitted()
+    one_event = max(0.0, float(np.max(left.by_event(every.tau), initial=0.0)))
+    needed = float(system.y @ system.y) - every.cost - one_event
+    return every.tau if needed > settings.curve_evidence else np.zeros_like(every.tau)
+
+
+class _Fitted(NamedTuple):
+    """tau where the cost is least, and the cost there."""
+
+    tau: np.ndarray
+    cost: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Likelihood:
+    """-2 ln (L p) = ln |V| + y^T V^-1 y + price sum_c tau_c,    V = 1 + sum_c tau_c^2 U_c
+
+    The prior keeps small what data hardly tell.
+
+    Args:
+        y: residual in the curves' space, over s, shape (m,).
+        units: U_c = W_c W_c^T there, over s^2, shape (C, m, m).
+        price: of a curve of its typical size in -2 ln p.
+    """
+
+    y: np.ndarray
+    units: np.ndarray
+    price: float
+
+    @classmethod
+    def of(cls, left: _Left, price: float) -> _Likelihood:
+        each = np.split(left.turn.T @ left.gram, left.curves, axis=1)
+        units = np.stack([w @ w.T / left.noise for w in each])
+        return cls(left.turn.T @ left.across / np.sqrt(left.noise), units, price)
+
+    def fitted(self) -> _Fitted:
+        """At the least cost."""
+        power = np.maximum(np.trace(self.units, axis1=1, axis2=2), 1e-300)
+        start = np.minimum(np.sqrt(max(float(self.y @ self.y), 1.0) / (len(power) * power)), 1.0)
+        bounds = [(0.0, _LARGEST)] * start.size
+        found = optimize.minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return _Fitted(found.x, float(found.fun))
+
+    def _cost(self, tau: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient."""
+        factor = linalg.cho_factor(np.eye(self.y.size) + np.tensordot(tau**2, self.units, 1), lower=True)
+        solved, inverse = linalg.cho_solve(factor, self.y), linalg.cho_solve(factor, np.eye(self.y.size))
+        value = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) + float(self.y @ solved)
+        slope = np.tensordot(self.units, inverse - np.outer(solved, solved), 2)
+        return value + self.price * float(tau.sum()), 2.0 * tau * slope + self.price

@@ -18,14 +18,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
+from ..estimation.contradiction import muted
+from ..estimation.identifiability import listed
 from ..estimation.intervals import intervals
 from ..estimation.joint_fit import Report, finished, fit, fit_near
 from ..estimation.levenberg_marquardt import descend
 from ..estimation.ready import start_values
-from ..estimation.remedies import listed
 from ..estimation.result import FitResult, Optimum
 from ..estimation.settings import FitSettings
-from ..estimation.subsets import muted
 from ..model.rig_effects import OtherRig, Place
 from ..problem import weights
 from ..problem.prediction_error import PredictionError, pooled, rows
@@ -113,10 +113,7 @@ def of_another_rig(
     """The piece that is of another rig; None where none is shown to be.
 
     Args:
-        result: the first fit, which says what was measured.
-        s: a model of all data that leaves more than noise.
         errors: of its free run, fitted traces; the pieces that it predicts worst are asked.
-        report: progress.
         one: the model with the single effect that does most for all data; None where none does anything.
     """
     for places in _pieces(errors, s.settings):
@@ -293,9 +290,7 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
 
     Args:
         here: the model of all data with the parameters of the others.
-        result: the first fit.
         apart: sum of squares above which a body more does better.
-        report: progress.
     """
     settings = here.settings
     candidates = [e for e in here.composition.candidates if not here.at_work(e)]

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..estimation.approach import approach
-from ..estimation.guide import guide_stiffness_of
+from ..estimation.free_run import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
-from ..estimation.levenberg_marquardt import descend
+from ..estimation.levenberg_marquardt import approach, descend
 from ..estimation.result import FitResult, Optimum, Termination
 from ..estimation.rounds import rounds
 from ..problem import weights
@@ -21,7 +20,7 @@ from ..problem.trace import Trace
 from ..rig.base import Rig
 from .candidate_model import CandidateModel
 from .composition import compose
-from .score import Score, holdout_rms, strays
+from .score import Score, holdout_rms, holdout_worsened
 from .settings import DiagnosisSettings
 
 
@@ -83,10 +82,7 @@ def whitened(
     """The model at other coordinates, its residual weighed there.
 
     Args:
-        s: effects and settings.
-        problem: the fitted traces.
         held_out: the others; releases of their plates are sought from where these traces have them.
-        x: coordinates, shape (P,).
         end: how the refit that led there ended.
     """
     new = _weigh(problem, held_out, x, end.far, s.settings)
@@ -115,12 +111,12 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     x = min(ends, key=lambda end: problem.chi2(end, weighted)) if s.far else ends[0]
     limit = s.settings.near_chi2_per_dof if s.far else MISFIT
     if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > limit:
-        if not s.far and not spoilt(new := _in_rounds(s, problem, s.x, report), s):
+        if not s.far and not refit_worsened(new := _in_rounds(s, problem, s.x, report), s):
             return new
         end = Termination(True, "optimum of the guided residual", far=True)
         return _reweighed(whitened(s, problem, s.held_out, s.x, end), s.held_out)
     new = _in_rounds(s, problem, x, report)
-    return _in_rounds(s, problem, s.x, report) if spoilt(new, s) else new
+    return _in_rounds(s, problem, s.x, report) if refit_worsened(new, s) else new
 
 
 def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
@@ -136,14 +132,13 @@ def further_from_data(after: float | None, before: float | None, settings: Diagn
     Args:
         after, before: chi2 per sample, each by its own whitening; None far from the data, where it is 1 by construction
             and compares with nothing.
-        settings: what decides.
     """
     if before is None:
         return False
     return after is None or not after < settings.worse_chi2 * before
 
 
-def spoilt(new: CandidateModel, before: CandidateModel) -> bool:
+def refit_worsened(new: CandidateModel, before: CandidateModel) -> bool:
     """`further_from_data` of two models."""
     after, was = (None if s.far else s.chi2_per_sample for s in (new, before))
     return further_from_data(after, was, new.settings)
@@ -157,6 +152,6 @@ def holds(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
         before: the model it is to take the place of.
         was: score of that.
     """
-    if spoilt(new, before):
+    if refit_worsened(new, before):
         return False
-    return not strays(holdout_rms(new), was.holdout_rms, new.settings.rise_in_refit(new.far))
+    return not holdout_worsened(holdout_rms(new), was.holdout_rms, new.settings.rise_in_refit(new.far))

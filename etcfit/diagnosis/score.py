@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..estimation.autocorrelation import inflation
+from ..estimation.goodness import inflation
+from ..estimation.levenberg_marquardt import minimise
 from ..problem.chi2 import chi2_of
+from ..problem.cores import concurrently
 from ..problem.prediction_error import PredictionError, columns, pooled, rows
 from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 
 
@@ -46,17 +49,13 @@ class Score:
         """count / chi2: by how much -2 log likelihood changes for one unit of chi2."""
         return self.count / max(self.chi2, 1e-300)
 
-    def strays(self, before: Score, rise: float) -> bool:
-        """`strays` of the held-out RMS."""
-        return strays(self.holdout_rms, before.holdout_rms, rise)
-
 
 def clearly_worse(rms: float, before: float, rise: float) -> bool:
     """Whether an RMS rose by more than the relative `rise`, or is NaN."""
     return not rms < (1.0 + rise) * before
 
 
-def strays(rms: float | None, before: float | None, rise: float) -> bool:
+def holdout_worsened(rms: float | None, before: float | None, rise: float) -> bool:
     """Whether a held-out RMS rose by more than the relative `rise`; False where nothing is held out."""
     return rms is not None and before is not None and clearly_worse(rms, before, rise)
 
@@ -103,3 +102,117 @@ def independent(residuals: Iterable[np.ndarray]) -> float:
         size = float(np.sqrt(np.mean(own**2))) if own.size else 1.0
         count += own.size / inflation(own / max(size, 1.0))
     return count
+
+
+# ---- Where no trace is held out: leave traces out in turn, refit without them, score on them
+
+
+def groups_of(moving: Sequence[int], folds: int) -> list[list[int]]:
+    """Traces left out together: dealt out one by one to `folds` groups; none where fewer than two move.
+
+    Args:
+        moving: numbers of the traces in which the plate moves.
+        folds: most groups.
+    """
+    if len(moving) < 2:
+        return []
+    return [list(moving[start::folds]) for start in range(min(folds, len(moving)))]
+
+
+def folds(s: CandidateModel) -> list[np.ndarray]:
+    """Samples left out together, in turn: 1 in a mask of shape (T, L), 0 elsewhere; traces of a held plate never."""
+    moving = [k for k, t in enumerate(s.problem.batch.traces) if not t.test.boundary.plate_held]
+    return [_mask(s, group) for group in groups_of(moving, s.settings.folds)]
+
+
+def _mask(s: CandidateModel, group: Sequence[int]) -> np.ndarray:
+    batch = s.problem.batch
+    mask = np.zeros(batch.steps.dt.shape)
+    for k in group:
+        lane, row, marks = batch.places[k]
+        mask[row : marks[-1] + 1, lane] = 1.0
+    return mask
+
+
+def only(weighted: WeightedData, mask: np.ndarray) -> WeightedData:
+    """Samples outside the mask, shape (T, L), get weight 0; all else stays."""
+    keep = mask[..., None]
+    slots = weighted.slots._replace(weight=weighted.slots.weight * keep)
+    return weighted._replace(
+        slots=slots, whitening=weighted.whitening._replace(weight=weighted.whitening.weight * keep)
+    )
+
+
+def refitted_without(s: CandidateModel, mask: np.ndarray) -> np.ndarray:
+    """Coordinates, shape (P,), of the model refitted to the samples outside the mask, shape (T, L)."""
+    return minimise(s.problem, s.x, only(s.weighted, 1.0 - mask), s.settings.fold_tolerance)[0]
+
+
+def chi2_within(s: CandidateModel, x: np.ndarray, mask: np.ndarray) -> float:
+    """chi2 of the samples in the mask, shape (T, L), at coordinates x, shape (P,); priors included."""
+    return float(chi2_of(s.problem, x[None], only(s.weighted, mask))[0])
+
+
+def left_out(s: CandidateModel) -> float:
+    """chi2 of all traces that move, each group predicted by the model refitted without it.
+
+    Models under one whitening compare; where there are too few traces to leave any out, it is 0 for all.
+    """
+    return sum(concurrently(lambda mask: chi2_within(s, refitted_without(s, mask), mask), folds(s)))
+
+
+# ---- Effects that these data cannot tell apart: how far their fits are, and what not knowing which one does to
+# parameters.
+#
+# Each of two tied models may be the true one, so an interval must hold the value that either gives:
+#
+#     C' = C + sum_t d_t d_t^T,    d_t = x_t - x of what both models fit
+#
+# Source: Buckland, Burnham and Augustin 1997, Biometrics 53(2) (model uncertainty). Differs from source: the whole
+# difference is taken, not one weighted by the models' odds, which a tie leaves open.
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How far the fit with another effect is from the fit with the one that was added.
+
+    Args:
+        residual: rms over the samples, in units of the noise.
+        moved: difference of each coordinate that both models fit, by symbol.
+    """
+
+    residual: float
+    moved: Mapping[str, float]
+
+
+def distance_to(other: CandidateModel, best: CandidateModel) -> Apart:
+    """Two models under one whitening, side by side."""
+    difference = other.problem.residual(other.x, other.weighted) - best.problem.residual(best.x, best.weighted)
+    here, there = (dict(zip(s.problem.layout.free, s.x.tolist(), strict=True)) for s in (best, other))
+    return Apart(distance(difference, best.weighted.samples), coordinate_changes(there, here))
+
+
+def distance(difference: np.ndarray, samples: float) -> float:
+    """sqrt(sum d^2 / n) of two whitened residuals' difference d, shape (T, L, M), with n samples among its entries."""
+    return float(np.sqrt(np.sum(difference**2) / samples))
+
+
+def coordinate_changes(there: Mapping[str, float], here: Mapping[str, float]) -> dict[str, float]:
+    """x_t - x of each coordinate that both models fit, by symbol."""
+    return {symbol: there[symbol] - here[symbol] for symbol in here.keys() & there.keys()}
+
+
+def tie_covariance(free: Sequence[str], ties: Iterable[Apart]) -> np.ndarray:
+    """sum_t d_t d_t^T: what not knowing which of the tied effects it is adds to the covariance of the coordinates.
+
+    Args:
+        free: symbols of the coordinates, P of them; what a tied model does not fit counts as not moved.
+        ties: the tied models.
+    Returns:
+        shape (P, P).
+    """
+    out = np.zeros((len(free), len(free)))
+    for tie in ties:
+        d = np.array([tie.moved.get(symbol, 0.0) for symbol in free])
+        out += np.outer(d, d)
+    return out

@@ -1,40 +1,177 @@
-"""Sets of effects beside the one that came round by round: the best pairs, refitted from the first model.
+"""Every pair of candidates scored together: what two effects explain at once that neither explains alone.
 
-A round adds the one effect that explains most alone. Where two are missing, a third that does a little of both may be
-that one, and hide them. So where the rounds leave more than noise or found several effects, all pairs are scored
-together at the first model, and the best few that the rounds did not find are refitted from there, with further rounds
-after them. That model and the rounds' own are compared under one whitening, the latter's, by BIC.
+    gain_ab = max |r|^2 - |r + C_a' a + C_b' b|^2
 
-Source: all subsets beside stepwise selection (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source:
-subsets of two, ranked by the score test; only the best few are refitted.
+One QR of all signatures side by side, [C', r] = Q R, replaces n samples by as many rows as there are columns, so that a
+pair costs the solution of a few equations and thousands of pairs a second. Bounds of amplitudes are dropped first:
+without them a pair gains no less, so that only pairs that may still be among the best are solved with them.
+
+Source: Rao 1948 (score test), all subsets of size two (Miller 2002, Subset Selection in Regression, ch. 2). Differs
+from source: amplitudes are bounded.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report
-from ..estimation.remedies import listed
 from ..estimation.result import FitResult
+from ..model.parameters import parameters_of
 from ..problem.cores import concurrently
-from .ambiguity import Apart, apart
 from .candidate_model import CandidateModel
-from .choice import Choice, Outcome, stands
+from .choice import Choice, Outcome, is_accepted
 from .composition import Composition, Effect, resting
 from .exchange import Found
 from .findings import SetTried
-from .loop import Measured, Round, measured
-from .pairs import Pair, pairs
+from .loop import Round, ScoredCandidates, score_candidates
 from .refit import holds, refit_fully
 from .rounds import Progress, forward, reported
-from .score import Score, score
-from .screen import ranked
+from .score import Apart, Score, distance_to, holdout_worsened, score
+from .screen import Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
 from .trial import Cost, Trial, bic_change, judged
+
+_NOTHING = 1e-5  # length of a column, once 1, below which another effect does all of it
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two effects, and what they would do to the residual together.
+
+    Args:
+        effects: the two.
+        gain: by how much they would lower chi2, by the linearised model.
+        values: of all their parameters, SI by symbol, at which they would.
+    """
+
+    effects: tuple[Effect, Effect]
+    gain: float
+    values: Mapping[str, float] = field(repr=False)
+
+
+class _Block(NamedTuple):
+    """A signature's columns among all of them, and its amplitudes' scales and lower bounds over these."""
+
+    signature: Signature
+    own: slice
+    scale: np.ndarray
+    low: np.ndarray
+    fixed: np.ndarray | None
+
+
+def pairs(signatures: Sequence[Signature], r: np.ndarray, most: int) -> tuple[Pair, ...]:
+    """The pairs that would lower chi2 the most, each of two effects at their best shapes, the largest gain first.
+
+    Args:
+        signatures: of every variant of every candidate, their columns free of what the fitted parameters can do.
+        r: the residual free of it, shape (n,).
+    """
+    blocks = _blocks([s for s in signatures if s.own > 0.0])
+    if len(blocks) < 2:
+        return ()
+    columns = np.concatenate([b.signature.columns for b in blocks], axis=1)
+    length = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    triangle = np.asarray(np.linalg.qr(np.column_stack((columns / length, r)), mode="r"))
+    system = _System(triangle[:, :-1], -triangle[:, -1], length)
+    bounds, best = _without_bounds(blocks, system), dict[frozenset[Effect], Pair]()
+    for gain, a, b in bounds:
+        if len(best) >= most and gain <= sorted((p.gain for p in best.values()), reverse=True)[most - 1]:
+            break
+        found = _solved(blocks[a], blocks[b], system)
+        key = frozenset(found.effects)
+        if key not in best or found.gain > best[key].gain:
+            best[key] = found
+    return tuple(sorted(best.values(), key=lambda p: -p.gain)[:most])
+
+
+class _System(NamedTuple):
+    """min |R a - t|^2 over amplitudes a whose columns were brought to length 1."""
+
+    columns: np.ndarray
+    target: np.ndarray
+    length: np.ndarray
+
+
+def _blocks(signatures: Sequence[Signature]) -> list[_Block]:
+    found, start = [], 0
+    for s in signatures:
+        domains = {p.symbol: p.domain for p in parameters_of(s.variant.effect)}
+        mine = [domains[symbol] for symbol in s.variant.amplitudes]
+        own = slice(start, start := start + len(mine))
+        scale = np.array([d.scale for d in mine])
+        low = lowest(mine)
+        scanned = any(symbol in s.variant.shape for symbol in s.variant.amplitudes)
+        fixed = np.array([s.variant.shape[symbol] for symbol in s.variant.amplitudes]) / scale if scanned else None
+        found.append(_Block(s, own, scale, low, fixed))
+    return found
+
+
+def _without_bounds(blocks: Sequence[_Block], system: _System) -> list[tuple[float, int, int]]:
+    """Gain of each pair of different effects, amplitudes free, the largest first.
+
+    The first of the two is taken out of all columns and of the target; what the second then does adds up.
+    """
+    out = []
+    for a, first in enumerate(blocks):
+        basis = np.linalg.qr(system.columns[:, first.own])[0]
+        rest, target = (m - basis @ (basis.T @ m) for m in (system.columns, system.target))
+        alone = float(system.target @ system.target - target @ target)
+        for b in range(a + 1, len(blocks)):
+            second = blocks[b]
+            if second.signature.variant.effect is first.signature.variant.effect:
+                continue
+            mine = rest[:, second.own]
+            kept = mine[:, np.linalg.norm(mine, axis=0) > _NOTHING]
+            more = np.linalg.qr(kept)[0].T @ target if kept.size else np.zeros(0)
+            out.append((alone + float(more @ more), a, b))
+    return sorted(out, reverse=True)
+
+
+def _solved(first: _Block, second: _Block, system: _System) -> Pair:
+    """The pair with its amplitudes within their bounds; scanned ones stay at their scanned values."""
+    target, free, at = system.target, [], {}
+    for block in (first, second):
+        columns, length = system.columns[:, block.own], system.length[block.own]
+        if block.fixed is None:
+            free.append(block)
+        else:
+            target = target - columns @ (block.fixed * length)
+            at |= _values(block, block.fixed)
+    left = float(target @ target)
+    if free:
+        columns = np.concatenate([system.columns[:, b.own] for b in free], axis=1)
+        solution = bounded(columns, target, np.concatenate([b.low for b in free]))
+        left = float(np.sum((columns @ solution - target) ** 2))
+        for block in free:
+            own, solution = np.split(solution, [len(block.scale)])
+            at |= _values(block, own / system.length[block.own])
+    gain = float(system.target @ system.target) - left
+    both = (first.signature, second.signature)
+    effects = (first.signature.variant.effect, second.signature.variant.effect)
+    shapes = {k: v for s in both for k, v in s.variant.shape.items()}
+    return Pair(effects, max(gain, 0.0), {**shapes, **at})
+
+
+def _values(block: _Block, amplitudes: np.ndarray) -> dict[str, float]:
+    """SI by symbol, of amplitudes over their scales."""
+    symbols = block.signature.variant.amplitudes
+    return {s: float(a * k) for s, a, k in zip(symbols, amplitudes, block.scale, strict=True)}
+
+
+# ---- Sets of effects beside the one that came round by round: the best pairs, refitted from the first model
+#
+# A round adds the one effect that explains most alone. Where two are missing, a third that does a little of both may be
+# that one, and hide them. So where the rounds leave more than noise or found several effects, all pairs are scored
+# together at the first model, and the best few that the rounds did not find are refitted from there, with further
+# rounds after them. That model and the rounds' own are compared under one whitening, the latter's, by BIC.
+#
+# Source: all subsets beside stepwise selection (Miller 2002, Subset Selection in Regression, ch. 3). Differs from
+# source: subsets of two, ranked by the score test; only the best few are refitted.
 
 _SCORED = 60  # pairs kept of the score test: enough for those that rivals of the two make
 
@@ -50,16 +187,13 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
     """The rounds' progress, or one that begins with a pair of effects and explains clearly more.
 
     Args:
-        result: the first fit.
-        first: the model of the first round.
         progress: what the rounds came to.
-        report: progress in words.
     """
     if first.far or not is_open(len(progress.model.added), progress.rounds[-1].evidence.white):
         return Searched(progress, ())
     report("scoring pairs of effects together", 0.86)
     best, before, compared = progress, score(first), []
-    data = measured(first, first.composition.candidates)
+    data = score_candidates(first, first.composition.candidates)
     every = pairs(data.signatures, data.background.r, _SCORED)
     promise = Promise.of(before, data, first.composition)
     for pair in promising(every, promise, progress.model.added, first.settings):
@@ -102,7 +236,7 @@ class Promise:
     alone: Mapping[Effect, float]
 
     @classmethod
-    def of(cls, before: Score, data: Measured, composition: Composition) -> Promise:
+    def of(cls, before: Score, data: ScoredCandidates, composition: Composition) -> Promise:
         """That of candidates measured at a model with this score."""
         alone = {g.variant.effect: g.gain for g in ranked(data.signatures)}
         costs = {e: Cost.of(e, composition) for e in alone}
@@ -166,9 +300,9 @@ def compared_with(other: CandidateModel, s: CandidateModel) -> Comparison:
     here, there = score(s), s.with_effects(other.added, other.values).optimised()
     after, asked = score(there), s.settings.tied_likelihood
     change = bic_change(here, after, Cost(there.x.size - s.x.size, 1))
-    if after.strays(here, s.settings.refit_rise):
+    if holdout_worsened(after.holdout_rms, here.holdout_rms, s.settings.refit_rise):
         return Comparison(change, False)
-    return Comparison(change, change < -asked, apart(there, s) if abs(change) < asked else None)
+    return Comparison(change, change < -asked, distance_to(there, s) if abs(change) < asked else None)
 
 
 # ---- a pair taken in
@@ -179,7 +313,7 @@ def _begun_with(
     before: Score,
     pair: Pair,
     every: Sequence[Pair],
-    data: Measured,
+    data: ScoredCandidates,
     promise: Promise,
     report: Report,
 ) -> Progress | None:
@@ -189,7 +323,7 @@ def _begun_with(
         return None
     less = dict(zip(pair.effects, concurrently(lambda e: new.without(e).optimised(), pair.effects), strict=True))
     given = {e: judged(e, score(less[e]), new).verdict for e in pair.effects}
-    if not all(stands(v, first.settings) for v in given.values()):
+    if not all(is_accepted(v, first.settings) for v in given.values()):
         return None
     a, b = sorted(pair.effects, key=lambda e: -promise.alone[e])
     new = replace(new.with_effects((a, b), {}), end=new.end)
@@ -212,8 +346,6 @@ def rivals(
     """Effects that in the place of one of a pair explain a good part of it, with their parameters' values.
 
     Args:
-        effect: the one of the pair.
-        pair: the pair.
         every: pairs, the largest gain first.
         promise: what each explains alone.
         settings: `exchange_rival`, and `refits` as the most of them.

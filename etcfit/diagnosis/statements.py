@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from ..estimation.result import FitResult
 from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect
+from ..problem.prediction_error import pooled
 from .composition import Effect
-from .findings import Question, RoundReport, Statement
-from .likely import in_words, likely
-from .probabilities import SOMETHING_ELSE
+from .exchange import Found
+from .findings import Question, RigMistake, RoundReport, Statement, Tie, Unexplained
+from .probabilities import SOMETHING_ELSE, in_words, likely
+from .score import clearly_worse
 from .settings import DiagnosisSettings
 
 FOUND, PROBABLY = 0.9, 0.7
@@ -43,7 +46,6 @@ def statements(
         values: of that model, SI by symbol.
         probabilities: of the effects; one without any is taken as proven.
         rounds: of the diagnosis, and what each `asked`.
-        settings: `suspicion`.
     """
     answers = {each.added: question.answers for each, question in zip(rounds, asked, strict=False)}
     return tuple(
@@ -83,7 +85,6 @@ def statement(
         effect, named: the effect, and its words.
         probability: that it is there.
         answers: of the round that added it.
-        settings: `suspicion`.
     """
     instead = dict(likely({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion
@@ -100,3 +101,98 @@ def _to_measure(instead: Mapping[str, float], told_by: str) -> str:
     """What else could be, and which measurement would tell."""
     others = in_words(instead)
     return f"{f' What else could be: {others}.' if others else ''} What would tell: {told_by}."
+
+
+# ---- What the diagnosis found to be wrong with the rig rather than lacking in the model, and what to do about it
+#
+# A mistake that is likely enough comes with the line of rig.toml that mends it, a suspicion with the measurement that
+# would tell (`DiagnosisSettings.suspicion`).
+
+
+def rig_mistakes(
+    added: Sequence[Effect], values: Mapping[str, float], stated: Sequence[Statement]
+) -> tuple[RigMistake, ...]:
+    """Of the effects added those that are the rig's.
+
+    Args:
+        added: effects at work, in the order found.
+        values: of the fitted model, SI by symbol.
+        stated: on each of them.
+    """
+    return tuple(
+        _mistake(e, values, each) for e, each in zip(added, stated, strict=True) if issubclass(e, AbstractRigEffect)
+    )
+
+
+def _mistake(effect: type[AbstractRigEffect], values: Mapping[str, float], stated: Statement) -> RigMistake:
+    first, place = parameters_of(effect)[0], effect.place
+    size = float(values[first.symbol])
+    return RigMistake(
+        effect=effect.name,
+        kind=effect.called(size),
+        test=place.test or None,
+        channel=place.channel or None,
+        size=size,
+        unit=first.unit,
+        mend=effect.mend(size),
+        sentence=stated.sentence,
+        file=place.file or None,
+        suspected=not stated.acted_on,
+    )
+
+
+# ---- The last word of a diagnosis: whether its final model is kept, and the whole in a few sentences
+
+_NOTHING = "The residual is noise: the model lacks nothing that these data show."
+
+
+def runs_free_worse(after: FitResult, before: FitResult, settings: DiagnosisSettings) -> bool:
+    """Whether the final model, run free, predicts held-out traces clearly worse than the first fit does.
+
+    The RMS of the fitted traces is compared where none are held out. Far from the data effects are judged in a guided
+    residual, which a wrong one may lower too.
+    """
+    end, beginning = (pooled(result.score_holdout or result.score_fit) for result in (after, before))
+    return clearly_worse(end, beginning, settings.refit_rise)
+
+
+def tie(found: Found) -> Tie:
+    """An effect found and those that these data cannot tell from it."""
+    group = (found.effect, *found.ties)
+    told_by = "; ".join(f"{e.name}: {e.told_by}" for e in group)
+    return Tie(tuple(e.name for e in group), tuple(each.residual for each in found.ties.values()), told_by)
+
+
+def verdict(
+    stated: Sequence[Statement],
+    ties: Sequence[Tie],
+    left: Unexplained | None,
+    rounds: Sequence[RoundReport],
+    rig: Sequence[RigMistake] = (),
+) -> tuple[str, ...]:
+    """The whole in a few sentences: what was found and how sure, what cannot be told apart, what is left.
+
+    Args:
+        stated: on each effect found.
+        ties: of those.
+        left: the curve without a name, if there is one.
+        rounds: all of them, the last of which adds nothing unless they ran out.
+        rig: what of those found is wrong with the rig.
+    """
+    of_the_rig = {mistake.effect for mistake in rig}
+    words = [each.sentence for each in sorted(stated, key=lambda each: each.effect not in of_the_rig)]
+    if not words:
+        white = rounds[0].evidence.white
+        words.append(_NOTHING if white else "No effect of the catalogue is proven by these data.")
+    words += [
+        f"{' and '.join(tie.effects)} cannot be told apart by these data: their fits differ by at most "
+        f"{max(tie.apart):.2g} times the noise."
+        for tie in ties
+    ]
+    if left is not None:
+        words.append(left.sentence)
+    elif not rounds[-1].candidates:
+        words.append(rounds[-1].why)
+    elif not rounds[-1].evidence.white:
+        words.append("The residual is not all noise, but nothing that was tried explains what is left.")
+    return tuple(words)

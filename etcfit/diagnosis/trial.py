@@ -1,34 +1,68 @@
-"""One effect more on trial: refitted, and judged on what was fitted and on what was not.
+"""What is known of a mistake of the rig before its likelihood is asked: how large such a mistake usually is, and
+whether the rig's checks found it.
 
-Two models are compared under one whitening and one set of weights, those of the model before the trial, so that their
-chi2 differ by what they explain and by nothing else:
+    -2 ln prior = 2 sum over amplitudes of ln(1 + (a / usual size)^2)    - 2 ln 10 where the checks found it
+                                                                        + 2 ln 25 in one channel of one trace
 
-    BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
+A Cauchy density of the size, over its peak: a mistake of a usual size pays next to nothing, and one of any size may be
+there. So a resistor of 1.2 ohm, which many rigs have, goes before a probe that reads 74 % too much, which none has,
+where both explain the data alike; and what a whole test shows is not put down to its one fitted trace. The usual size
+is the scale of the parameter.
 
-with n the number of independent samples and the prior that of a mistake of the rig (`prior.py`).
-
-An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
-
-Of an effect of the rig that is late, only what it explains outside of one event counts. A lateness is in all that a
-trace shows; but what follows a single edge, whose instant nobody logged, can often be told better a little later,
-and no other trace can speak against a trace that is late.
+Source: Berger 1985, Statistical Decision Theory, 4.7 (robust priors with flat tails). Differs from source: only the
+ratio to the density at zero is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
-from .prior import surprise
+from .rig_screen import of_one_event
 from .score import Score, score
-from .screen import variants
-from .screen_delays import of_one_event
 from .settings import DiagnosisSettings
+from .tangents import variants
+
+_FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake of which no check says anything
+
+_IN_ONE_PLACE = 25.0  # times less probable: one of hundreds of such places
+
+
+def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effect]) -> float:
+    """-2 ln prior of an effect of the rig at its size; 0 of an effect of the throttle.
+
+    Args:
+        values: of the model, SI by symbol.
+        stated: effects that the rig's checks state.
+    """
+    if not is_of_the_rig(effect):
+        return 0.0
+    sizes = [values[p.symbol] / p.domain.scale for p in parameters_of(effect) if p.symbol in (effect.off or {})]
+    unusual = 2.0 * float(np.sum(np.log1p(np.square(sizes))))
+    place = 2.0 * float(np.log(_IN_ONE_PLACE)) if is_of_one_channel(effect) else 0.0
+    return unusual + place - (2.0 * float(np.log(_FOUND_BY_CHECKS)) if effect in stated else 0.0)
+
+
+# ---- One effect more on trial: refitted, and judged on what was fitted and on what was not
+#
+# Two models are compared under one whitening and one set of weights, those of the model before the trial, so that their
+# chi2 differ by what they explain and by nothing else:
+#
+#     BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
+#
+# with n the number of independent samples and the prior that of a mistake of the rig (`prior.py`).
+#
+# An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
+#
+# Of an effect of the rig that is late, only what it explains outside of one event counts. A lateness is in all that a
+# trace shows; but what follows a single edge, whose instant nobody logged, can often be told better a little later,
+# and no other trace can speak against a trace that is late.
 
 
 @dataclass(frozen=True)
@@ -142,7 +176,6 @@ def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect:
         s: the model of the first trial, whose whitening stays.
         full: that model refitted in full.
         before: score without the effect.
-        effect: the one tried.
     """
     trial = judged(effect, before, replace(s, x=full.x))
     return replace(trial, verdict=replace(trial.verdict, slack=s.settings.refit_rise))

@@ -6,26 +6,31 @@ A named effect keeps its name only where it explains nearly as much as a curve t
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ..estimation.guide import guide_stiffness_of
+from ..estimation.free_run import guide_stiffness_of
+from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report
+from ..estimation.levenberg_marquardt import believed
 from ..estimation.result import FitResult
 from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import promises, stands
+from .choice import is_accepted, promises
 from .composition import Effect, compose
-from .findings import Unexplained
+from .evidence import signals
+from .findings import Discrepancy, Unexplained
 from .loop import screened
-from .missing_torque import signals
-from .refit import refit_fully, spoilt
+from .model_discrepancy import Curve, CurveDiscrepancy, curve_discrepancy
+from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Signature
 from .settings import DiagnosisSettings
+from .tangents import fitted_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judged
 
 _POINTS = 60  # of the curve that is drawn
@@ -39,10 +44,7 @@ def unexplained(
     """The smooth curve that the residual asks for most; None where it is not worth its parameters.
 
     Args:
-        result: the first fit.
-        s: the final model, at its optimum.
         worth: by how much BIC fell when each effect was added.
-        report: progress.
     """
     report("looking for structure without a name", 0.9)
     s = widened(result, s)
@@ -59,12 +61,6 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
 
     Names found one after the other may each imitate a part of something that has none. Names that brought a model near
     its data give way only to a curve that does so too: far from the data a guided residual is no proof.
-
-    Args:
-        result: the first fit.
-        first: the model of the first round.
-        s: the final model, at its optimum.
-        report: progress.
     """
     if not s.added or not much_is_left(None if s.far else s.chi2_per_sample, s.settings):
         return None
@@ -77,7 +73,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     named = first.with_effects(s.added, s.values).optimised()
     if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2, s.settings):
         return None
-    if first.far and not s.far and spoilt(refit_fully(curve.model, report), s):
+    if first.far and not s.far and refit_worsened(refit_fully(curve.model, report), s):
         return None
     return _finding(curve, tuple(e.name for e in s.added))
 
@@ -92,7 +88,7 @@ def curves(candidates: Iterable[Effect]) -> list[Smooth]:
 
 def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) -> int | None:
     """Number of the verdict with the lowest BIC among those that stand; None where none does."""
-    good = [k for k, v in enumerate(verdicts) if stands(v, settings)]
+    good = [k for k, v in enumerate(verdicts) if is_accepted(v, settings)]
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
@@ -104,10 +100,8 @@ def questioned(
     With the effect a curve explains no less than alone, so one that explained nearly all of both is not in doubt.
 
     Args:
-        added: the effects.
         worth: by how much BIC fell when each was added.
         curve_bic_change: of the curve beside them all; below 0.
-        settings: what decides.
     """
     return [e for e in added if worth[e] < -settings.surely_named * curve_bic_change]
 
@@ -221,7 +215,6 @@ def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], tr
     """What of a curve's axis was measured while the plate moved; everywhere, where no torque is read at all.
 
     Args:
-        effect: the curve.
         along: signals of each trace by name, shape (n,) each; "torque" is NaN where the plate rests.
         travel: closed and open, rad.
     """
@@ -260,7 +253,6 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
     """sqrt(diag(H C H^T)), H_jk = scale_k hat_k(a_j): the curve is linear in its K amplitudes.
 
     Args:
-        effect: the curve.
         where: a, values of its axis, shape (n,).
         covariance: C, of the amplitudes' coordinates, shape (K, K).
         scale: amplitude over coordinate, shape (K,).
@@ -274,3 +266,59 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
 
 def _one(effect: Smooth, k: int) -> dict[str, float]:
     return {symbol: float(n == k) for n, symbol in enumerate(effect.symbols)}
+
+
+# ---- Intervals of the final model that allow for what is left in its residual, see `random_curves`
+
+
+@dataclass(frozen=True, eq=False)
+class Allowed:
+    """A fit whose intervals allow for what is left, and what that may be."""
+
+    after: FitResult
+    found: tuple[Discrepancy, ...] = ()
+
+
+def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel, report: Report) -> Allowed:
+    """The final fit with intervals that allow for curves which nobody added; itself where none is needed.
+
+    Far from the data it is a compromise anyway, and there is no noise to measure what is left by.
+
+    Args:
+        after: the fit of the final model.
+    """
+    if s.far or after.far:
+        return Allowed(after)
+    report("asking how far what is left may have bent the parameters", 0.97)
+    s = widened(result, s)
+    smooth = curves(s.composition.candidates)
+    bent = _bent(s, smooth)
+    found = tuple(Discrepancy(e.enters, e.axis, bent.sizes[e], e.unit) for e in smooth if e in bent.sizes)
+    return Allowed(grown(after, bent.covariance, _words(found)), found) if found else Allowed(after)
+
+
+def grown(after: FitResult, covariance: np.ndarray, words: str) -> FitResult:
+    """The fit with a covariance, shape (P, P), added to all but what holds if the model is exact, and a remark."""
+    exact = after.taken_as_exact().covariance
+    budget = None if after.budget is None else replace(after.budget, statistical=after.budget.statistical + covariance)
+    warnings = (*after.warnings, words)
+    wide = after.covariance + covariance
+    return replace(after, covariance=wide, exact_covariance=exact, budget=budget, warnings=warnings)
+
+
+def _words(found: Sequence[Discrepancy]) -> str:
+    each = listed(f"{d.enters} over {d.depends_on} ({d.size:.2g} {d.unit})" for d in found)
+    return f"Intervals allow for what is left, and what it may hide in the parameters: {each}."
+
+
+def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDiscrepancy:
+    lean = s.lean()
+    r, jacobian = fitted_samples(lean.problem, lean.x, lean.weighted)
+    priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
+    scales, effects = [variants(e)[0] for e in smooth], {e.name: e for e in smooth}
+    each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
+    seen = np.asarray(lean.weighted.slots.weight) > 0.0
+    events = np.zeros(seen.shape, dtype=int)
+    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):
+        events[stretch, lane] = number
+    return curve_discrepancy(r, jacobian, priors, each, events[seen], s.settings)

@@ -1,27 +1,301 @@
-"""Do the parts of the data agree? What each pulls, how wide intervals must be, which test contradicts the others."""
+"""Do traces, or tests, disagree by more than their noise, and how wide must the intervals be if they do?
+
+    T_k = sum_g d_gk^2 / E[sum_g d_gk^2],    nu_k = (tr Q_k)^2 / tr Q_k^2
+
+d_g is what leaving cluster g out moves, Q_k = cov(d_gk, d_hk) if the model is right and noise as `inflation` has it:
+then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters to a parameter, nu_k about 2, and its
+raw cluster covariance would be a number drawn at random; it counts only where T_k refuses agreement. There
+
+    C' = C + W (sum_g d_g d_g^T) W,    C'_kk = phi_k (t_(1 + nu_k) / 1.96)^2 C_kk
+    phi_k = (1 + nu_k T_k) / (1 + nu_k)
+
+with W diagonal, and 0 for all other parameters. The 1 is one degree of freedom's worth of belief that noise is what it
+is said to be: without it an interval of two clusters would be ten times as wide or not at all.
+
+Source: Bell and McCaffrey 2002, Survey Methodology 28(2) (jackknife over clusters, degrees of freedom after
+Satterthwaite); Birge 1932, Phys. Rev. 40 (T); Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3(1) (phi). Differs from
+source: the variance under agreement is known here, so that it can be tested for, and nothing is ever narrowed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from operator import add
+from typing import NamedTuple
 
 import numpy as np
+from scipy.special import chdtrc, ndtri, stdtrit
 
 from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from . import clusters, compromise
-from .compromise import Compromise
-from .contradiction import Comparison, Contradicting, Contradiction, by_consequence, digits_apart, distance
-from .disagreement import sides_of, undisputed
-from .influence import Influence, influence, parts
+from .contradiction import (
+    Comparison,
+    Contradicting,
+    Contradiction,
+    Subset,
+    belief,
+    by_consequence,
+    digits_apart,
+    distance,
+    fitted_to,
+    renewed,
+    sides_of,
+    tests_of,
+    undisputed,
+)
 from .levenberg_marquardt import believed
-from .pieces import Piece
 from .settings import FitSettings
-from .statement import Split, Statement, inflations_of, prior, statement
-from .subsets import Subset, belief, fitted_to, renewed, tests_of
+from .statement import Piece, Split, Statement, inflations_of, prior, statement
+
+_NORMAL = float(ndtri(0.975))
+_BELIEVED = 1.0  # degrees of freedom
+
+
+class Scatter(NamedTuple):
+    """How the estimates scatter when clusters are left out one by one.
+
+    Args:
+        shifts: d, shape (G, P).
+        ratio: T, shape (P,); 0 where a cluster alone determines the parameter, so that nothing can disagree.
+        freedom: nu, shape (P,).
+    """
+
+    shifts: np.ndarray
+    ratio: np.ndarray
+    freedom: np.ndarray
+
+    @property
+    def p(self) -> np.ndarray:
+        """Probability of such a scatter, or a larger one, where clusters agree, shape (P,)."""
+        return np.asarray(chdtrc(self.freedom, self.ratio * self.freedom))
+
+
+def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarray, unknown: float) -> Scatter:
+    """Leave out every cluster once.
+
+    Args:
+        clusters: what each says; together all the data.
+    """
+    everything = reduce(add, clusters, believed)
+    splits = [Split(own, everything - own, reach, unknown) for own in clusters]
+    shifts = np.array([split.shift for split in splits])
+    alone = np.any([split.lost_without for split in splits], axis=0)
+    inverse = np.linalg.inv(everything.information)
+    others = np.array([split.others_inverse for split in splits])
+    spread = np.array([own.spread for own in clusters])
+    expected, squares = np.zeros(reach.size), np.zeros(reach.size)
+    for k in range(reach.size):
+        q = _covariance(inverse[k], others[:, k], spread)
+        expected[k], squares[k] = np.trace(q), np.sum(q**2)
+    told = ~alone & (expected > 0.0)
+    ratio = np.where(told, np.sum(shifts**2, axis=0) / np.where(told, expected, 1.0), 0.0)
+    freedom = np.where(told, expected**2 / np.where(told, squares, 1.0), 1.0)
+    return Scatter(shifts, ratio, np.maximum(1.0, freedom))
+
+
+def _covariance(all_row: np.ndarray, without_rows: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Q_k, shape (G, G): shifts are d_g = sum_h (F^-1 - [h != g] F_(-g)^-1) s_h, and s_h has variance M_h.
+
+    Args:
+        all_row: k-th row of F^-1, shape (P,).
+        without_rows: k-th row of each F_(-g)^-1, shape (G, P).
+        spread: M of each cluster, shape (G, P, P).
+    """
+    count = len(spread)
+    kept = 1.0 - np.eye(count)
+    rows = all_row - kept[:, :, None] * without_rows[:, None, :]
+    return np.einsum("ghp,hpq,fhq->gf", rows, spread, rows, optimize=True)
+
+
+def widened(covariance: np.ndarray, every: Iterable[Scatter], level: float) -> np.ndarray:
+    """The covariance that clusters which disagree leave, shape (P, P); never narrower, not even a combination.
+
+    Args:
+        covariance: C, shape (P, P).
+        every: the scatter over traces, over tests: the wider one counts for each parameter.
+        level: of the test for agreement.
+    """
+    wide = covariance
+    for each in every:
+        freedom = _BELIEVED + each.freedom
+        growth = (_BELIEVED + each.freedom * each.ratio) / freedom * (stdtrit(freedom, 0.975) / _NORMAL) ** 2
+        target = np.where(each.p < level, np.maximum(growth, 1.0), 1.0) * np.diag(covariance)
+        lack = np.maximum(target - np.diag(wide), 0.0)
+        own = np.sum(each.shifts**2, axis=0)
+        weight = np.sqrt(np.where(own > 0.0, lack / np.where(own > 0.0, own, 1.0), 0.0))
+        scaled = each.shifts * weight
+        wide = wide + scaled.T @ scaled
+    return wide
+
+
+# ---- What each rig test and each trace does to each parameter: where the fit would go without it, in one step
+#
+#     pull = (x_without - x) / sd,    x_without - x = -(F - F_g)^-1 (s - s_g) + F^-1 s
+#
+# F, s and sd are those of all data, F_g and s_g those of the part left out, see `statement`; sd is what noise alone
+# leaves, not widened. Exact where the model is linear. A parameter that the rest does not determine has no pull:
+# `alone` names it.
+#
+# Source: Belsley, Kuh and Welsch 1980, Regression Diagnostics, eq. 2.1 (DFBETAS). Differs from source: rows are left
+# out by trace and by test, and sd is that of all data.
+
+
+@dataclass(frozen=True)
+class Pull:
+    """What leaving a part of the data out moves.
+
+    Args:
+        test: the rig test left out, or of the file left out.
+        file: the one left out; None for the whole test.
+        parameter: symbol.
+        pull: by how much, standard errors of noise alone.
+        moved: the same in the coordinate.
+    """
+
+    test: str
+    file: str | None
+    parameter: str
+    pull: float
+    moved: float
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Who determines what.
+
+    Args:
+        pulls: every part of the data on every parameter that the others determine as well; the largest first.
+        alone: parameters that one rig test, or one file, determines alone: symbol to its name.
+    """
+
+    pulls: tuple[Pull, ...] = ()
+    alone: Mapping[str, str] = field(default_factory=dict)
+
+    def largest(self, least: float, most: int) -> tuple[Pull, ...]:
+        """The first ones.
+
+        Args:
+            least: standard errors that a pull must have.
+        """
+        return tuple(pull for pull in self.pulls[:most] if abs(pull.pull) >= least)
+
+
+def influence(
+    symbols: Sequence[str],
+    traces: Mapping[tuple[str, str], Statement],
+    believed: Statement,
+    reach: np.ndarray,
+    unknown: float,
+) -> Influence:
+    """Leave out every test and, where it has more than one, every trace of it.
+
+    Args:
+        traces: what each trace says, by test and file.
+    """
+    everything = reduce(add, traces.values(), believed)
+    sd = np.sqrt(np.diag(np.linalg.inv(everything.information)))
+    known = sd < unknown * reach
+    pulls, alone = [], {}
+    for (test, file), own in parts(traces).items():
+        split = Split(own, everything - own, reach, unknown)
+        lost = split.lost_without
+        alone = {s: file or test for s, gone, k in zip(symbols, lost, known, strict=True) if gone and k} | alone
+        rows = zip(symbols, split.shift.tolist(), sd.tolist(), known & ~lost, strict=True)
+        pulls += [Pull(test, file, s, moved / sigma, moved) for s, moved, sigma, told in rows if told]
+    return Influence(tuple(sorted(pulls, key=lambda each: -abs(each.pull))), alone)
+
+
+def parts(traces: Mapping[tuple[str, str], Statement]) -> dict[tuple[str, str | None], Statement]:
+    """What every test says, with None for its file, and every trace of a test that has several."""
+    tests: dict[str, list[str]] = {}
+    for test, file in traces:
+        tests.setdefault(test, []).append(file)
+    out: dict[tuple[str, str | None], Statement] = {}
+    for test, files in tests.items():
+        out[test, None] = reduce(add, (traces[test, f] for f in files))
+        out |= {(test, f): traces[test, f] for f in files if len(files) > 1}
+    return out
+
+
+# ---- Parameters of a model that is far from its data, or of tests that contradict each other: the range that subsets
+# give.
+#
+#     [min, max] over the fits to all tests but one of x_g -+ 1.96 sd_g, and over what one test alone says, x_g
+#
+# Only subsets that know a parameter speak of it; the interval stated for all the data is always inside. It is no
+# statistical interval: errors that all tests share, a wrong angle scale say, move every subset alike.
+
+Z_95 = 1.96  # half width of a 95 % interval, standard deviations
+
+
+@dataclass(frozen=True, eq=False)
+class Compromise:
+    """What subsets of the data give.
+
+    Args:
+        why: in words.
+        without: tests left out, G.
+        points: coordinates of the fits without them, shape (G, P).
+        covariances: of those coordinates, shape (G, P, P).
+        alone: coordinates by one test alone, in one linearised step, NaN where it does not know them, shape (S, P).
+    """
+
+    why: str
+    without: tuple[str, ...]
+    points: np.ndarray
+    covariances: np.ndarray
+    alone: np.ndarray
+
+    def ends(self, half: float, low: np.ndarray, high: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Range of each coordinate, shape (P,) each.
+
+        Args:
+            half: half width of an interval, standard deviations.
+            low, high: the interval stated for all the data, shape (P,).
+            most: standard deviation above which a subset does not know a coordinate, shape (P,).
+        """
+        sd = np.sqrt(np.maximum(np.diagonal(self.covariances, axis1=1, axis2=2), 0.0))
+        told = sd < most
+        lows = np.where(told, self.points - half * sd, np.inf)
+        highs = np.where(told, self.points + half * sd, -np.inf)
+        alone = np.where(np.isnan(self.alone), np.inf, self.alone), np.where(np.isnan(self.alone), -np.inf, self.alone)
+        return (np.min(np.vstack((low, lows, alone[0])), axis=0), np.max(np.vstack((high, highs, alone[1])), axis=0))
+
+    def covariance(self, half: float, stated: np.ndarray, x: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """The covariance whose intervals reach as far as the ranges, correlations kept, shape (P, P).
+
+        Args:
+            half: half width of an interval, standard deviations.
+            stated: covariance for all the data, shape (P, P).
+            most: as in `ends`.
+        """
+        variance = np.diag(stated)
+        known = np.isfinite(variance) & (variance > 0.0)
+        sd = np.sqrt(np.where(known, variance, 1.0))
+        low, high = self.ends(half, x - half * sd, x + half * sd, most)
+        wider = np.where(known, np.maximum(high - x, x - low) / (half * sd), 1.0)
+        return stated * np.outer(wider, wider)
+
+
+def compromise_reason(far: bool, chi2: float, contradicting: Iterable[str], settings: FitSettings) -> str | None:
+    """Why the parameters are a compromise; None where they are not.
+
+    Args:
+        far: the model is far from the data.
+        chi2: per degree of freedom.
+        contradicting: tests that contradict the others.
+    """
+    if far or chi2 >= settings.contradiction.compromise:
+        return f"the model is far from the data (chi2/dof {chi2:.3g})"
+    if names := tuple(contradicting):
+        return f"{' and '.join(names)} contradict{'s' if len(names) == 1 else ''} the other tests"
+    return None
+
+
+# ---- Do the parts of the data agree? What each pulls, how wide intervals must be, which test contradicts the others
 
 _SEEN = 1.0  # standard errors by which a parameter must move to show a contradiction
 _LOOK = (
@@ -119,12 +393,9 @@ def agreement(
     """Compare every trace and every test of a fit with the others.
 
     Args:
-        problem, weighted: the data as fitted.
-        x: the optimum, shape (P,).
         pieces: every channel of every trace, linearised there.
         covariance: of the coordinates, widened channel by channel, shape (P, P).
         misfit: whether the model is far from the data, and chi2 per degree of freedom.
-        settings: what decides.
     """
     if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
         return Agreement(Influence(), covariance)
@@ -133,13 +404,13 @@ def agreement(
     traces = _by_trace(pieces, settings)
     found = influence(problem.layout.free, traces, believed, asked.reach, asked.unknown)
     tests = [said for (_, file), said in parts(traces).items() if file is None]
-    every = (clusters.scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
-    wide = clusters.widened(covariance, every, settings.contradiction.scatter)
+    every = (scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
+    wide = widened(covariance, every, settings.contradiction.scatter)
     # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
     contradicting = () if misfit[0] else tuple(map(asked.freed, _comparison(asked).contradicting(asked.everything)))
     named = tuple(_named(asked, each) for each in contradicting)
     real, outweighed = by_consequence(named, settings.contradiction.moves)
-    why = compromise.reason(*misfit, (each.test for each in real), settings)
+    why = compromise_reason(*misfit, (each.test for each in real), settings)
     return Agreement(found, wide, real, outweighed, None if why is None else _compromise(asked, why))
 
 

@@ -1,25 +1,208 @@
-"""Which rig test contradicts the others: it is left out, the fit is made again, and the two sides are compared.
-
-The level is shared out over the tests (Holm's first step). Of those that contradict, the one is named that explains
-most of the misfit if it may differ; then the others are asked again without it, so that what disagreed with it alone is
-not named beside it.
-
-Source: Holm 1979, Scand. J. Statist. 6. Differs from source: of all that could be rejected only the worst is, and the
-rest tested anew.
-"""
+"""The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import fdtrc
 
-from .disagreement import disagreement, parted, sides_of, undisputed
-from .settings import ContradictionSettings, WhitenessSettings
-from .statement import Split, Statement
-from .subsets import Subset
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData, prior_residual_here
+from ..problem.trace import Trace
+from .levenberg_marquardt import descend
+from .settings import ContradictionSettings, FitSettings, WhitenessSettings
+from .statement import Piece, Split, Statement, inflations_of, pieces_at, statement
+
+_CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than parts that disagree differ by
+
+_RENEWALS = 3  # of a subset's whitening
+
+
+@dataclass(frozen=True, eq=False)
+class Subset:
+    """Where the fit goes on a part of the data.
+
+    Args:
+        tests: those that count.
+        x: coordinates, shape (P,).
+        pieces: every channel of every trace linearised there, those that do not count among them.
+        belief: score of the priors there, shape (P,).
+    """
+
+    tests: tuple[str, ...]
+    x: np.ndarray
+    pieces: tuple[Piece, ...]
+    belief: np.ndarray
+
+
+def tests_of(problem: EstimationProblem) -> tuple[str, ...]:
+    """Every rig test among the traces."""
+    return tuple(dict.fromkeys(trace.test.name for trace in problem.batch.traces))
+
+
+def fitted_to(
+    problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str], settings: FitSettings
+) -> Subset:
+    """Descend from x with some tests alone.
+
+    Args:
+        x: the optimum of all, shape (P,).
+        tests: those to count.
+    """
+    counts = muted(problem, weighted, lambda trace: trace.test.name in tests)
+    end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
+    return at(problem, weighted, end, tests)
+
+
+def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> Subset:
+    """The fit to a subset with a whitening, and outliers, of its own.
+
+    Those of all the data were made along the path that the test left out had bent. Sums of squares before and after
+    are not comparable.
+
+    Args:
+        here: the subset's fit under the whitening of all.
+    """
+    fresh = replace(problem, sigma=problem.batch.slots.sigma)
+    for _ in range(_RENEWALS):
+        here = fitted_to(fresh, fresh.weighted(fresh.kalman(here.x)), here.x, here.tests, settings)
+    return here
+
+
+def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str]) -> Subset:
+    """All data linearised at x, shape (P,), of which some tests count."""
+    return Subset(tuple(tests), x, pieces_at(problem, x, weighted), belief(problem, weighted, x))
+
+
+def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
+    """Score of the priors at x, (x - mean) / sd^2, shape (P,)."""
+    own = prior_residual_here(problem.layout.padded(x), weighted) / np.asarray(weighted.prior_sd)
+    return own[: x.size]
+
+
+def muted(problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]) -> WeightedData:
+    """The data with the weights of all traces 0 but of those that count."""
+    weight = np.array(weighted.whitening.weight)
+    for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
+        if not counts(trace):
+            weight[marks, lane] = 0.0
+    return weighted._replace(whitening=weighted.whitening._replace(weight=weight))
+
+
+# ---- How far two parts of the data disagree, each with parameters of its own
+#
+#     T = z^T cov(z)^-1 z,    z_i = b_i^T F (x_own - x_others)
+#
+# in the directions b_i that both sides determine, see `statement`. Each side's noise is what its own residual shows
+# once it need not agree with the other (`inflation`), so that no test is named where the model fits neither. T is
+# compared with Hotelling's T^2 of the smaller side's independent samples.
+#
+# Source: Hausman 1978, Econometrica 46(6). Differs from source: the estimates compared are those of two disjoint parts
+# of the data.
+
+_LEAST = 1e-4  # share of the information of a direction below which a side has no say in it
+_SURE = 3.0  # standard deviations by which noise alone may exceed its mean
+
+
+@dataclass(frozen=True, eq=False)
+class Parted:
+    """One test and the others, each with its own parameters.
+
+    Args:
+        split: the two sides.
+        misfit: sum of squared residuals of both sides together, over the noise itself.
+        samples: of both.
+    """
+
+    split: Split
+    misfit: float
+    samples: int
+
+    def share(self, together: float) -> float:
+        """Of the misfit, what is gone once they need not agree; what noise alone leaves counts as none.
+
+        Args:
+            together: sum of squared residuals where they must.
+        """
+        gain = max(0.0, together - self.misfit)
+        left = max(0.0, self.misfit - self.samples - _SURE * (2.0 * self.samples) ** 0.5)
+        return gain / (gain + left) if gain > 0.0 else 0.0
+
+
+def disagreement(split: Split, understated: float = 1.0) -> float:
+    """log p of T; 0 where no direction is determined by both sides, or a side has too few independent samples.
+
+    Args:
+        split: the two sides.
+        understated: times that their errors may exceed the standard errors stated.
+    """
+    common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
+    count = int(common.sum())
+    freedom = min(split.own.samples, split.others.samples) - count + 1.0
+    if not count or freedom < 1.0:
+        return 0.0
+    b = split.directions[:, common]
+    own, others = b / split.share[common], b / split.others_share[common]
+    z = others.T @ split.others.score - own.T @ split.own.score
+    spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
+    t2 = float(z @ np.linalg.solve(spread, z)) / understated**2
+    with np.errstate(divide="ignore"):  # log 0 where no double is small enough
+        return float(np.log(fdtrc(count, freedom, max(t2, 0.0) * freedom / ((freedom + count - 1.0) * count))))
+
+
+def parted(
+    here: Subset,
+    test: str,
+    believed: Statement,
+    reach: np.ndarray,
+    unknown: float,
+    whiteness: WhitenessSettings,
+    alone: Subset | None = None,
+) -> Parted:
+    """One test against the others, linearised at the same point.
+
+    Args:
+        here: the others fitted, or all of them with the test among them.
+        believed: the priors, at that point.
+        whiteness: see `inflation`.
+        alone: the fit to this test alone, where its own optimum is more than one step away: linearised there.
+    """
+    own, others = sides_of(here, test)
+    if alone is not None:
+        away = here.x - alone.x
+        own = [piece._replace(r=piece.moved(away)) for piece in alone.pieces if piece.test == test]
+    first = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+    steps = first.own_step, first.others_step
+    sides = [
+        statement(side, inflations_of(side, step, whiteness)) for side, step in zip((own, others), steps, strict=True)
+    ]
+    misfit = sum(piece.misfit(step) for side, step in zip((own, others), steps, strict=True) for piece in side)
+    count = sum(piece.r.size for piece in (*own, *others))
+    return Parted(Split(sides[0], sides[1] + believed, reach, unknown), misfit, count)
+
+
+def sides_of(here: Subset, test: str) -> tuple[list[Piece], list[Piece]]:
+    """The channels of a test, and those of the other tests that count."""
+    own = [piece for piece in here.pieces if piece.test == test]
+    return own, [piece for piece in here.pieces if piece.test in here.tests and piece.test != test]
+
+
+def undisputed(pieces: Sequence[Piece]) -> Statement:
+    """What channels say whose noise is as declared."""
+    return statement(pieces, [1.0] * len(pieces))
+
+
+# ---- Which rig test contradicts the others: it is left out, the fit is made again, and the two sides are compared
+#
+# The level is shared out over the tests (Holm's first step). Of those that contradict, the one is named that explains
+# most of the misfit if it may differ; then the others are asked again without it, so that what disagreed with it alone
+# is not named beside it.
+#
+# Source: Holm 1979, Scand. J. Statist. 6. Differs from source: of all that could be rejected only the worst is, and the
+# rest tested anew.
 
 
 @dataclass(frozen=True)
@@ -89,9 +272,7 @@ def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknow
     combination of parameters, moves by more.
 
     Args:
-        each: the test.
         believed: the priors, at the fit with it.
-        reach, unknown: see `Split`.
     """
     own, others = sides_of(each.together, each.test)
     split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)

@@ -1,21 +1,118 @@
-"""The fit of a model that is far from its data: least squares of the free run, searched for and led to."""
+"""A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
+best free run.
+
+    V_guide = stiffness (theta_measured - theta)
+
+Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 is full
+of valleys. Under a stiff guide it cannot leave it, and there is one; each weaker guide has its valley where the
+stronger one had it, a little deeper.
+
+Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
+(single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
+terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..model.effects import PAPER, AbstractEffect
+from ..model.parameters import parameters_of
 from ..problem import weights
+from ..problem.free_parameters import effect_named
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .global_search import evolve
-from .guide import let_go
-from .levenberg_marquardt import minimise
+from ..rig.base import Rig, Tied
+from .levenberg_marquardt import approach, minimise
 from .result import Termination
-from .rounds import Reached, Report, searched
-from .settings import FitSettings
+from .rounds import Reached, Report, evolve, quiet, searched, whitened
+from .settings import FitSettings, GuideSettings
+
+
+class Guided(NamedTuple):
+    """The measured angle along which a plate is drawn.
+
+    Args:
+        span: largest travel within a trace, rad.
+        rate: samples a second, Hz.
+        torque_driven: the guide acts as a torque, not as a voltage.
+    """
+
+    span: float
+    rate: float
+    torque_driven: bool
+
+
+def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray, settings: GuideSettings) -> float:
+    """Stiffness of the guide for these traces; 0 where no angle was logged. Arguments and units: `guide_stiffness`."""
+    guided = [t for t in problem.batch.traces if "position" in t.channels]
+    if not guided:
+        return 0.0
+    angles = [t.data[:, t.channels.index("position")] for t in guided]
+    record = Guided(
+        span=max(float(np.nanmax(a) - np.nanmin(a)) for a in angles),
+        rate=1.0 / float(np.median(np.concatenate([np.diff(t.instants) for t in guided]))),
+        torque_driven=all(t.torque_driven for t in guided),
+    )
+    values = problem.layout.values(x, problem.free_parameters.held)
+    return guide_stiffness(values, problem.config.gear_ratio, record, settings)
+
+
+def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, settings: GuideSettings) -> float:
+    """Stiffness with which a guide draws the plate along its measured angle.
+
+        torque = max(T_f / (0.01 span), 0.003 J w^2),    w = 2 pi min(15 Hz, rate / 10),    J = N^2 J_m + J_L
+        volts  = min(torque R_a / (N K_m), 0.3 N K_b R_a / L_a)
+
+    Beyond the last bound guide and coil would swing. The numbers are `give`, `least`, `bandwidth`, `bandwidth_of_rate`
+    and `stable`.
+
+    Args:
+        values: parameters, SI by symbol.
+        gear: N.
+        record: of the measured angle.
+    Returns:
+        V/rad, or N m/rad where torque drives.
+    """
+    inertia = gear**2 * float(values["J_m"]) + float(values["J_L"])
+    hertz = min(settings.bandwidth, settings.bandwidth_of_rate * record.rate)
+    stiff = inertia * (2.0 * np.pi * hertz) ** 2
+    torque = max(float(values["T_f"]) / max(settings.give * record.span, 1e-9), settings.least * stiff)
+    if record.torque_driven:
+        return torque
+    R_a = float(values["R_a"])
+    fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad
+    return min(torque * R_a / (gear * float(values["K_m"])), settings.stable * fastest)
+
+
+def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings = FitSettings()) -> np.ndarray:
+    """Where the guide, relaxed step by step, leads, if that free run is likelier than the one of x; else x itself."""
+    stiffness, here = guide_stiffness_of(problem, x, settings.guide), x
+    if stiffness == 0.0:
+        return x
+    for share in (*settings.guide.shares, 0.0):
+        guided = weights.discounted(problem.guided(share * stiffness), here)
+        weighted = guided.weighted(weights.free_running(guided))
+        here, _ = minimise(guided, here, weighted, settings.tolerance, settings.steps)
+    return here if free_run_cost(problem, here) < free_run_cost(problem, x) else x
+
+
+def free_run_cost(problem: EstimationProblem, x: np.ndarray) -> float:
+    """-log likelihood of the free run, each channel of each trace with the error that is left in it.
+
+    sum of (y - y_hat)^2 / 2 sigma^2 + log sigma,    sigma as of `weights.discounted`
+    """
+    free = weights.discounted(problem.guided(0.0), x)
+    chi2 = free.chi2(x, free.weighted(weights.free_running(free)))
+    slots = problem.batch.slots
+    return 0.5 * chi2 + float(np.sum(np.log(free.sigma / slots.sigma)[slots.weight > 0.0]))
+
+
+# ---- The fit of a model that is far from its data: least squares of the free run, searched for and led to
 
 
 def fitted_free_running(
@@ -28,10 +125,6 @@ def fitted_free_running(
     is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
 
     Args:
-        problem: the traces.
-        x: coordinates to start from, shape (P,).
-        report: progress.
-        settings: budgets.
         led: a guide led to x already, so none is tried again.
     """
     for k in range(settings.reweighings):
@@ -69,18 +162,157 @@ def freed(
     to which a guide leads from there, where that is likelier.
 
     Args:
-        problem: the traces.
-        x: coordinates, shape (P,).
         spread: of the points searched, in units of each coordinate's reach.
-        settings: budgets of search and descent.
         guided: whether a guide is tried.
     """
     problem = weights.discounted(problem, x)
     weighted = problem.weighted(weights.free_running(problem))
     x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
-    end = let_go(problem, x, settings) if guided else x
+    end = relax_guide(problem, x, settings) if guided else x
     if end is x:
         return FreeRun(problem, weighted, x, led=False)
     problem = weights.discounted(problem, end)
     return FreeRun(problem, problem.weighted(weights.free_running(problem)), end, led=True)
+
+
+# ---- A model that holds another is also started from where that one ended, and ends no higher
+#
+# Far from the data the sum of squares has many valleys, and the reading of a rig with more effects may lead into a
+# worse one. So where the fit of a model with named effects stays far, the fit goes up a chain: without those effects;
+# then with one after the other, each time the one that lowers the free run's error most where a guide leads it from the
+# optimum of the model before (`relax_guide`). Each model of the chain ends in the lower of its own end and of that
+# which begins there. The chain of a smaller model is the beginning of a larger one's, as long as what is added explains
+# less.
+#
+# Source: forward selection (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source: the set is given;
+# the order in which it is built only gives starts.
+
+
+class Model(NamedTuple):
+    """A model beside its data, nothing fitted yet.
+
+    Args:
+        problem: the traces.
+        start: coordinates of the reading, shape (P,).
+    """
+
+    problem: EstimationProblem
+    start: np.ndarray
+
+
+Begin = Callable[[Rig], Model]
+EndOf = Callable[[Model], Reached]  # where a model ends from its own starts
+
+
+def comes_near(reached: Reached, settings: FitSettings) -> bool:
+    """Whether a fit came near its data and stayed there through the whitening."""
+    return not reached.end.far and reached.misfit < settings.misfit
+
+
+def growing(rig: Rig) -> tuple[str, ...]:
+    """Names of the effects of rig.toml that can be taken out of the model, in the order in which they stand there:
+    those with off values, to whose parameters no other is tied."""
+    every = {name: effect_named(name) for name in rig.config.effects}
+    needed = {to.to for to in rig.config.parameters.values() if isinstance(to, Tied)}
+
+    def can_go(effect: type[AbstractEffect]) -> bool:
+        own = {p.symbol for p in parameters_of(effect)}
+        return effect not in PAPER and bool(effect.off) and not effect.commands and not own & needed
+
+    return tuple(name for name, effect in every.items() if can_go(effect))
+
+
+def with_only(rig: Rig, effects: tuple[str, ...]) -> Rig:
+    """The rig with some of the effects that its rig.toml names, and without what it says of the others' parameters."""
+    gone = {p.symbol for name in rig.config.effects if name not in effects for p in parameters_of(effect_named(name))}
+    known = {symbol: value for symbol, value in rig.config.parameters.items() if symbol not in gone}
+    return replace(rig, config=replace(rig.config, effects=effects, parameters=known))
+
+
+def no_higher_than_smaller(
+    rig: Rig,
+    model: Model,
+    own: Reached,
+    begin: Begin,
+    end_of: EndOf,
+    report: Report = quiet,
+    settings: FitSettings = FitSettings(),
+) -> Reached:
+    """The end of a model that stayed far from its data, or the lower one to which smaller models inside it lead.
+
+    Args:
+        model: with all of them.
+        own: where it ended from its own starts.
+        begin: the model of another rig.
+        end_of: fits a model from its own starts.
+    """
+    names = growing(rig)
+    base = tuple(name for name in rig.config.effects if name not in names)
+    report("no start comes near the data: beginning with smaller models", 0.6)
+    smaller = begin(with_only(rig, base))
+    end = _free(smaller, end_of(smaller), settings)
+    here: tuple[str, ...] = ()
+    while rest := [name for name in names if name not in here]:
+        last = len(rest) == 1
+        larger = {name: model if last else begin(with_only(rig, (*base, *here, name))) for name in rest}
+        best, point = lowest(smaller.problem, end.x, larger, settings)
+        report(f"starting from a smaller model, with {best} in it", 0.6 + 0.3 * len(here) / len(names))
+        here, smaller = (*here, best), larger[best]
+        end = lower(smaller, own if last else end_of(smaller), point, settings)
+    return end
+
+
+def lowest(
+    smaller: EstimationProblem, x: np.ndarray, larger: Mapping[str, Model], settings: FitSettings
+) -> tuple[str, np.ndarray]:
+    """Of several effects the one whose model is led lowest from a smaller model's optimum, and where to: `led_from`."""
+    points = {name: led_from(smaller, x, name, each, settings) for name, each in larger.items()}
+    best = min(points, key=lambda name: free_run_cost(larger[name].problem, points[name]))
+    return best, points[best]
+
+
+def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings) -> np.ndarray:
+    """The optimum of a smaller model in a larger one, or where a guide leads from there if that is likelier.
+
+    Args:
+        smaller: the model that ended there.
+        name: of the effect that the larger one has besides.
+        larger: where to start.
+    Returns:
+        coordinates in the larger model, shape (P + free parameters of the effect,).
+    """
+    layout, held = larger.problem.layout, larger.problem.free_parameters.held
+    off = effect_named(name).off or {}
+    values = {**layout.values(larger.start, held), **off, **smaller.layout.values(x, smaller.free_parameters.held)}
+    same = layout.coordinates(values)
+    led = relax_guide(larger.problem, layout.off_bounds(same), settings)
+    return min((same, led), key=lambda point: free_run_cost(larger.problem, point))
+
+
+def lower(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) -> Reached:
+    """The end of a model from x, shape (P,), where it comes near the data or below the one from its own starts."""
+    if comes_near(own, settings):
+        return own
+    near = _near(model.problem, x, settings)
+    if near is not None:
+        return near
+    ends = _free(model, own, settings), fitted_free_running(model.problem, x, quiet, settings, led=True)
+    return min(ends, key=lambda reached: free_run_cost(reached.problem, reached.x))
+
+
+def _near(problem: EstimationProblem, x: np.ndarray, settings: FitSettings) -> Reached | None:
+    """The whitened end from x; None where it does not come near the data."""
+    x, _ = approach(problem, x, settings.rough_tolerance, settings)
+    weighted = problem.weighted(weights.forgiving(problem))
+    if problem.chi2(x, weighted) >= settings.misfit * max(1.0, weighted.samples - x.size):
+        return None
+    reached = whitened(problem, x, quiet, settings)
+    return reached if comes_near(reached, settings) else None
+
+
+def _free(model: Model, own: Reached, settings: FitSettings) -> Reached:
+    """An end whose whitened residual is as large as that of a model far from its data, as an end of the free run."""
+    if own.end.far or comes_near(own, settings):
+        return own
+    return fitted_free_running(model.problem, own.x, quiet, settings)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem.free_parameters import Layout
+from ..problem.free_parameters import SERIES, Layout
+from ..problem.trace import Trace
+from ..rig.user_text import toml_string
 from .settings import IdentifiabilitySettings
 
 # standard deviation of what is believed of a parameter that no prior is given for, in reaches of its coordinate: about
@@ -66,10 +69,7 @@ def analyse(
         sd_k = 1 / sqrt(eigenvalue_k)
 
     Args:
-        layout: which parameters x stands for.
-        x: coordinates, shape (P,).
         information: J^T J of the whitened residual and the priors that the user gave, shape (P, P).
-        settings: from when on a direction or a parameter counts as not known.
     """
     reach = layout.reach(x)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))  # relative changes
@@ -100,10 +100,8 @@ def _readable(
     """Directions that span a null space, chosen so that each is led by a symbol that leads no other.
 
     Args:
-        symbols: free parameters, P.
         basis: orthonormal, any basis of the space, shape (P, K).
         sd: standard deviations along it, shape (K,).
-        settings: see `analyse`.
     """
     out, rest = [], basis.copy()
     leaders: list[int] = []
@@ -118,3 +116,198 @@ def _readable(
             unit = sparse[:, k] / np.linalg.norm(sparse[:, k])
             out.append(_direction(symbols, unit, float(np.max(sd)), settings))
     return out
+
+
+# ---- What a direction that the data do not determine means, and which measurement would determine it: one sentence
+# each.
+#
+# The first rule that fits speaks. A newcomer's parameter needs no rule: the last ones speak for any symbols. A test of
+# which traces are there already is not advised as if it had not been made.
+
+ELECTRICAL = frozenset({"R_a", "L_a"})
+MECHANICAL = frozenset({"J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f"})
+
+
+@dataclass(frozen=True)
+class Way:
+    """A rig test that tells something.
+
+    Args:
+        test: its name.
+        name: in words, with its article.
+        how: it is made.
+    """
+
+    test: str
+    name: str
+    how: str
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.test}/: {self.how})"
+
+
+@dataclass(frozen=True)
+class Cure:
+    """What would tell parameters apart.
+
+    Args:
+        tests: rig tests which together do.
+        besides: what does without another test; "" for nothing.
+        verb: what it does, "tells R_a" say; "" where `besides` is a whole sentence.
+    """
+
+    tests: tuple[Way, ...] = ()
+    besides: str = ""
+    verb: str = "separates them"
+
+    def words(self, made: Collection[str]) -> str:
+        """The cure for a rig of which these tests were made: what is there already is not advised as if it were not.
+
+        Args:
+            made: names of rig tests.
+        """
+        absent = [str(way) for way in self.tests if way.test not in made]
+        if absent or not self.tests:
+            ways = [" beside ".join(absent), self.besides]
+            return f"{' or '.join(way for way in ways if way)} {self.verb}".rstrip()
+        there = listed(f"{way.test}/" for way in self.tests)
+        more = f"`etcfit check --advise` says how much one more trace ({self.tests[-1].how}) would tell"
+        besides = f"{self.besides} {self.verb}, and " if self.besides else ""
+        tells = "tells" if len(self.tests) == 1 else "tell"
+        return f"{there} {'is' if len(self.tests) == 1 else 'are'} there but {tells} too little: {besides}{more}"
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Applies to symbols that hold all of `every`, at least `some_count` of `some`, and nothing outside `within`.
+
+    Args:
+        says: what the data see of them; follows the symbols' names.
+        cure: what would tell them apart.
+    """
+
+    says: str
+    cure: Cure
+    every: frozenset[str] = frozenset()
+    some: frozenset[str] = MECHANICAL
+    some_count: int = 0
+    within: frozenset[str] | None = None
+
+    def fits(self, symbols: frozenset[str]) -> bool:
+        inside = self.within is None or symbols <= self.within
+        return inside and self.every <= symbols and len(self.some & symbols) >= self.some_count
+
+
+RESISTANCE = Way("resistance", "a resistance test", "plate held, constant voltages")
+INDUCTANCE = Way("inductance", "an inductance test", "plate held, voltage step")
+BACK_EMF = Way("back_emf", "a back-EMF test", "terminals open, plate let go")
+ALONE = Way("viscous", "a motor-alone test", "gear apart, voltage steps to several speeds")
+FALL = Way("inertia", "a free fall of the plate", "terminals open, plate let go from open")
+RAMP = Way("static_load", "a slow voltage ramp", "up and down over the whole travel")
+
+_INERTIAS, _DAMPINGS = frozenset({"J_m", "J_L"}), frozenset({"B_m", "B_L"})
+
+RULES: tuple[Rule, ...] = (
+    Rule("share one scale, for nobody logged what the ECU put out and none of its gains is known",
+         Cure(besides="a logged voltage or current, one known gain ([ecu] in rig.toml), or tests that measure the "
+                      "plate", verb="fixes it"),
+         every=frozenset({"K_p"}), some=frozenset({"K_p", "K_i", "K_d", "V_e"}) | MECHANICAL, some_count=2),
+    Rule("share one scale, for nothing measures a torque",
+         Cure(besides="only K_m = K_b, a torque sensor, or one known torque or inertia", verb="fixes it"),
+         every=frozenset({"K_m"}), some_count=2),
+    Rule("share one scale, for without a current only torque per volt is seen",
+         Cure(besides="log the current, or fix R_a and K_b in rig.toml", verb=""),
+         every=frozenset({"R_a"}), some_count=2),
+    Rule("share one scale, for only ratios of torques are seen",
+         Cure(besides="a logged torque or current, or one known torque or inertia,", verb="fixes it"), some_count=4),
+    Rule("are seen only as N^2 J_m + J_L", Cure((ALONE,)), every=_INERTIAS, within=_INERTIAS),
+    Rule("are seen only as N^2 B_m + B_L", Cure((ALONE,)), every=_DAMPINGS, within=_DAMPINGS),
+    Rule("are seen only as N^2 J_m + J_L and N^2 B_m + B_L", Cure((ALONE,)),
+         some_count=3, within=_INERTIAS | _DAMPINGS),
+    Rule("brake alike, for without a current back-EMF looks like viscous friction",
+         Cure((BACK_EMF,), besides="a logged current"), every=frozenset({"K_b"}), some=_DAMPINGS, some_count=1),
+    Rule("look alike over the small angle that the plate moves", Cure((RAMP,)),
+         every=frozenset({"K_s", "T_PL"}), within=frozenset({"K_s", "T_PL"})),
+    Rule("look alike, for the plate hardly moves, or one way only", Cure((RAMP,)),
+         every=frozenset({"T_PL", "T_f"}), within=frozenset({"K_s", "T_PL", "T_f"})),
+    Rule("look alike, for the plate moves at one speed only", Cure(besides="slow and fast motion"),
+         every=frozenset({"T_f"}), some=_DAMPINGS, some_count=1, within=_DAMPINGS | {"T_f"}),
+    Rule("are seen only as the ratio L_a/R_a", Cure((RESISTANCE,), verb="fixes R_a"),
+         every=ELECTRICAL, within=ELECTRICAL),
+)  # fmt: skip
+
+
+def _tells(symbol: str, *tests: Way, besides: str = "") -> tuple[str, Cure]:
+    return symbol, Cure(tests, besides, f"tells {symbol}")
+
+
+# the measurement that tells one parameter on its own
+TOLD_BY: dict[str, Cure] = dict(
+    (
+        _tells("R_a", RESISTANCE),
+        _tells("L_a", INDUCTANCE, besides="sampling faster than L_a/R_a, about 1 ms,"),
+        _tells("K_b", BACK_EMF),
+        _tells("K_m", besides="the tie K_m = K_b, or a torque sensor,"),
+        _tells("J_m", ALONE),
+        _tells("B_m", ALONE),
+        _tells("J_L", FALL, ALONE),
+        _tells("B_L", FALL, ALONE),
+        _tells("K_s", RAMP),
+        _tells("T_PL", RAMP),
+        _tells("T_f", RAMP),
+    )
+)
+
+# the gain of the ECU that multiplies what motion
+EXCITED_BY: dict[str, str] = {
+    "K_p": "any motion of the setpoint",
+    "K_i": "an error that lasts",
+    "K_d": "a quick change of the setpoint",
+    "V_e": "a setpoint that drives the ECU to its limit",
+}
+
+
+def sentences(directions: Iterable[Direction], traces: Iterable[Trace]) -> tuple[str, ...]:
+    """Each null or weak direction in words, with a cure that these traces are not yet."""
+    made = frozenset(trace.test.name for trace in traces)
+    return tuple(sentence(direction, made) for direction in directions)
+
+
+def sentence(direction: Direction, made: Collection[str] = ()) -> str:
+    """A null or weak direction in words, with its cure.
+
+    Args:
+        made: rig tests of which traces were fitted.
+    """
+    says, cure = _verdict(direction.symbols, made)
+    apart = "" if direction.null else f" (known to {100.0 * direction.sd:.0f} % only)"
+    return f"{listed(direction.symbols)} {says}{apart}: {cure}."
+
+
+def _verdict(symbols: tuple[str, ...], made: Collection[str]) -> tuple[str, str]:
+    if len(symbols) == 1:
+        return "is hardly seen in these data", _told(symbols[0], made)
+    if series := [s.removeprefix(SERIES) for s in symbols if s.startswith(SERIES)]:
+        keys = listed(f"tests.{test}.series_ohm" for test in series)
+        return "are resistances in one circuit, seen only as a sum", (
+            f"a resistance test without a series resistance of its own, or a number for {keys}, separates them"
+        )
+    rule = next((rule for rule in RULES if rule.fits(frozenset(symbols))), None)
+    if rule is None:
+        return "are seen only in one combination", _told(symbols[0], made)
+    return rule.says, rule.cure.words(made)
+
+
+def _told(symbol: str, made: Collection[str]) -> str:
+    if symbol in TOLD_BY:
+        return TOLD_BY[symbol].words(made)
+    if symbol in EXCITED_BY:
+        return f"{EXCITED_BY[symbol]} beside tests that log a voltage, or a number in [ecu], tells {symbol}"
+    written = toml_string(symbol) if "." in symbol else symbol  # as rig.toml has it
+    return f"fix {written} in rig.toml if it is known, or log what depends on it"
+
+
+def listed(words: Iterable[str]) -> str:
+    """a, b and c."""
+    *most, last = words
+    return f"{', '.join(most)} and {last}" if most else last

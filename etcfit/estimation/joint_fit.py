@@ -17,19 +17,15 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings, read_graphs
-from .accuracy import with_accuracy
-from .approach import approach, with_lag_of
-from .edges_in_step import with_edges_in_step
-from .edges_on_samples import with_edges_on_samples
-from .free_run import fitted_free_running
-from .levenberg_marquardt import descend
-from .neighbouring_optima import likeliest_nearby
-from .nested import Model, comes_near, growing, no_higher_than_smaller
+from .edges import with_edges_in_step, with_edges_on_samples
+from .free_run import Model, comes_near, fitted_free_running, growing, no_higher_than_smaller
+from .intervals import with_accuracy
+from .levenberg_marquardt import approach, descend, with_lag_of
 from .ready import ready, start_values
 from .result import FitResult as FitResult
 from .result import Optimum, outcome
 from .result import StartSummary as StartSummary
-from .rounds import Reached, rounds, whitened
+from .rounds import Reached, likeliest_nearby, rounds, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
 from .settings import FitSettings
@@ -297,8 +293,6 @@ def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData)
     """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there.
 
     Args:
-        problem: the data.
-        x: coordinates, shape (P,).
         weighted: of the problem, instants forgiven.
     """
     there = problem.with_integrator_states(x)

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from ..problem import weights
 from ..problem.free_parameters import Layout
 from ..problem.normal_equations import NormalEquations, normal_equations
 from ..problem.problem import EstimationProblem
@@ -36,7 +37,6 @@ def least_squares(
         chi2: the sum of squares alone, cheaper.
         y0: where to start, shape (P,).
         tolerance: relative change of the sum, and absolute one of y, that ends it.
-        steps: at most.
     Returns:
         where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
     """
@@ -95,10 +95,8 @@ def minimise(
     """Minimise chi2 from x.
 
     Args:
-        problem, weighted: the residual.
         x: coordinates, shape (P,). Where residual or Jacobian are not finite there, nothing is done.
         tolerance: relative change of chi2, and absolute one of the stretched coordinates, that ends the descent.
-        steps: at most.
     Returns:
         coordinates of the end, shape (P,), and the number of steps; x itself and 0 where nothing was done.
     """
@@ -187,3 +185,51 @@ def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> 
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
     return Local(unit, unit * covariance, -float(gradient @ step) / unit, step)
+
+
+# ---- The way to an optimum from far off: instants are forgiven at first, and what stood in for them is put back
+
+
+def approach(
+    problem: EstimationProblem,
+    x: np.ndarray,
+    tolerance: float,
+    settings: FitSettings = FitSettings(),
+    hopeless: float = np.inf,
+) -> tuple[np.ndarray, int]:
+    """Descend with all sampling instants forgiven coarsely, then ever finer.
+
+    Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
+    that no small step of a parameter changes.
+
+    Args:
+        tolerance: relative change of chi2 that ends each descent.
+        hopeless: chi2 from which on a descent is the last: what is forgiven less only adds to it.
+    Returns:
+        coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.
+    """
+    steps = 0
+    for late in settings.late:
+        problem = problem.with_integrator_states(x)
+        weighted = problem.weighted(weights.forgiving(problem, late))
+        x, more = descend(problem, x, weighted, tolerance, settings.steps)
+        steps += more
+        if np.isfinite(hopeless) and problem.chi2(x, weighted) > hopeless:
+            break
+    return x, steps
+
+
+def with_lag_of(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
+    """Coordinates x, shape (P,), with the L_a/R_a of the start where an ECU in the model saw jumps of its setpoint.
+
+    As long as nobody has placed these jumps the circuit's lag stands in for what their instants are off by; from a lag
+    of zero it would not come back, for there its gradient vanishes.
+    """
+    layout, held = problem.layout, problem.free_parameters.held
+    if "L_a" not in layout.free or not problem.sees_jumps:
+        return x
+    first, now = layout.values(start, held), layout.values(x, held)
+    at = layout.free.index("L_a")
+    out = x.copy()
+    out[at] = layout.parameter("L_a").domain.coordinate(float(first["L_a"] / first["R_a"] * now["R_a"]))
+    return out

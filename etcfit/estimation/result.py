@@ -1,4 +1,4 @@
-"""What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings."""
+"""The uncertainty budget: which source makes which share of an interval."""
 
 from __future__ import annotations
 
@@ -16,20 +16,38 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings
-from .agreement import agreement
-from .autocorrelation import inflation, widen
-from .budget import Budget
-from .compromise import Z_95, Compromise
+from .agreement import Z_95, Compromise, Influence, agreement
 from .contradiction import Contradiction
-from .fit_state import FitState
-from .fitted_model import Fitted
-from .goodness import Goodness, goodness_of, warnings_of
+from .explained import drives_of_another_session
+from .fitted_model import FitState, Fitted
+from .goodness import Goodness, goodness_of, inflation, warnings_of, widen
 from .identifiability import Identifiability, analyse
-from .influence import Influence
-from .other_session import drives_of_another_session
-from .pieces import Piece, information_in, pieces_at
-from .pieces import whitened as whitened_of
 from .settings import FitSettings
+from .statement import Piece, information_in, pieces_at
+from .statement import whitened as whitened_of
+
+
+@dataclass(frozen=True, eq=False)
+class Budget:
+    """Where the uncertainty of the parameters comes from.
+
+    Args:
+        sources: what is uncertain, in words: "scale of current", "zero of position", "gear ratio".
+        moves: by how much one standard deviation of each moves the coordinates, shape (S, P).
+        statistical: covariance of the coordinates without them, shape (P, P).
+    """
+
+    sources: tuple[str, ...]
+    moves: np.ndarray
+    statistical: np.ndarray
+
+    def shares(self) -> np.ndarray:
+        """Share of each parameter's variance that each source makes, the statistical one last, shape (S + 1, P)."""
+        parts = np.vstack((self.moves**2, np.maximum(np.diag(self.statistical), 0.0)))
+        return parts / np.maximum(parts.sum(axis=0), 1e-300)
+
+
+# ---- What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings
 
 
 class Reason(StrEnum):

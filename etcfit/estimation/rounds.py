@@ -7,15 +7,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ..problem import weights
+from ..problem.chi2 import chi2_of
+from ..problem.cores import concurrently
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .global_search import settle
-from .levenberg_marquardt import descend, local, minimise
+from .levenberg_marquardt import approach, descend, local, minimise, with_lag_of
 from .result import Reason, Termination
-from .settings import FitSettings
+from .settings import FitSettings, GlobalSearchSettings
 
 Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 
@@ -68,12 +70,8 @@ def rounds(
     """Renew the whitening filter, the releases and the outliers at each optimum until nothing moves any more.
 
     Args:
-        problem: the traces.
-        x: coordinates near an optimum, shape (P,).
-        report: progress.
         still: what counts as not moving, standard errors.
         most: rounds.
-        settings: thresholds of the verdict, tolerance and budget of each descent.
     """
     moved, outliers, about = np.inf, 0, x
     k = 0
@@ -105,7 +103,6 @@ def after_rounds(moved: float, gain: float, outliers: int = 0, settings: FitSett
     Args:
         moved: by how much the last round moved the parameter that it moved most, standard errors.
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
-        outliers: samples weighed down.
         settings: `wandering` and `alternating`, the limits of `moved`.
     """
     if not np.isfinite(gain):
@@ -127,8 +124,6 @@ def after_search(gain: float, outliers: int = 0, settings: FitSettings = FitSett
 
     Args:
         gain: chi2 that the last points drawn still gained, in units of chi2 per degree of freedom.
-        outliers: samples weighed down.
-        settings: `rough`, the limit of `gain`.
     """
     if gain > settings.rough:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
@@ -144,3 +139,212 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
     report("the gradient does not vanish: searching without it", 0.9)
     x, gain = settle(problem, x, weighted, here.covariance, here.unit, settings.search)
     return Reached(problem, weighted, x, after_search(gain, end.outliers, settings))
+
+
+# ---- A search that needs no gradient, for where the residual is too rough for one
+#
+# A model that lacks an effect sticks, slips and hits its stops at other samples than the plate did; its chi2 is then
+# full of small steps on which Levenberg-Marquardt stops. Points drawn about where it stopped find a lower chi2, or show
+# that there is none nearby.
+
+Cost = Callable[[np.ndarray], np.ndarray]  # what is minimised, of K points at once, shape (K, P) -> (K,)
+
+
+def evolve(
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    spread: np.ndarray,
+    settings: GlobalSearchSettings = GlobalSearchSettings(),
+) -> np.ndarray:
+    """`evolve_population` on the chi2 of a problem; coordinates of the best point, shape (P,)."""
+    return evolve_population(lambda points: chi2_of(problem, points, weighted), x, spread, settings)
+
+
+def evolve_population(
+    cost: Cost, x: np.ndarray, spread: np.ndarray, settings: GlobalSearchSettings = GlobalSearchSettings()
+) -> np.ndarray:
+    """The best point of a population that begins about x and evolves by differential evolution.
+
+        trial = u + F (best - u) + F (a - b),  or  c + F (a - b),    F ~ U(0.4, 0.9), nine tenths of its coordinates
+
+    A trial takes the place of u where its cost is lower. Source: Storn and Price 1997, strategies current-to-best/1 and
+    rand/1. Differs from source: each trial takes either strategy by chance, and F is drawn anew.
+
+    Args:
+        cost: what is minimised, positive.
+        x: coordinates, shape (P,); one of the population, so the end is never worse.
+        spread: standard deviations of the first population, coordinates, shape (P,).
+    Returns:
+        coordinates, shape (P,).
+    """
+    rng = np.random.default_rng(settings.population_seed)
+    size = settings.points
+    crowd = x + spread * rng.standard_normal((size, x.size))
+    crowd[0] = x
+    price = cost(crowd)
+    history = [float(price.min())]
+    for epoch in range(settings.epochs):
+        if epoch >= settings.patience and history[-1] > (1.0 - settings.least_gain) * history[-settings.patience]:
+            break
+        a, b, c = (crowd[rng.permutation(size)] for _ in range(3))
+        step = rng.uniform(0.4, 0.9, (size, 1))
+        greedy = crowd + step * (crowd[np.argmin(price)] - crowd) + step * (a - b)
+        young = np.where(rng.uniform(size=(size, 1)) < 0.5, greedy, c + step * (a - b))
+        young = np.where(rng.uniform(size=young.shape) < 0.9, young, crowd)
+        asked = cost(young)
+        better = asked < price
+        crowd[better], price[better] = young[better], asked[better]
+        history.append(float(price.min()))
+    return crowd[int(np.argmin(price))]
+
+
+def settle(
+    problem: EstimationProblem,
+    x: np.ndarray,
+    weighted: WeightedData,
+    covariance: np.ndarray,
+    unit: float,
+    settings: GlobalSearchSettings = GlobalSearchSettings(),
+) -> tuple[np.ndarray, float]:
+    """`search_about` on the chi2 of a problem."""
+    return search_about(lambda points: chi2_of(problem, points, weighted), x, covariance, unit, settings)
+
+
+def search_about(
+    cost: Cost,
+    x: np.ndarray,
+    covariance: np.ndarray,
+    unit: float,
+    settings: GlobalSearchSettings = GlobalSearchSettings(),
+) -> tuple[np.ndarray, float]:
+    """Move to the best of the points drawn about x, again and again, until none is worth it.
+
+    The points are normal with the given covariance times the squares of `settings.radii`.
+
+    Args:
+        cost: what is minimised.
+        covariance: of the coordinates, in which the points are drawn, shape (P, P).
+        unit: of the cost in which a gain counts; chi2 per degree of freedom, say.
+    Returns:
+        coordinates of the end, shape (P,), and the last gain in those units: what a further move might still bring.
+    """
+    rng = np.random.default_rng(settings.draws_seed)
+    spread, axes = np.linalg.eigh(covariance)
+    root = axes * np.sqrt(np.maximum(spread, 0.0))
+    size = settings.points
+    radius = np.repeat(settings.radii, size // len(settings.radii))[:, None]
+    here = float(cost(np.tile(x, (size, 1)))[0])  # as many points as below: what is compiled serves again
+    gain = 0.0
+    for _ in range(settings.draws):
+        points = x + radius * rng.standard_normal((size, x.size)) @ root.T
+        price = cost(points)
+        best = int(np.argmin(price))
+        gain = max(0.0, here - float(price[best])) / unit
+        if gain < settings.worth:
+            break
+        x, here = points[best], float(price[best])
+    return x, gain
+
+
+# ---- Optima beside the one that was found, and which of them is meant
+#
+# Under an ECU a plate that sticks at one tick or the next, turns a little earlier or holds where it slipped makes other
+# valleys of the sum of squares, a few percent of a parameter apart and as deep as the data's noise allows. The fit is
+# begun again from points about its end, with all instants forgiven at first; about a likelier end once more; and where
+# it ended in a valley that does not explain the data, from points about its start. Of all ends that one is kept which
+# makes the data likeliest, by
+#
+#     -2 log L = sum_k (r_k^2 + log S_k) + r_prior^2
+#
+# for chi2 alone compares no two filters: one that expects large errors finds every error small. How far the others lie
+# away, each weighed by its likelihood, belongs to the parameters' covariance:
+#
+#     C + sum_k w_k d_k d_k^T,    w_k = L_k / sum_j L_j
+#
+# Source: Wales and Doye 1997, Global optimization by basin-hopping; Kass and Raftery 1995, Bayes factors, sec. 4 (a
+# mixture of modes). Differs from source: points are drawn about the likeliest end only, several at a time; modes are
+# taken to be equally wide, for a mode's width is what its rough surroundings tell worst.
+
+
+class _End(NamedTuple):
+    """Where the fit ended, and -2 log L there."""
+
+    reached: Reached
+    deviance: float
+
+
+def deviance(reached: Reached) -> float:
+    """-2 log L of the data at an end, up to a constant; infinite where the model cannot be computed there."""
+    problem, weighted, x, _ = reached
+    seen = np.asarray(weighted.slots.weight) > 0.0
+    precision = np.asarray(weighted.whitening.weight)[seen]
+    found = float(chi2_of(problem, x[None], weighted)[0] - 2.0 * np.sum(np.log(precision)))
+    return found if np.isfinite(found) else np.inf
+
+
+def likeliest_nearby(
+    reached: Reached, start: Float[np.ndarray, " P"], report: Report, settings: FitSettings = FitSettings()
+) -> Reached:
+    """The likeliest of an end and of those nearby, with the others beside it in `Termination.wander`.
+
+    Args:
+        reached: end of the rounds.
+        start: coordinates with which the fit began.
+    """
+    best = _End(reached, deviance(reached))
+    if not settings.neighbours or not np.isfinite(best.deviance):
+        return reached
+    rng = np.random.default_rng(settings.seed)
+    ends = [best]
+    for k in range(settings.searches):
+        report(f"looking for likelier optima nearby, {k + 1} of at most {settings.searches}", 0.9)
+        ends += _ends_from(_points(best, start, rng, settings), best, start, settings)
+        before, best = best.deviance, min(ends, key=lambda end: end.deviance)
+        if before - best.deviance < settings.likelier and best.reached.misfit < settings.explained:
+            break
+    return _beside(finished(best.reached, quiet, settings), ends)
+
+
+def _points(best: _End, start: np.ndarray, rng: np.random.Generator, settings: FitSettings) -> list[np.ndarray]:
+    """Points about an end that explains the data; where it does not, about the start."""
+    layout, explained = best.reached.problem.layout, best.reached.misfit < settings.explained
+    about, spreads = (best.reached.x, settings.neighbourhood) if explained else (start, (settings.spread,))
+    far = [spreads[k % len(spreads)] for k in range(settings.neighbours)]
+    return [layout.off_bounds(about + each * layout.reach(about) * rng.standard_normal(about.size)) for each in far]
+
+
+def _ends_from(points: list[np.ndarray], best: _End, start: np.ndarray, settings: FitSettings) -> list[_End]:
+    """Where the fit leads from some points; from some only in a few rounds, which come nowhere near the likeliest."""
+    problem = best.reached.problem
+
+    def first(point: np.ndarray) -> _End:
+        point, _ = approach(problem, point, settings.rough_tolerance, settings)
+        point = with_lag_of(start, problem, point)
+        return _whitened(problem.with_instants(point), point, settings.first_rounds, settings)
+
+    found = concurrently(first, points)
+    least = min(end.deviance for end in (best, *found)) + settings.hopeful
+    return concurrently(lambda end: _further(end, settings) if end.deviance < least else end, found)
+
+
+def _further(end: _End, settings: FitSettings) -> _End:
+    """The rest of the rounds; the end itself where they lead to none that is likelier."""
+    later = _whitened(end.reached.problem, end.reached.x, max(1, settings.rounds - settings.first_rounds), settings)
+    return min(end, later, key=lambda end: end.deviance)
+
+
+def _whitened(problem: EstimationProblem, x: np.ndarray, most: int, settings: FitSettings) -> _End:
+    reached = rounds(problem, x, quiet, settings.nearly_settled, most, settings)
+    return _End(reached, deviance(reached))
+
+
+def _beside(best: Reached, ends: list[_End]) -> Reached:
+    """The best end with how far the others lie away from it, each by the root of its weight."""
+    every = np.array([end.deviance for end in ends])
+    weight = np.exp(0.5 * (every.min() - every))
+    weight /= weight.sum()
+    kept = weight > 0.0
+    away = np.sqrt(weight[kept])[:, None] * np.array([end.reached.x - best.x for end in ends])[kept]
+    own = best.end.wander if best.end.wander is not None else np.zeros((1, best.x.size))
+    return best._replace(end=replace(best.end, wander=np.concatenate((own, away))))

@@ -12,10 +12,9 @@ import numpy as np
 
 from ..car_log.study import Study, study_traces
 from ..errors import MeasurementError
-from ..estimation.identifiability import Identifiability, analyse
+from ..estimation.identifiability import Identifiability, analyse, listed, sentences
 from ..estimation.levenberg_marquardt import information_of
 from ..estimation.ready import ready, start_values
-from ..estimation.remedies import listed, sentences
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..rig.comments import c_comment, in_c, one_line
+from ..rig.user_text import c_comment, in_c, one_line
 
 
 def rendered(template: str, **parts: Any) -> str:

@@ -1,4 +1,4 @@
-"""One unit of a fleet, fitted: from its folder to what it leaves behind.
+"""The units of a fleet, fitted: a few from their own readings, all others from where those lie; and what each leaves.
 
     chi2(theta) ~ chi2(theta_0) + 2 g^T (theta - theta_0) + (theta - theta_0)^T F (theta - theta_0)
     estimate = theta_0 - F^+ g,    information = F
@@ -6,7 +6,7 @@
 theta: the free parameters, SI; F = J^T J and g = J^T r of the whitened residual at the optimum, J beside it where it
 lies on a bound. The user's priors are not in it: one that all units share would be counted as often as there are units.
 Nor is what the fit widens its intervals by: of a handful of traces nobody can tell whether they disagree; of the traces
-of many units one can, see `statistics.robust`.
+of many units one can, see `statistics.stack.robust`.
 
 Motor and plate turn together: a rig mostly tells N^2 J_m + J_L and N^2 B_m + B_L, and of each sum's parts nothing. The
 sums take the place of the motor's part, so that what is told has a symbol of its own.
@@ -15,23 +15,142 @@ sums take the place of the motor's part, so that what is told has a symbol of it
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from ..estimation.fleet_model import SUMS
-from ..estimation.intervals import LUMPS, Interval, intervals, lumped
+from ..errors import MeasurementError
+from ..estimation.fitted_model import SUMS
+from ..estimation.intervals import LUMPS, intervals, lumped
 from ..estimation.joint_fit import fit
 from ..estimation.levenberg_marquardt import believed
 from ..estimation.result import FitResult
 from ..estimation.settings import FitSettings
 from ..problem.free_parameters import SERIES, Layout
 from ..rig.base import Rig
-from .unit import TraceMisfit, UnitEstimate, UnitParameter, UnitResult
+from ..rig.reader import digests_of
+from ..rig.toml import Toml
+from .config import FleetConfig
+from .engine.cluster import Crew
+from .engine.run import run_units
+from .engine.settings import EngineSettings
+from .engine.store import Store
+from .engine.work import AbstractWork, digest_of
+from .folder import address_of, local_copy
+from .unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
-_OPEN = 1.0  # standard deviation over reach from which on a direction is taken as not told: no quadratic holds so far
+PILOTS = 6  # units fitted before it is known where the fleet lies
+SOUND = 2.0  # chi2 per degree of freedom up to which a pilot's parameters are a start for others
+OPEN = 1.0  # standard deviation over reach from which on a direction is taken as not told: no quadratic holds so far
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What is known of a fleet's units.
+
+    Args:
+        fitted, failed: in the order of the fleet.
+        work: how they were fitted.
+        remark: what of the results that were stored could not be used, or "".
+    """
+
+    fitted: tuple[UnitResult, ...]
+    failed: tuple[FailedUnit, ...]
+    work: FitWork
+    remark: str = ""
+
+
+def fit_all(
+    config: FleetConfig,
+    crew: Crew,
+    parts: Path,
+    report: Callable[[str, float], None],
+    settings: EngineSettings = EngineSettings(),
+) -> Results:
+    """Fit every unit whose stored result no longer holds.
+
+    Args:
+        config: of the fleet.
+        crew: the workers.
+        parts: folder of the store; made where it is not there.
+        report: progress.
+        settings: of the engine.
+    Raises:
+        MeasurementError: not one unit could be fitted.
+    """
+    units, work = config.units, FitWork(config.location, config.common)
+    # evenly over the order: the first ones of a day may have more in common than with the rest
+    places = np.unique(np.linspace(0, len(units) - 1, min(PILOTS, len(units))).round().astype(int))
+    pilots = [units[k] for k in places.tolist()]
+    with Store(parts) as store:
+        run_units(pilots, work, crew, store, report, settings)
+        work = replace(work, about=_middle(store, pilots))
+        run_units([unit for unit in units if unit not in pilots], work, crew, store, report, settings)
+        ends = {end.unit: end for end in store.ends(units)}
+    known = [ends[unit] for unit in units if unit in ends]
+    fitted = tuple(end for end in known if isinstance(end, UnitResult))
+    failed = tuple(end for end in known if isinstance(end, FailedUnit))
+    if not fitted:
+        raise MeasurementError(config.location, f"none of {len(units)} units could be fitted.",
+                               "At least one must be.", f"The first says: {failed[0].why}")  # fmt: skip
+    return Results(fitted, failed, work, store.remark)
+
+
+def _middle(store: Store, units: Sequence[str]) -> dict[str, float] | None:
+    """Median of each parameter over these units, SI; None where none of them is sound."""
+    found = [end for end in store.ends(units) if isinstance(end, UnitResult)]
+    sound = [end for end in found if end.converged and end.chi2_per_dof < SOUND]
+    symbols = {symbol for end in sound for symbol in end.parameters}
+    return {
+        symbol: float(np.median([end.parameters[symbol].value for end in sound if symbol in end.parameters]))
+        for symbol in sorted(symbols)
+    } or None
+
+
+@dataclass(frozen=True)
+class FitWork(AbstractWork):
+    """The work of a fleet: read a unit where it lies, lay its rig.toml over what is common, fit it.
+
+    Args:
+        location: of the fleet, as every worker sees it.
+        common: what their rigs have in common.
+        about: where the fleet's units lie, SI by symbol, to start from; None where nobody knows yet. It is not in the
+            digest: where a fit starts is no part of what it finds.
+        settings: of the fits.
+    """
+
+    location: str
+    common: Toml
+    about: Mapping[str, float] | None = None
+    settings: FitSettings = FitSettings()
+
+    def prepare(self) -> None:
+        """The folder of compiled programs."""
+        from ..backend import use_compilation_cache
+
+        use_compilation_cache()
+
+    def digest(self, unit: str) -> str:
+        """Of the unit's files, what is common, and the settings."""
+        with local_copy(self.location, unit) as folder:
+            return digest_of(digests_of(folder), common=self.common.tables, settings=self.settings)
+
+    def fit(self, unit: str) -> UnitResult:
+        """What the unit's fit leaves behind."""
+        with local_copy(self.location, unit) as folder:
+            left = self.fitted(folder, unit).left
+            here, there = str(folder), address_of(self.location, unit)
+            return replace(left, warnings=tuple(each.replace(here, there) for each in left.warnings))
+
+    def fitted(self, folder: Path, unit: str) -> Fitted:
+        """The unit in this folder, read and fitted, with all its traces."""
+        from ..rig.reader import read_folder
+
+        return fit_unit(read_folder(folder, self.common), unit, self.about, self.settings)
 
 
 class Fitted(NamedTuple):
@@ -61,19 +180,18 @@ def fit_unit(
     """
     began = time.perf_counter()
     result = fit(rig, settings=settings, about=about)
-    return Fitted(result, left_behind(result, unit, time.perf_counter() - began))
-
-
-def left_behind(result: FitResult, unit: str, seconds: float) -> UnitResult:
-    """What a fit that took so many seconds leaves behind."""
-    declared = {p.symbol: p.unit for p in result.free_parameters.layout.parameters}
-    sums = {symbol: interval for symbol, interval in lumped(result).items() if symbol in _sums_of(result)}
-    every = {symbol: (interval, declared.get(symbol, "1")) for symbol, interval in intervals(result).items()}
-    every |= {symbol: (interval, LUMPS[symbol].unit) for symbol, interval in sums.items()}
-    own = own_estimate(result, unit)
-    return UnitResult(
-        own=own.estimate,
-        parameters={symbol: _parameter(*known) for symbol, known in every.items()},
+    own, widening = own_estimate(result, unit)
+    layout = result.free_parameters.layout
+    declared = {p.symbol: p.unit for p in layout.parameters}
+    known = {symbol: (interval, declared.get(symbol, "1")) for symbol, interval in intervals(result).items()}
+    sums = {whole for motor, (whole, plate) in SUMS.items() if motor in layout.free and plate in layout.free}
+    known |= {symbol: (each, LUMPS[symbol].unit) for symbol, each in lumped(result).items() if symbol in sums}
+    left = UnitResult(
+        own=own,
+        parameters={
+            symbol: UnitParameter(each.value, unit_of_measure, each.stderr, each.low, each.high, each.status)
+            for symbol, (each, unit_of_measure) in known.items()
+        },
         traces=tuple(
             TraceMisfit(trace.measurement.file, trace.measurement.test, float(np.sqrt(np.nanmean(r**2))))
             for trace, r in zip(result.problem.batch.traces, result.whitened, strict=True)
@@ -83,58 +201,39 @@ def left_behind(result: FitResult, unit: str, seconds: float) -> UnitResult:
         reason=result.reason,
         synthetic=result.rig.config.synthetic,
         digest="",  # the engine knows it
-        seconds=seconds,
+        seconds=time.perf_counter() - began,
         warnings=tuple(result.warnings),
-        widening=own.widening,
+        widening=widening,
     )
+    return Fitted(result, left)
 
 
-def _parameter(interval: Interval, unit: str) -> UnitParameter:
-    return UnitParameter(interval.value, unit, interval.stderr, interval.low, interval.high, interval.status)
-
-
-def _sums_of(result: FitResult) -> tuple[str, ...]:
-    free = result.free_parameters.layout.free
-    return tuple(whole for motor, (whole, plate) in SUMS.items() if motor in free and plate in free)
-
-
-class Own(NamedTuple):
-    """What a unit's own data tell.
-
-    Args:
-        estimate: as a quadratic.
-        widening: by symbol, how many times wider the standard error is that the fit states.
-    """
-
-    estimate: UnitEstimate
-    widening: dict[str, float]
-
-
-def own_estimate(result: FitResult, unit: str) -> Own:
-    """The unit's data as a quadratic in its free parameters, see the head of this file."""
+def own_estimate(result: FitResult, unit: str) -> tuple[UnitEstimate, dict[str, float]]:
+    """The unit's data as a quadratic in its free parameters, see the head of this file; and, by symbol, how many times
+    wider the standard error is that the fit states."""
     layout = result.free_parameters.layout
-    into = _with_sums(layout, result.rig.config.gear_ratio)
-    x = _off_bounds(result, into)
+    every, to_sums = _with_sums(layout, result.rig.config.gear_ratio)
+    x = _off_bounds(result, every, to_sums)
     here = result.problem.linearise(result.x, result.weighted)
     there = here if np.array_equal(x, result.x) else result.problem.linearise(x, result.weighted)
     value, slope = layout.numbers(result.x)[0], layout.numbers(x)[1]
-    size = np.abs(into.forth) @ (slope * layout.reach(x))  # by how much each changes where coordinates go their reach
-    forth = into.forth * slope / size[:, None]  # from coordinates to parameters over their size
+    size = np.abs(to_sums) @ (slope * layout.reach(x))  # by how much each changes where coordinates go their reach
+    forth = to_sums * slope / size[:, None]  # from coordinates to parameters over their size
     jacobian = there.jacobian.reshape(-1, x.size) @ np.linalg.inv(forth)
     told, ways = np.linalg.eigh(jacobian.T @ jacobian)
-    told = np.where(told > _OPEN**-2, told, 0.0)
+    told = np.where(told > OPEN**-2, told, 0.0)
     information = (ways * told) @ ways.T
     step = np.linalg.pinv(information, rcond=1e-12, hermitian=True) @ (jacobian.T @ here.r.ravel())
-    estimate = into.forth @ value - size * step
-    told_alone = np.diag(information) > _OPEN**-2
-    kept = [k for k, symbol in enumerate(into.symbols) if told_alone[k] and not symbol.startswith(SERIES)]
+    estimate = to_sums @ value - size * step
+    told_alone = np.diag(information) > OPEN**-2
+    kept = [k for k, symbol in enumerate(every) if told_alone[k] and not symbol.startswith(SERIES)]
     own = _marginal(information, kept) / np.outer(size[kept], size[kept])
-    wider = _widened(result, here.jacobian.reshape(-1, x.size), into.forth)[kept]
-    symbols = tuple(into.symbols[k] for k in kept)
-    return Own(UnitEstimate(unit, symbols, estimate[kept], own), dict(zip(symbols, wider.tolist(), strict=True)))
+    wider = _widened(result, here.jacobian.reshape(-1, x.size), to_sums)[kept]
+    symbols = tuple(every[k] for k in kept)
+    return UnitEstimate(unit, symbols, estimate[kept], own), dict(zip(symbols, wider.tolist(), strict=True))
 
 
-def _off_bounds(result: FitResult, into: _Sums) -> Float[np.ndarray, " P"]:
+def _off_bounds(result: FitResult, every: list[str], to_sums: np.ndarray) -> Float[np.ndarray, " P"]:
     """Coordinates at which a change of each changes the model, as near the optimum as may be, shape (P,).
 
     A part that is moved off its bound takes from the other what it gets, so that their sum stays as it was found.
@@ -144,11 +243,11 @@ def _off_bounds(result: FitResult, into: _Sums) -> Float[np.ndarray, " P"]:
     if np.array_equal(x, result.x):
         return x
     before, after = layout.numbers(result.x)[0], layout.numbers(x)[0]
-    change = into.forth @ (after - before)
+    change = to_sums @ (after - before)
     values = dict(zip(layout.free, after.tolist(), strict=True))
     for motor, (whole, plate) in SUMS.items():
-        if whole in into.symbols:
-            k, squared = into.symbols.index(whole), result.rig.config.gear_ratio**2
+        if whole in every:
+            k, squared = every.index(whole), result.rig.config.gear_ratio**2
             at = layout.free.index(plate)
             if after[at] == before[at]:
                 values[plate] -= change[k]
@@ -158,42 +257,30 @@ def _off_bounds(result: FitResult, into: _Sums) -> Float[np.ndarray, " P"]:
     return np.where([s in kept for s in layout.free], layout.coordinates(values), x)
 
 
-def _widened(result: FitResult, jacobian: np.ndarray, forth: np.ndarray) -> Float[np.ndarray, " P"]:
-    """By how much the stated standard errors of the parameters are wider than the plain ones, at least 1, shape (P,).
-
-    Args:
-        result: the fit.
-        jacobian: at the optimum, in the coordinates, shape (n, P).
-        forth: from the values of the free parameters to the parameters, shape (P, P).
-    """
+def _widened(result: FitResult, jacobian: np.ndarray, to_sums: np.ndarray) -> Float[np.ndarray, " P"]:
+    """By how much the stated standard errors of the parameters are wider than the plain ones, at least 1, shape (P,);
+    the Jacobian is that of the coordinates, shape (n, P)."""
     layout, prior_sd = result.problem.layout, np.asarray(result.weighted.prior_sd)
     plain = np.linalg.inv(jacobian.T @ jacobian + believed(layout, result.x, prior_sd))
-    turn = forth * layout.numbers(result.x)[1]
+    turn = to_sums * layout.numbers(result.x)[1]
     stated, least = (np.einsum("ij,jk,ik->i", turn, c, turn) for c in (result.stated_covariance, plain))
     return np.sqrt(np.maximum(1.0, stated / np.maximum(least, 1e-300)))
 
 
-class _Sums(NamedTuple):
-    """A linear change of the free parameters, p_new = forth p_old; `back` is its inverse."""
-
-    symbols: tuple[str, ...]
-    forth: Float[np.ndarray, "P P"]
-    back: Float[np.ndarray, "P P"]
-
-
-def _with_sums(layout: Layout, gear_ratio: float) -> _Sums:
+def _with_sums(layout: Layout, gear_ratio: float) -> tuple[list[str], Float[np.ndarray, "P P"]]:
+    """Symbols with sums in place of motors' parts, and the matrix from the free parameters to them."""
     symbols, forth = list(layout.free), np.eye(len(layout.free))
     for motor, (whole, plate) in SUMS.items():
         if motor in layout.free and plate in layout.free:
-            at, beside = layout.free.index(motor), layout.free.index(plate)
+            at, other = layout.free.index(motor), layout.free.index(plate)
             symbols[at] = whole
-            forth[at, at], forth[at, beside] = gear_ratio**2, 1.0
-    return _Sums(tuple(symbols), forth, np.linalg.inv(forth))
+            forth[at, at], forth[at, other] = gear_ratio**2, 1.0
+    return symbols, forth
 
 
 def _marginal(information: Float[np.ndarray, "P P"], kept: list[int]) -> Float[np.ndarray, "Q Q"]:
     """Information on some parameters, over their sizes, when nothing is known of the others beyond the same data."""
     left = [k for k in range(len(information)) if k not in kept]
     told, ways = np.linalg.eigh(information[np.ix_(left, left)])
-    across = information[np.ix_(kept, left)] @ ways[:, told > _OPEN**-2]
-    return information[np.ix_(kept, kept)] - across / told[told > _OPEN**-2] @ across.T
+    across = information[np.ix_(kept, left)] @ ways[:, told > OPEN**-2]
+    return information[np.ix_(kept, kept)] - across / told[told > OPEN**-2] @ across.T

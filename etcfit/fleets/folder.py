@@ -10,7 +10,7 @@ from shlex import quote
 from typing import Any
 
 from ..errors import MeasurementError, UsageError, require_extra
-from ..rig.names import refuse_foreign_names
+from ..rig.user_text import refuse_foreign_names
 
 
 def is_url(location: str | Path) -> bool:

@@ -6,44 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
-from ..estimation.fleet_model import FleetModel, fleet_model, parted
+from ..estimation.fitted_model import FleetModel, fleet_model, parted
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
+from .fitting import Results
 from .line import FigureResult, measured
-from .line.predict import Prediction, predict
-from .results import Results
-from .statistics.capability import Capability, Line, Spec, capability
-from .statistics.charts import Chart, chart
-from .statistics.drift import Drift, drifts
-from .statistics.effects import EffectInFleet, effects_in
-from .statistics.gauge import Gauge, Labels, gauge
-from .statistics.odd import OddUnit, odd_units
-from .statistics.population import Population, population
-from .statistics.robust import robust
-from .statistics.scaled import scaled
+from .prediction import Prediction, predict
+from .statistics.capability import Capability, Line, capability
+from .statistics.charts import Chart, Drift, chart, drifts
+from .statistics.gauge import Gauge, gauge
+from .statistics.odd import EffectInFleet, OddUnit, effects_in, odd_units
+from .statistics.population import LEAST_SHARE, ROUNDS, Population, Shrunk, population, shrink
 from .statistics.settings import FleetSettings
-from .statistics.shrunk import Shrunk, shrink
-from .statistics.stack import Stack, stacked
+from .statistics.stack import MOST_WIDENED, MOST_WIDENED_TO_SHRINK, Stack, robust, scaled, stacked
 from .unit import FailedUnit, UnitResult
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """A chart, of the units whose own data tell the symbol.
-
-    Args:
-        units: in the order of the fleet.
-        value, stderr: their own, SI, shape (N,).
-        chart: of them.
-    """
-
-    units: tuple[str, ...]
-    value: Float[np.ndarray, " N"]
-    stderr: Float[np.ndarray, " N"]
-    chart: Chart
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +34,8 @@ class FleetStudy:
         population, shrunk: the design, and each unit given the design.
         odd: units unlike the others, most odd first.
         effects: those that the common model names, unit by unit.
-        series: control charts by symbol.
-        drifts: changes in the order of the fleet; `since` counts within the symbol's series.
+        charts: by symbol, of the units whose own data tell it.
+        drifts: changes in the order of the fleet; `since` counts in `fitted`.
         capability: by symbol or figure that has limits.
         gauge: by symbol; empty where no part was measured twice.
         model: the units as models, by their shrunk values; None where the common model has a parameter of which no unit
@@ -74,7 +52,7 @@ class FleetStudy:
     shrunk: Shrunk
     odd: tuple[OddUnit, ...]
     effects: tuple[EffectInFleet, ...]
-    series: Mapping[str, Series]
+    charts: Mapping[str, Chart]
     drifts: tuple[Drift, ...]
     capability: Mapping[str, Capability]
     gauge: Mapping[str, Gauge]
@@ -101,11 +79,11 @@ def study(
         settings: all that it decides by.
     """
     units = results.fitted
-    stack = stacked(robust(units, settings.most_widening))
+    stack = stacked(robust(units, MOST_WIDENED))
     found, odd = without_odd(stack, units, config.shared, settings)
-    shrunk = shrink(stacked(robust(units, settings.most_drawn)), found, settings)
-    series = _series(stack, found, settings)
-    seen = {symbol: _over_all(each, stack.units) for symbol, each in series.items()}
+    shrunk = shrink(stacked(robust(units, MOST_WIDENED_TO_SHRINK)), found)
+    charts = _charts(stack, found)
+    in_order = {symbol: _over_all(each, stack.units) for symbol, each in charts.items()}
     model = units_as_models(rig, units, shrunk)
     figures = measured(model)
     ordinary = np.flatnonzero(~np.isin(model.units, [unit.unit for unit in odd]))
@@ -116,11 +94,11 @@ def study(
         population=found,
         shrunk=shrunk,
         odd=odd,
-        effects=effects_in(stack, rig.effects, settings),
-        series=series,
-        drifts=drifts(seen, settings.charts),
+        effects=effects_in(stack, rig.effects, settings.effect_rate),
+        charts=charts,
+        drifts=drifts(in_order, settings.drift_level),
         capability=_capable(config, found, figures, ordinary, settings),
-        gauge=_gauge(config, stack.units, seen),
+        gauge=_gauges(config, stack.units, in_order),
         model=model,
         figures=figures,
         predictions=predict(model.taking(ordinary)),
@@ -137,11 +115,11 @@ def without_odd(
     of the design: it is left out, and the population is estimated again, as often as another unit shows.
     """
     kept = np.ones(len(units), dtype=bool)
-    for _ in range(settings.population.rounds):
+    for _ in range(ROUNDS):
         found = population(stack.only(kept), shared, settings)
-        odd = odd_units(stack, found, units, settings)
+        odd = odd_units(stack, found, units, settings.odd_rate)
         again = ~np.isin(stack.units, [unit.unit for unit in odd])
-        if np.array_equal(again, kept) or again.sum() < settings.population.fewest * len(units):
+        if np.array_equal(again, kept) or again.sum() < LEAST_SHARE * len(units):
             break
         kept = again
     return found, odd
@@ -156,27 +134,24 @@ def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrun
     return fleet_model(rig, known, [unit.unit for unit in units], values, rig.noise.get("position", 0.0))
 
 
-def _series(stack: Stack, found: Population, settings: FleetSettings) -> dict[str, Series]:
+def _charts(stack: Stack, found: Population) -> dict[str, Chart]:
     """A chart of each symbol whose value differs from unit to unit, where two units or more tell it."""
     out = {}
-    own = scaled(stack.marginal(found.symbols), settings.population.null)
+    own = scaled(stack.marginal(found.symbols))
     stderr = np.sqrt(own.variance) * own.scale
     for k, symbol in enumerate(found.symbols):
         told = own.tells[:, k]
-        if found.shared[k] or told.sum() < 2:
-            continue
-        value, error = own.stack.estimate[told, k], stderr[told, k]
-        units = tuple(unit for unit, known in zip(stack.units, told, strict=True) if known)
-        out[symbol] = Series(units, value, error, chart(value, error, settings.charts))
+        if not found.shared[k] and told.sum() >= 2:
+            units = tuple(unit for unit, known in zip(stack.units, told, strict=True) if known)
+            out[symbol] = chart(units, own.stack.estimate[told, k], stderr[told, k])
     return out
 
 
-def _over_all(series: Series, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _over_all(chart: Chart, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Value and standard error for every unit, NaN where its own data do not tell."""
-    place = {unit: k for k, unit in enumerate(units)}
     value, stderr = np.full(len(units), np.nan), np.full(len(units), np.nan)
-    at = [place[unit] for unit in series.units]
-    value[at], stderr[at] = series.value, series.stderr
+    told = np.isin(units, chart.units)
+    value[told], stderr[told] = chart.value, chart.stderr
     return value, stderr
 
 
@@ -189,22 +164,21 @@ def _capable(
 ) -> dict[str, Capability]:
     out = {}
     for name, limit in config.limits.items():
-        low, high = (end if np.isfinite(end) else None for end in (limit.low, limit.high))
         if name in found.symbols and not found.shared[found.symbols.index(name)]:
-            line = Line.of(found, name)
+            line = Line.from_population(found, name)
         elif name in figures and np.isfinite(figures[name].value).sum() > 1:
             value = figures[name].value[ordinary]
-            line = Line.of_values(value, np.zeros_like(value), settings)
+            line = Line.from_values(value, np.zeros_like(value), settings)
         else:
             continue
-        out[name] = capability(line, Spec(low, high), settings.population.level)
+        out[name] = capability(line, limit.low, limit.high, settings.population.level)
     return out
 
 
-def _gauge(
-    config: FleetConfig, units: tuple[str, ...], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
+def _gauges(
+    config: FleetConfig, units: tuple[str, ...], in_order: Mapping[str, tuple[np.ndarray, np.ndarray]]
 ) -> dict[str, Gauge]:
     members = [config.members[unit] for unit in units]
-    labels = Labels(*(tuple(getattr(member, name) for member in members) for name in ("part", "rig", "operator")))
-    found = {symbol: gauge(value, labels) for symbol, (value, _) in seen.items()}
+    labels = [[getattr(member, name) for member in members] for name in ("part", "rig", "operator")]
+    found = {symbol: gauge(value, *labels) for symbol, (value, _) in in_order.items()}
     return {symbol: each for symbol, each in found.items() if each is not None}

@@ -82,7 +82,7 @@ class UnitResult:
         seconds: that the fit took.
         warnings: what a reader must know.
         widening: by symbol of `own`, how many times wider the standard error is that its fit states for itself, where
-            residuals are correlated or traces disagree; `own` is without: see `statistics.robust`.
+            residuals are correlated or traces disagree; `own` is without: see `statistics.stack.robust`.
     """
 
     own: UnitEstimate

@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..datasets.folder import refuse_to_overwrite, write_folder
+from ..datasets.base import refuse_to_overwrite, write_folder
 from ..errors import UsageError
 from ..files import digest
 from ..rig.config import parse_config
-from ..rig.names import refuse_foreign_names
 from ..rig.toml import read_text
+from ..rig.user_text import refuse_foreign_names
 from .answers import Answers
 from .doubts import Resolve
 from .draft import Draft, drafted

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from ..errors import UsageError
 from ..rig.base import CHANNELS
+from ..rig.columns import DROP, HeaderError, parse_header
 from ..rig.config import UNIT_SLUGS
-from ..rig.header import DROP, HeaderError, parse_header
 from ..rig.reader import KNOWN_TESTS
 from ..rig.toml import closest
 from .sheet import Column, Sheet

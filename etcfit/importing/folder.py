@@ -13,11 +13,11 @@ from .. import __version__
 from ..errors import MeasurementError
 from ..rig.base import Rig
 from ..rig.checks import refuse
-from ..rig.comments import hash_comment
 from ..rig.config import config_of
 from ..rig.reader import assembled, checked, log_of
 from ..rig.table import Table
 from ..rig.toml import Toml, parse
+from ..rig.user_text import hash_comment
 from .draft import Draft, Trace
 from .sheet import TIME
 from .take import LEFT_OUT, Take

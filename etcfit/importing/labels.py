@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from ..rig.supply_side import SUPPLY_CURRENT
+from ..rig.columns import SUPPLY_CURRENT
 from ..rig.units import SI_UNIT, UnitError, conversion, is_percent, is_unit_text
 from .sheet import Column
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..datasets.folder import refuse_to_overwrite, write_folder
+from ..datasets.base import refuse_to_overwrite, write_folder
 from ..errors import UsageError
 from ..rig import TESTS
 from ..rig.base import AbstractRigTest

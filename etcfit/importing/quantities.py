@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import MeasurementError
-from ..rig.header import HeaderError, parse_header
+from ..rig.columns import HeaderError, parse_header
 from ..rig.units import EXAMPLES, SI_UNIT, is_percent
 from . import shapes
 from .answers import IGNORE, Answers, Target

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..rig.registers import sign_bit, without_sign_bit
+from ..rig.columns import sign_bit, without_sign_bit
 from .sheet import TIME
 from .take import LEFT_OUT, Take
 

@@ -23,9 +23,8 @@ import numpy as np
 from ..errors import MeasurementError
 from ..model.ecu import Ecu, Notation, Terms
 from ..ranges import check_ranges, real, whole
-from ..rig.base import Channel, Measurement, Rig
-from ..rig.checks.slow_log import SlowLog
-from ..rig.comments import toml_string
+from ..rig.base import SLOW_LOG, Channel, Measurement, Rig
+from ..rig.user_text import toml_string
 
 DUTY, ECU = "duty", "ecu"
 EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has
@@ -179,7 +178,7 @@ def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: Tun
     """What drives the model, why, and whether the log is fast enough for it."""
     rate = min(map(_rate, logs))
     rows = rate * known.ecu.period
-    slow = next((finding for finding in rig.findings if finding.kind == SlowLog.kind), None)
+    slow = next((finding for finding in rig.findings if finding.kind == SLOW_LOG), None)
     fast_enough = rows >= settings.a_tick if known.clock_known else slow is None
     clock = f"the ECU computes a new duty every {1e3 * known.ecu.period:g} ms"
     has_duty = all("duty" in log.channels for log in logs)

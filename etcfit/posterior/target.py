@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.autocorrelation import inflation
+from ..estimation.goodness import inflation
 from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import FitResult
 from ..estimation.levenberg_marquardt import local, minimise

@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..posterior.predictive import Band
     from ..posterior.profile import Profile
     from ..posterior.sampling import Posterior
-    from ..run_folder import RunFolder
+    from ..run_folder.folder import RunFolder
     from .drawing import Job
 
 _UNDRAWN = "undrawn.txt"  # in RUN/pictures, while pictures of the models in RUN are not drawn yet

@@ -6,7 +6,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ..estimation.joint_fit import FitResult
-from ..run_folder.budget import budget_json
+from ..run_folder.fit import budget_json
 from .blocks import headed, plain_table, spaced
 from .numbers import short
 

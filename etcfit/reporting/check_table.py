@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
-from ..rig.finding import Finding
+from ..rig.base import Finding
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .car_log.terminal import good_enough
 from .numbers import short

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.console import Group, RenderableType
 
-from ..estimation.fit_state import FitState
+from ..estimation.fitted_model import FitState
 from .blocks import sentences
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..estimation.influence import Pull
-from ..estimation.remedies import listed
+from ..estimation.agreement import Pull
+from ..estimation.identifiability import listed
 from ..estimation.result import FitResult
 from .blocks import headed, plain_table
 

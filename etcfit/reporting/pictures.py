@@ -14,7 +14,7 @@ from ..model.effects import EFFECT_BY_NAME
 from ..problem.trace import Trace
 from ..rig import TEST_BY_NAME
 from ..rig.paper_readings import known
-from ..run_folder import readings_of
+from ..run_folder.fit import readings_of
 from . import graphs, overview, traces
 from .drawing import Job
 from .numbers import Digits, short

@@ -9,13 +9,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ..estimation.explained import explained, motion_explained, share_of
+from ..estimation.identifiability import sentences as directions_in_words
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult, StartSummary
-from ..estimation.remedies import sentences as directions_in_words
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Measurement
-from ..run_folder import GEAR_RATIO, readings_of
+from ..run_folder.fit import GEAR_RATIO, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
 from .budget import budget_table

@@ -1,20 +1,41 @@
-"""Columns of a table -> quantities in SI."""
+"""Columns of a table -> quantities in SI.
+
+A header is `quantity [unit]`, or what [columns] of rig.toml maps to one.
+
+A current logged at the bridge's supply is made that of the motor.
+
+    i = i_s / d,    d = duty, or v / V_s
+
+Where the duty is near zero the supply's current tells nothing of the motor's: no value there. The noise grows as the
+duty falls, and is taken as one for all samples of a test.
+
+Source: Mohan, Undeland and Robbins 2003, ch. 7 (full bridge: mean current of its source). Differs from source: no.
+"""
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from ..errors import MeasurementError
 from .base import RigConfig
-from .comments import toml_string
-from .header import DROP, HeaderError, parse_header
 from .table import Table
 from .toml import Toml
-from .units import Conversion, UnitError, to_channel
+from .units import EXAMPLES, SI_UNIT, Conversion, UnitError, conversion, is_percent, to_channel
+from .user_text import toml_string
+
+DROP = ("", "ignore")  # right-hand sides in [columns] that leave a column out
+_FORM = re.compile(r"(?P<quantity>[^\[\]]+?)\s*\[\s*(?P<unit>[^\[\]]*?)\s*\]")
+SUPPLY_CURRENT = "supply_current"
+LEAST, SHARE = 0.1, 0.5  # of a duty that counts; of a trace's largest, where that is small
+_BITS = {"duty": (15, 10)}  # of the load; a setpoint may step across half of a converter's range
+_ANY = (15,)
+_FULL = 0.75  # of the range below the bit that neither part reaches: a count that grows through it is no sign
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +156,121 @@ def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place:
                                "Add [tps] with closed_V, open_V, travel_deg." if quantity == "tps" else
                                "Log in degrees, or give both ends in [rig] travel_deg.") from err  # fmt: skip
     return Column(header, channel, unit, conversion, cells)
+
+
+class HeaderError(ValueError):
+    """A header that names no quantity or no unit; the three texts of a MeasurementError without its place."""
+
+    def __init__(self, found: str, required: str, mend: str) -> None:
+        self.found, self.required, self.mend = found, required, mend
+        super().__init__(f"{found} {required} {mend}")
+
+
+def parse_header(header: str) -> tuple[str, str]:
+    """Quantity and unit of `quantity [unit]`; letter case and spaces in the quantity do not matter.
+
+    Raises:
+        HeaderError: unknown quantity, unit missing, or a unit of the wrong dimension.
+    """
+    match = _FORM.fullmatch(header.strip())
+    quantity = _slug(match["quantity"] if match else header)
+    if quantity not in SI_UNIT:
+        raise _foreign(header, quantity)
+    if match is None or not match["unit"]:
+        raise HeaderError(f"column '{header}' has no unit.", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
+                          f"Write the unit in brackets, as in '{quantity} [{_example(quantity)}]'.")  # fmt: skip
+    if not (quantity in ("position", "setpoint") and is_percent(match["unit"])):
+        _check_unit(header, quantity, match["unit"])
+    return quantity, match["unit"]
+
+
+def _check_unit(header: str, quantity: str, unit: str) -> None:
+    try:
+        conversion(quantity, unit)
+    except UnitError as err:
+        raise HeaderError(f"column '{header}': {err}", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
+                          f"Correct the unit, as in '{quantity} [{_example(quantity)}]'.") from err  # fmt: skip
+
+
+def _foreign(header: str, quantity: str) -> HeaderError:
+    match = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
+    guess = f" Did you mean '{match[0]} [{_example(match[0])}]'?" if match else ""
+    return HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
+                       f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
+                       f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
+
+
+def _slug(text: str) -> str:
+    return "_".join(text.casefold().split())
+
+
+def _example(quantity: str) -> str:
+    return EXAMPLES[quantity].split(" or ")[0].split(",")[0]
+
+
+def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: str) -> Mapping[str, Column]:
+    """The columns, `current` in the place of `supply_current`.
+
+    Args:
+        columns: by quantity.
+        config: of the rig.
+        where: path of the CSV.
+
+    Raises:
+        MeasurementError: `current` is there too, or the duty can be worked out of nothing.
+    """
+    logged = columns.get(SUPPLY_CURRENT)
+    if logged is None:
+        return columns
+    if "current" in columns:
+        both = f"columns '{columns['current'].header}' and '{logged.header}' are both a current."
+        raise MeasurementError(where, both,
+                               "The model has one, the motor's.",
+                               "Leave the supply's out: set it to \"ignore\" under [columns].")  # fmt: skip
+    duty = _duty(columns, config, where, logged.header)
+    size = np.abs(duty)
+    least = min(LEAST, SHARE * float(np.nanmax(size, initial=0.0)))
+    value = logged.logged / np.where(size > least, duty, np.nan)
+    out = {name: column for name, column in columns.items() if name != SUPPLY_CURRENT}
+    return out | {"current": replace(logged, quantity="current", logged=value)}
+
+
+def _duty(columns: Mapping[str, Column], config: RigConfig, where: str, header: str) -> np.ndarray:
+    """-1 to 1, shape (n,); NaN in rows that do not tell it."""
+    if "duty" in columns:
+        return columns["duty"].value
+    volts = columns["supply"].value if "supply" in columns else config.supply_V
+    if "voltage" not in columns or volts is None:
+        raise MeasurementError(where, f"column '{header}' without a duty.",
+                               "The motor's current is that of the supply over the duty.",
+                               "Log the duty; or the voltage, with [rig] supply_V in rig.toml.")  # fmt: skip
+    return columns["voltage"].value / volts
+
+
+def without_sign_bit(values: np.ndarray, bit: int) -> np.ndarray:
+    """raw below 2^bit, -(raw - 2^bit) from there on, shape (n,); what is negative already stays."""
+    most = float(2**bit)
+    return np.where(values >= most, most - values, values)
+
+
+def sign_bit(values: np.ndarray, quantity: str) -> int | None:
+    """The bit that holds the sign of these numbers; None where they are no such register.
+
+    Both parts must lie well below the bit, with one sample beside the other across it.
+
+    Args:
+        values: as logged, shape (n,).
+        quantity: that they are.
+    """
+    there = values[np.isfinite(values)]
+    if there.size < 3 or np.any(there < 0) or np.any(there != np.round(there)):
+        return None
+    for bit in _BITS.get(quantity, _ANY):
+        most = float(2**bit)
+        high = there >= most
+        if not high.any() or high.all() or there.max() >= 2.0 * most:
+            continue
+        size = np.where(high, there - most, there)
+        if np.max(size) < _FULL * most and np.any(np.diff(high.astype(int)) != 0):
+            return bit
+    return None

@@ -6,18 +6,17 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import unseen
 from .accuracy import read_accuracy
 from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, TpsCalibration
+from .columns import DROP, HeaderError, parse_header
 from .ecu import read_ecu
-from .header import DROP, HeaderError, parse_header
-from .nameplate import GEAR_RATIO, LEAST_TRAVEL, SENSOR, SENSOR_TRAVEL, SERIES, STOP, SUPPLY, within
-from .names import VISIBLE
 from .toml import Toml, closest, parse, read_text, shown
 from .toml_slips import EXAMPLES as EXAMPLE_VALUES
 from .units import EXAMPLES, UnitError, to_channel
+from .user_text import VISIBLE
 
 TABLES = ("rig", "tps", "columns", "noise", "tests", "parameters", "model", "holdout", "ecu", "accuracy")
 RIG_KEYS = ("name", "synthetic", "gear_ratio", "supply_V", "travel_deg")
@@ -26,6 +25,25 @@ LEAST_TPS_VOLTS = 0.01
 POSSIBLE_NOISE = 1e-12, 1e4  # SI, any channel
 _SYMBOL = re.compile(r"[A-Za-z][A-Za-z0-9_]*(\.\S(.*\S)?)?")  # behind a point the place of an effect of the rig
 UNIT_SLUGS = {"rad_s": "rad/s", "deg_s": "deg/s", "N_m": "N*m", "mN_m": "mN*m", "N_cm": "N*cm", "": "1"}
+LEAST_TRAVEL = 0.1  # degrees between the stops
+
+
+class Range(NamedTuple):
+    """Least and greatest value, and the cure for one beyond them."""
+
+    low: float
+    high: float
+    unit: str
+    mend: str
+
+
+# nameplates: limits so wide that only a slip of digits or units lies beyond them, not an unusual rig
+GEAR_RATIO = Range(0.01, 1e4, "", "Count the teeth: motor turns for one turn of the plate, as 20.68.")
+SUPPLY = Range(1.0, 100.0, " V", "Give it in volts, as 12.0.")
+STOP = Range(-3600.0, 3600.0, " degrees", "Give it in degrees, as 90.0; inf and -inf mean no stop.")
+SENSOR = Range(-100.0, 100.0, " V", "Give it in volts, as 4.73.")
+SENSOR_TRAVEL = Range(0.1, 3600.0, " degrees", "Give the angle from closed_V to open_V in degrees, as 90.0.")
+SERIES = Range(0.0, 1e4, " ohm", "Give it in ohms, as 0.5.")
 
 
 def read_config(path: str | Path) -> RigConfig:
@@ -264,3 +282,17 @@ def _refuse_circles(toml: Toml, symbol: str, knowledge: Knowledge, known: Mappin
                              "One of them must be free or have a value.", "Untie one.")  # fmt: skip
         seen.append(knowledge.to)
         knowledge = known.get(knowledge.to, Start(0.0))
+
+
+def within(toml: Toml, key: str, value: Any, limits: Range) -> float:
+    """A number that a rig can have.
+
+    Raises:
+        MeasurementError: it is none, not finite, or lies beyond the limits.
+    """
+    number = toml.positive(key, value) if limits.low > 0.0 else toml.finite(key, value)
+    if not limits.low <= number <= limits.high:
+        raise toml.wrong(key, f"found {shown(value)}.",
+                         f"It must lie between {limits.low:g} and {limits.high:g}{limits.unit}.",
+                         limits.mend)  # fmt: skip
+    return number

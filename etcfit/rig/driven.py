@@ -1,21 +1,49 @@
-"""What a driven plate tells: the inverse model on torque, on current, or at a nominal scale on voltage."""
+"""Rig tests of a driven plate: what its motion tells of it, and where no voltage was logged, what its ECU's gains do.
+
+The inverse model is read on torque, on current, or at a nominal scale on voltage. Under an ECU without a logged drive:
+
+    v = K_p e + K_i int e dt + K_d de/dt + v_0,    e = setpoint - position
+
+Plate read from other tests: v of the inverse model is regressed on those terms whose gains are not given, and a
+constant for each trace. Else v is computed from the log and read as a logged one would be, at nominal gains where none
+are known; what the integral held at the begin, v_0, is taken as 0, so that no preload can be read.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import final
 
 import numpy as np
 
+from ..model.ecu import Ecu
 from ..model.paper import TABLE_2
-from .base import Channel, Fixed, Graph, Measurement, Reading, RigConfig, Start
+from .base import (
+    DRIVES,
+    AbstractRigTest,
+    Boundary,
+    Channel,
+    Fixed,
+    Graph,
+    Measurement,
+    Prior,
+    Reading,
+    RigConfig,
+    Start,
+)
+from .ecu import GAINS
 from .inverse_model import LUMPED, Equations, equations, filter_for, held_values, solve
-from .signals import drive_voltage
+from .signals import drive_voltage, even_grid, on_times
 
-NOMINAL = {symbol: TABLE_2[symbol] for symbol in ("R_a", "K_b", "N")}  # the scale where the data have none
+MOTION = ("position", "motor_speed", "current", "emf")  # one of which must be there
+NOMINAL_SCALE = {symbol: TABLE_2[symbol] for symbol in ("R_a", "K_b", "N")}  # the scale where the data have none
 LOWEST_SHARE = 0.02  # of the whole: where a part that must be positive is put when it reads negative
 FEWEST_POSITIONS = 50
 FEWEST_ROWS = 20  # of a trace, for six unknowns at most
+SYMBOLS = tuple(GAINS.values())
+PLATE = ("R_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
+NOMINAL_GAINS = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # of the order of the paper's: a scale where there is none
 
 
 @dataclass(frozen=True)
@@ -33,43 +61,31 @@ class Scale:
         return self.N * self.K_b / self.R_a
 
 
-def read(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
+def read_motion(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
     """Inverse-model reading with the best right-hand side that was logged: torque, else current, else voltage."""
     placed = [t for t in traces if "position" in t.channels and len(t.channels["position"].time) > FEWEST_POSITIONS]
-    for kind in (_by_torque, _by_current, _by_voltage):
-        reading = kind(title, placed, config, known)
-        if reading is not None:
-            return reading
+    held = held_values(config, known["N"])
+    used, systems = _rows(placed, lambda t: t.channels.get("torque"), config)
+    if used:
+        return _reading(title, used, systems, solve(systems, held), config, {"J_m": 0.0, "B_m": 0.0, **known})
+    used, systems = _rows(placed, lambda t: t.channels.get("current"), config)
+    if used and "K_m" in known:
+        systems = [_scaled(s, known["N"] * known["K_m"]) for s in systems]
+        return _reading(title, used, systems, solve(systems, held), config, known)
+    used, systems = _rows(placed, lambda t: drive_voltage(t, config), config)
+    if used:
+        return _by_voltage(title, used, systems, config, known)
     return Reading({}, notes=("nothing can be read: no trace has a drive and a plate that moves off its stops",))
 
 
-def _by_torque(
-    title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
-) -> Reading | None:
-    used, systems = _rows(traces, lambda t: t.channels.get("torque"), config)
-    if not used:
-        return None
-    lumped = solve(systems, held_values(config, known["N"]))
-    return _reading(title, used, systems, lumped, config, {"J_m": 0.0, "B_m": 0.0, **known})
-
-
-def _by_current(
-    title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
-) -> Reading | None:
-    used, systems = _rows(traces, lambda t: t.channels.get("current"), config)
-    if not used or "K_m" not in known:
-        return None
-    systems = [_scaled(s, known["N"] * known["K_m"]) for s in systems]
-    return _reading(title, used, systems, solve(systems, held_values(config, known["N"])), config, known)
-
-
 def _by_voltage(
-    title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]
-) -> Reading | None:
+    title: str,
+    used: Sequence[Measurement],
+    systems: Sequence[Equations],
+    config: RigConfig,
+    known: Mapping[str, float],
+) -> Reading:
     """v = R_a/(N K_m) (J a + B w + K_s theta + T_PL + T_f sgn w + T_g sin theta) + N K_b w; inductance neglected."""
-    used, systems = _rows(traces, lambda t: drive_voltage(t, config), config)
-    if not used:
-        return None
     nothing = {symbol: 0.0 for symbol, value in held_values(config, known["N"]).items() if value == 0}
     volts = solve(systems, nothing)
     notes = []
@@ -84,7 +100,14 @@ def _by_voltage(
     lumped = solve(systems, held)
     plain = lumped - back * (np.array(LUMPED) == "B_eq")
     reading = _reading(title, used, systems, plain, config, known, shown=lumped)
-    return _at_scale(reading, scale, notes)
+    if not scale.nominal:
+        return replace(reading, notes=(*notes, *reading.notes))
+    # the nominal motor constants are among the values, named as such
+    constants = {s: getattr(scale, s) for s in scale.nominal}
+    word = ", ".join(f"{s} = {value:.4g}" for s, value in constants.items())
+    note = f"scale from nominal {word} (SI): without a current only ratios of torques can be read"
+    values = {**reading.values, **constants}
+    return replace(reading, values=values, notes=(*notes, note, *reading.notes), nominal=tuple(values))
 
 
 def _rows(
@@ -107,30 +130,19 @@ def _scale(config: RigConfig, known: Mapping[str, float], volts: Mapping[str, fl
     a gravity torque given in rig.toml fixes N K_m/R_a.
     """
     N, drag, gravity = known["N"], volts["B_eq"], volts["T_g"]
-    assumed = tuple(s for s in ("R_a", "K_b") if s not in known or _nameplate(s, config, known))
-    R_a = known.get("R_a", NOMINAL["R_a"])
-    K_b = known.get("K_b", NOMINAL["K_b"] * (1.0 if config.gear_ratio_given else NOMINAL["N"] / N))
+
+    def is_nameplate(symbol: str) -> bool:
+        given = config.parameters.get(symbol)
+        return isinstance(given, Start) and given.value == known[symbol]
+
+    assumed = tuple(s for s in ("R_a", "K_b") if s not in known or is_nameplate(s))
+    R_a = known.get("R_a", NOMINAL_SCALE["R_a"])
+    K_b = known.get("K_b", NOMINAL_SCALE["K_b"] * (1.0 if config.gear_ratio_given else NOMINAL_SCALE["N"] / N))
     if "K_b" in assumed and drag > 0:
         K_b = min(K_b, 0.8 * drag / N)
     if "R_a" in assumed and known.get("T_g", 0.0) * gravity > 0:
         R_a = N * K_b * gravity / known["T_g"]
     return Scale(R_a, K_b, N, assumed)
-
-
-def _nameplate(symbol: str, config: RigConfig, known: Mapping[str, float]) -> bool:
-    given = config.parameters.get(symbol)
-    return isinstance(given, Start) and given.value == known[symbol]
-
-
-def _at_scale(reading: Reading, scale: Scale, notes: Sequence[str]) -> Reading:
-    """The reading with its nominal motor constants among the values, named as such."""
-    if not scale.nominal:
-        return replace(reading, notes=(*notes, *reading.notes))
-    constants = {"R_a": scale.R_a, "K_b": scale.K_b}
-    values = {**reading.values, **{s: constants[s] for s in scale.nominal}}
-    word = ", ".join(f"{s} = {constants[s]:.4g}" for s in scale.nominal)
-    note = f"scale from nominal {word} (SI): without a current only ratios of torques can be read"
-    return replace(reading, values=values, notes=(*notes, note, *reading.notes), nominal=tuple(values))
 
 
 def _reading(
@@ -190,3 +202,139 @@ def _graph(title: str, trace: Measurement, system: Equations, lumped: np.ndarray
     says = f"inverse model, relative error {100 * system.error(lumped):.3g} %"
     return Graph(f"{title}, {trace.file}", "time [s]", "torque at the plate [N m]", system.time, system.right,
                  system.time, system.rows @ lumped, says)  # fmt: skip
+
+
+def read_driven(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
+    """Traces with a drive by the inverse model; those without by the gains, or for the gains."""
+    own = [t for t in traces if config.ecu is None or set(DRIVES) & set(t.channels)]
+    waiting = [t for t in traces if t not in own and {"setpoint", "position"} <= set(t.channels)]
+    waiting = [t for t in waiting if len(t.channels["position"].time) > FEWEST_POSITIONS]
+    if not waiting or config.ecu is None:
+        return read_motion(title, own, config, known)
+    given = {s for s in SYMBOLS if isinstance(config.parameters.get(s), (Fixed, Prior))}
+    if not {*SYMBOLS} <= given and {*PLATE} <= {*known}:
+        return _gains(waiting, config.ecu, config, known, given)
+    gains = {s: known.get(s, NOMINAL_GAINS[s]) for s in SYMBOLS}
+    made = [replace(t, channels={**t.channels, "voltage": voltage(t, config.ecu, gains)}) for t in waiting]
+    reading = read_motion(title, [*own, *made], config, known)
+    values = {symbol: value for symbol, value in reading.values.items() if own or symbol != "T_PL"}
+    assumed = [f"{s} = {gains[s]:g}" for s in SYMBOLS if s not in given]
+    word = "voltage computed from setpoint, position and the ECU's gains" + (
+        f", of which {', '.join(assumed)} (SI) only nominal" if assumed else ""
+    )
+    return replace(
+        reading,
+        values=values,
+        notes=(word, *reading.notes),
+        nominal=tuple(values) if assumed else tuple(s for s in reading.nominal if s in values),
+    )
+
+
+def terms(trace: Measurement, ecu: Ecu) -> tuple[Channel, Channel, Channel]:
+    """What K_p, K_i and K_d multiply, as late as it acts: rad, rad s and rad/s, on an even grid."""
+    position, setpoint = trace.channels["position"], trace.channels["setpoint"]
+    time, step = even_grid(position.time)
+    smooth = filter_for(position).position(on_times(position, time))
+    error = on_times(setpoint, time) - smooth
+    area = np.concatenate(([0.0], np.cumsum(0.5 * (error[1:] + error[:-1])) * step))
+    slow = ecu.filter + 0.5 * ecu.period + ecu.late
+    parts = ((error, ecu.late), (area, ecu.delay), (np.gradient(error, step), slow))
+    p, i, d = (replace(position, time=time, value=np.interp(time - late, time, part)) for part, late in parts)
+    return p, i, d
+
+
+def voltage(trace: Measurement, ecu: Ecu, gains: Mapping[str, float]) -> Channel:
+    """What the ECU put out, but for what its integral held at first, V."""
+    parts = terms(trace, ecu)
+    volts = sum(gains[s] * part.value for s, part in zip(SYMBOLS, parts, strict=True))
+    limited = np.clip(volts, -ecu.supply, ecu.supply)
+    return replace(parts[0], value=limited, sigma=0.0, header="voltage [V]", unit="V", scale=1.0)
+
+
+def _gains(
+    traces: Sequence[Measurement], ecu: Ecu, config: RigConfig, known: Mapping[str, float], given: set[str]
+) -> Reading:
+    """Least squares of the inverse model's voltage on the terms whose gains are not given, within the supply."""
+    systems = [_regression(t, ecu, config, known) for t in traces]
+    count = sum(len(s.right) for s in systems)
+    if count < FEWEST_ROWS:
+        return Reading({}, notes=("the plate hardly moves: the ECU's gains cannot be read",))
+    rows = np.zeros((count, 3 + len(systems)))
+    row = 0
+    for k, system in enumerate(systems):
+        part = slice(row, row + len(system.right))
+        rows[part, :3], rows[part, 3 + k] = system.rows, 1.0
+        row += len(system.right)
+    right = np.concatenate([s.right for s in systems])
+    held = [k for k, s in enumerate(SYMBOLS) if s in given]
+    free = [k for k in range(rows.shape[1]) if k not in held]
+    right = right - rows[:, held] @ np.array([known[SYMBOLS[k]] for k in held])
+    size = np.linalg.norm(rows[:, free], axis=0) + 1e-300
+    found = dict(zip(free, np.linalg.lstsq(rows[:, free] / size, right, rcond=1e-10)[0] / size, strict=True))
+    values = {s: float(found[k]) for k, s in enumerate(SYMBOLS) if k in found}
+    notes = tuple(f"{s} reads {value:.3g}: left out" for s, value in values.items() if value <= 0.0)
+    return Reading({s: value for s, value in values.items() if value > 0.0}, notes=notes)
+
+
+def _regression(trace: Measurement, ecu: Ecu, config: RigConfig, known: Mapping[str, float]) -> Equations:
+    """The terms' rows, and the voltage that the plate's motion asks for, all through the inverse model's filters."""
+    made = [equations(trace, term, config=config) for term in terms(trace, ecu)]
+    gear, inner = known["N"], made[0]
+    ohms = known["R_a"] / (gear * known["K_m"])
+    lumps = {"J_eq": gear**2 * known["J_m"] + known["J_L"], "B_eq": gear**2 * known["B_m"] + known["B_L"]}
+    lumped = np.array([{**known, **lumps}.get(symbol, 0.0) for symbol in LUMPED])
+    back = gear * known["K_b"] * (np.array(LUMPED) == "B_eq")
+    volts = inner.rows @ (ohms * lumped + back)
+    within = np.abs(volts) < 0.9 * ecu.supply
+    return Equations(inner.time[within], np.column_stack([m.right for m in made])[within], volts[within])
+
+
+class AbstractDriven(AbstractRigTest):
+    """The plate with nothing tied down, driven by any logged voltage, duty or torque, or by its ECU.
+
+    Under an ECU a trace without a logged drive is simulated with the ECU of [ecu], and not fitted without.
+    """
+
+    boundary = Boundary()
+    drives = DRIVES
+    observes = ("current", "position", "motor_speed", "emf")
+
+    def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
+        """The inverse model on every trace whose voltage is known, or the gains of the ECU that drives it."""
+        return read_driven(self.title, traces, config, known)
+
+
+@final
+class Response(AbstractDriven):
+    """Eqs. 1-2 under a logged drive."""
+
+    name = "response"
+    title = "Driven response"
+    needs = (DRIVES, MOTION)
+
+
+@final
+class ClosedLoop(AbstractDriven):
+    """An ECU follows a setpoint on the bench."""
+
+    name = "closed_loop"
+    title = "Closed loop on the bench"
+    needs = (MOTION,)
+
+
+@final
+class Sine(AbstractDriven):
+    """An ECU follows a sine setpoint, one file a frequency."""
+
+    name = "sine"
+    title = "Sine setpoints"
+    needs = (MOTION,)
+
+
+@final
+class Drive(AbstractDriven):
+    """A log from the car."""
+
+    name = "drive"
+    title = "Log from the car"
+    needs = (MOTION,)

@@ -15,11 +15,11 @@ import pandas as pd
 from ..errors import MeasurementError
 from .base import FRAMES, Rig, RigConfig
 from .config import config_of
-from .names import refuse_foreign_names
 from .reader import KNOWN_TESTS, assembled, checked, log_of
 from .rows import HUGE, no_number, number_in
 from .table import Table, without_blanks
 from .toml import Toml, closest, shown
+from .user_text import refuse_foreign_names
 
 CONFIG = "config"  # what messages call it
 NAMELESS = "frames"  # a rig whose config gives no name

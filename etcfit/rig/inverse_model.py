@@ -16,7 +16,7 @@ import numpy as np
 
 from .base import Channel, Fixed, Measurement, RigConfig
 from .signals import even_grid, in_gap, off_stops, on_times, widened
-from .zero_phase import butterworth, chebyshev
+from .smoothing import butterworth, chebyshev
 
 LUMPED = ("J_eq", "B_eq", "K_s", "T_PL", "T_f", "T_g")
 BANDWIDTHS = (20.0, 14.0, 10.0, 7.0, 5.0)  # Hz; the first is that of the published EMPS figures

@@ -14,17 +14,15 @@ from ..files import digest, read_regular
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .checks import findings
-from .columns import Column, Log, read_columns
+from .columns import Column, Log, read_columns, with_motor_current
 from .config import config_of
 from .duplicates import refuse_duplicates
-from .names import refuse_foreign_names
 from .noise import Texture, pooled, textures
 from .sanity import check_log, check_peaks
-from .supply_side import with_motor_current
 from .table import Table, decode, parse
-from .toml import Toml, closest, read_text
+from .toml import Toml, closest, read_text, written
 from .toml import parse as parse_toml
-from .toml_text import written
+from .user_text import refuse_foreign_names
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}

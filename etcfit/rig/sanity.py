@@ -12,8 +12,7 @@ import numpy as np
 
 from ..errors import MeasurementError
 from .base import RigConfig
-from .columns import Column, Log
-from .registers import sign_bit
+from .columns import Column, Log, sign_bit
 
 # channel -> lowest and highest value possible, SI
 POSSIBLE: dict[str, tuple[float, float]] = {

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from .base import Channel, Measurement, RigConfig
-from .local_parabola import slope, smoothed
+from .smoothing import slope, smoothed
 
 BISQUARE = 4.685  # 95 % efficient on Gaussian noise (Tukey)
 MAD_TO_SIGMA = 1.4826
@@ -114,6 +115,17 @@ def plateaus(channel: Channel, least: float = 0.02) -> list[Plateau]:
     stops = np.r_[channel.time[edges], channel.time[-1]]
     shortest = least * (channel.time[-1] - channel.time[0])
     return [Plateau(float(a), float(b)) for a, b in zip(starts, stops, strict=True) if b - a > shortest]
+
+
+def settled_points(logged: Iterable[tuple[Channel | None, Channel | None, Channel | None]]) -> np.ndarray:
+    """Settled values of two channels at every plateau of a drive, SI, shape (n, 2): those that were logged there.
+
+    Args:
+        logged: of each trace the drive and both channels.
+    """
+    there = [(d, x, y) for d, x, y in logged if d is not None and x is not None and y is not None]
+    points = np.array([(p.settled(x), p.settled(y)) for d, x, y in there for p in plateaus(d)]).reshape(-1, 2)
+    return points[np.isfinite(points).all(axis=1)]
 
 
 def rise_time(channel: Channel, start: float, first: float, last: float, stop: float) -> float:

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeasurementError
-from .fast_table import LINES_TO_LOOK_AT, fast_cells
 from .layout import TextTable, read_text
-from .rows import HUGE, NUMBER, SEPARATORS, quoted_cells, read_rows
+from .rows import HUGE, LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
 
 LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
 CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends

@@ -2,27 +2,46 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..control.design import Design
-from ..control.fleet_verdict import FleetVerdict, OneByOne, Share
 from ..control.judged import Tuned
 from ..control.loop_figures import FIGURES, MARGINS, LoopFigures
+from ..control.on_units import FleetVerdict, OneByOne, PartsVerdict, Share
 from ..control.own_numbers import said, shares
-from ..control.parts_verdict import PartsVerdict
-from ..control.pid.feedforward import Bias
-from ..control.pid.front import FrontPoint
-from ..control.pid.gains import UNIT, Gains
-from ..control.pid.setpoint import Setpoint
-from ..files import plain
-from ..model.ecu import Ecu, Notation
-from ..model.ecus import NOT_DIVIDED, RUSEFI, BiasTable, differences
-from .ahead import ahead_json, code
+from ..control.pid import Gains, Task
+from ..control.pid.ecu import UNIT
+from ..control.pid.feedforward import Bias, Sliding
+from ..control.pid.optimal import FrontPoint
+from ..control.safety import Envelope, Holding, JamCheck, Return, Runaway, Sag
+from ..control.setpoint import Setpoint
+from ..control.supply_table import NEAR, AtSupply, OverPosition, SupplyTable
+from ..files import plain, write_json
+from ..model.ecu import Ecu, Notation, Terms
+from ..model.ecus import GENERIC, NOT_DIVIDED, RUSEFI, BiasTable, EcuProfile, Scheduling, differences
+from ..model.feed_forward import Term, listed
 from .fit import versions
-from .safety import safety_json
-from .supply_table import supply_table_json
+from .manifest import replacing
+
+
+def save_design(
+    run: Path,
+    design: Design,
+    exit: int,
+    settings: Mapping[str, Any],
+    beside: Callable[[Path], None],
+    outside: Sequence[Path] = (),
+) -> None:
+    """RUN/pid.json; `beside` draws into a folder that stands for RUN until all is there. `outside`: files besides RUN's
+    that it was made from."""
+    with replacing(run, "design", exit, settings, outside=outside) as draft:
+        write_json(draft / "pid.json", "pid", design_json(design))
+        beside(draft)
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -291,3 +310,221 @@ def _percent(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
 def _duty(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
     """%, to two places."""
     return np.round(_percent(volts, ecu), 2)
+
+
+def ahead_json(design: Design) -> dict[str, Any]:
+    """Terms with which the gains were found; the numbers of those that follow the setpoint's rate, asked for or not."""
+    sliding = design.sliding
+    return {
+        "terms": listed(design.terms),
+        "friction": {
+            "opening_V": sliding.opening,
+            "closing_V": sliding.closing,
+            "full_from_rad_per_s": sliding.full,
+        },
+        "rate": {"V_s_per_rad": sliding.slope},
+        "rate_filter_s": design.task.ecu.filter,
+    }
+
+
+def code(design: Design) -> list[str]:
+    """Lines of C that a user runs at each tick behind the PID, all in % of duty and of the travel; none without terms.
+
+    `target` and `output` are the setpoint and what the PID made of it; `rate` begins at 0 and `before` at the target;
+    `constrain(x, low, high)` is Arduino's, and `table` the bias table.
+    """
+    sliding, ecu, body = design.task.loop.sliding, design.task.ecu, design.task.loop.body
+    if sliding is None:
+        return []
+    travel = body.upper - body.lower
+    spring = "table(target) + " if Term.SPRING in design.terms else ""
+    most = 100.0 * ecu.duty
+    return [
+        f"rate = ({ecu.filter:g} * rate + target - before) / {ecu.filter + ecu.period:g};",
+        "before = target;",
+        f"ahead = {spring}{_formula(sliding, ecu.supply, travel)};",
+        f"duty = constrain(output + ahead, {-most:g}, {most:g});",
+    ]
+
+
+def _formula(sliding: Sliding, supply: float, travel: float) -> str:
+    """See `Sliding`; its terms that are 0 are left out."""
+    volts, per_second = 100.0 / supply, 100.0 / travel
+    full = f"{per_second * sliding.full:.6g}"
+    parts = []
+    if sliding.opening or sliding.closing:
+        parts += [f"{volts * sliding.opening:.6g} * constrain(rate / {full}, 0, 1)",
+                  f"{-volts * sliding.closing:.6g} * constrain(-rate / {full}, 0, 1)"]  # fmt: skip
+    if sliding.slope:
+        parts.append(f"{volts * sliding.slope / per_second:.6g} * rate")
+    return " + ".join(parts)
+
+
+def safety_json(design: Design) -> dict[str, Any]:
+    """Every figure of safety, positions and errors in % of the travel; null for never, or for what is not known."""
+    found = design.safety
+    return {
+        "envelope": _envelope(found.envelope),
+        "jam": None if found.jam is None else _jam(design, found.jam),
+        "sensor": [_runaway(each) for each in found.sensors],
+        "supply": [_sag(each) for each in found.sags],
+        "unpowered": [_return(each) for each in found.returns],
+        "holding": _holding(found.holding),
+    }
+
+
+def _envelope(found: Envelope) -> dict[str, Any]:
+    return {
+        "error_pct": 100.0 * found.errors,
+        "longest_s": found.longest,
+        "largest_pct": 100.0 * found.largest,
+        "models": found.models,
+    }
+
+
+def _jam(design: Design, check: JamCheck) -> dict[str, Any]:
+    return {
+        "error_pct": 100.0 * check.error,
+        "timeout_s": check.timeout,
+        "longest_above_s": check.longest,
+        "sustained_pct": 100.0 * check.sustained,
+        "told_after_s": check.tells,
+        "written": _written(design, check),
+    }
+
+
+def _written(design: Design, check: JamCheck) -> dict[str, float] | None:
+    """As the ECU writes it, the error rounded up: a larger one is passed for a shorter time."""
+    profile = design.task.profile
+    if profile is None or profile.jam is None:
+        return None
+    error, timeout = profile.jam
+    return {error: float(math.ceil(100.0 * check.error)), timeout: check.timeout}
+
+
+def _runaway(each: Runaway) -> dict[str, Any]:
+    return {
+        "fault": each.fault,
+        "asked_pct": 100.0 * each.asked,
+        "opens_pct": 100.0 * each.opens,
+        "jam_after_s": each.jam_after,
+        "jam_opens_pct": 100.0 * each.jam_opens,
+        "apart_after_s": each.apart_after,
+        "apart_opens_pct": 100.0 * each.apart_opens,
+    }
+
+
+def _sag(each: Sag) -> dict[str, Any]:
+    return {
+        "name": each.name,
+        "opening_pct": 100.0 * each.opening,
+        "closes_pct": 100.0 * each.closes,
+        "opens_pct": 100.0 * each.opens,
+        "back_after_s": each.back_after,
+        "integral_pct": 100.0 * each.wound,
+        "false_trip": each.false_trip,
+    }
+
+
+def _return(each: Return) -> dict[str, Any]:
+    return {
+        "opening_pct": 100.0 * each.opening,
+        "open_terminals_s": each.cut_s,
+        "shorted_terminals_s": each.shorted_s,
+        "rests_pct": [100.0 * share for share in each.rests],
+    }
+
+
+def _holding(found: Holding) -> dict[str, Any]:
+    return {
+        "position_pct": 100.0 * found.shares,
+        "current_A": found.current,
+        "closing_A": found.closing,
+        "opening_A": found.opening,
+        "winding_W": found.watts,
+        "winding_rise_K": found.rise,
+        "full_duty_A": found.stall_A,
+        "full_duty_W": found.stall_W,
+        "full_duty_s": None if found.longest is None or math.isinf(found.longest) else found.longest,
+        "heating_known": found.rise is not None,
+    }
+
+
+def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str, Any]:
+    """Gains at each supply, what they are worth at the ends of a car's supply, and what is said of other tables.
+
+    Args:
+        task: what they were found for.
+        gains: of the ECU's own supply.
+        table: made of them.
+    """
+    profile, body = task.profile, task.loop.body
+    notation = (profile or GENERIC).notation
+    if notation is None:
+        over = (1.0 if task.ecu.compensated else task.ecu.supply / supply for supply in table.supplies)
+        rows = tuple(Terms(each, each, each) for each in over)
+        unit, form = f"share of the gain at {task.ecu.supply:g} V", "whatever its unit"
+    else:
+        rows = table.written(gains, notation, task.ecu, body.upper - body.lower)
+        unit, form = notation.unit, notation.form
+    return {
+        "ecu_has": None if profile is None else profile.scheduling.name.lower(),
+        "designed_at_V": task.ecu.supply,
+        "supply_V": table.supplies,
+        "gains": {name: [getattr(row, name) for row in rows] for name in Terms._fields},
+        "unit": unit,
+        "form": form,
+        "worst": [_end(end) for end in table.ends],
+        "position": _position(table.position),
+        "says": list(_said(profile, table, task.ecu)),
+    }
+
+
+def _end(end: AtSupply) -> dict[str, Any]:
+    return {"supply_V": end.supply, "fixed": end.fixed.known(), "table": end.table.known(), "helps": end.helps}
+
+
+def _position(over: OverPosition) -> dict[str, Any]:
+    return {"crossover_Hz": over.frequency, "within_pct": 100.0 * NEAR, "share_of_travel_within": over.alike,
+            "least_ratio": over.ratio.min(), "largest_ratio": over.ratio.max()}  # fmt: skip
+
+
+def _said(profile: EcuProfile | None, table: SupplyTable, ecu: Ecu) -> Iterator[str]:
+    """Who has such a table, what it is worth, and where another one is worth nothing."""
+    if ecu.compensated:
+        yield "the ECU divides by the battery voltage: its gains mean the same at every supply, no table is needed"
+    elif profile is not None:
+        yield f"{profile.title} has {profile.scheduling.value}" + _so(profile.scheduling)
+    yield from map(_of_end, table.ends)
+    yield _of_position(table.position)
+    yield ("over the error: the linear plant does not know it, so that nothing here gives such a table; what a small "
+           "error meets is dry friction, and no table has been tried")  # fmt: skip
+
+
+def _so(scheduling: Scheduling) -> str:
+    """What follows for the table."""
+    return {
+        Scheduling.TABLE: "",
+        Scheduling.CODE: "",
+        Scheduling.NONE: ": fixed gains it must be",
+        Scheduling.UNKNOWN: ": look for one before you plan with it",
+    }[scheduling]
+
+
+def _of_end(end: AtSupply) -> str:
+    """Tracking with and without the table."""
+    fixed, table = end.fixed, end.table
+    return (f"at {end.supply:g} V, worst of winding and friction: RMSE {fixed.rmse_pct:.3g} % with fixed gains, "
+            f"{table.rmse_pct:.3g} % with the table; overshoot {fixed.overshoot_pct:.3g} and "
+            f"{table.overshoot_pct:.3g} %: it {'helps' if end.helps else 'does not help'} tracking there")  # fmt: skip
+
+
+def _of_position(over: OverPosition) -> str:
+    """Whether a table over the position had anything to compensate."""
+    known = (f"over the position: at the crossover of {over.frequency:.3g} Hz the plant's gain is within "
+             f"{100.0 * NEAR:g} % of that at a quarter of the travel over {100.0 * over.alike:.0f} % "
+             "of it")  # fmt: skip
+    if over.alike == 1.0:
+        return f"{known}: a table would be flat"
+    return (f"{known}, and {over.ratio.min():.2g} to {over.ratio.max():.2g} times it at the extremes: springs, "
+            "which feed-forward and integral carry")  # fmt: skip

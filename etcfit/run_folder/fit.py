@@ -11,15 +11,13 @@ import numpy as np
 
 from .. import __version__
 from ..estimation.explained import Explained, by_place, explained, share_of
+from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
-from ..estimation.joint_fit import FitResult
-from ..estimation.remedies import sentences
+from ..estimation.result import FitResult
 from ..files import plain
 from ..model.parameters import Parameter
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
-from .budget import budget_json
-from .influence import influence_json
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
 
@@ -150,3 +148,45 @@ def hashes(rig: Rig) -> dict[str, str]:
 def versions() -> dict[str, str]:
     ours = {"etcfit": __version__, "python": platform.python_version()}
     return ours | {name: metadata.version(name) for name in ("jax", "optimistix", "numpy", "scipy")}
+
+
+def budget_json(result: FitResult) -> dict[str, Any]:
+    """`intervals` says what they allow for; `budget` has the shares of each parameter's variance, by source."""
+    budget = result.budget
+    if budget is None:
+        return {"intervals": "statistical only", "budget": {}}
+    slope = np.abs(result.free_parameters.layout.numbers(result.x)[1])
+    statistical = slope * np.sqrt(np.maximum(np.diag(budget.statistical), 0.0))
+    shares = budget.shares()
+    known = [s not in result.identifiability.lost for s in result.free_parameters.layout.free]
+    return {
+        "intervals": "statistical and stated accuracy",
+        "budget": {
+            symbol: plain({
+                "stderr_statistical": float(statistical[k]),
+                "shares": dict(zip((*budget.sources, "statistical"), shares[:, k].tolist(), strict=True)),
+            })
+            for k, symbol in enumerate(result.free_parameters.layout.free)
+            if known[k]
+        },
+    }  # fmt: skip
+
+
+_LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
+
+
+def influence_json(result: FitResult) -> dict[str, Any]:
+    """The keys `influence`, `only_told_by`, `contradictions` and `compromise`."""
+    layout = result.free_parameters.layout
+    unit = {p.symbol: p.unit for p in layout.parameters}
+    return {
+        "influence": [plain({"test": p.test, "file": p.file, "parameter": p.parameter, "pull": p.pull})
+                      for p in result.influence.largest(_LEAST, _MOST)],
+        "only_told_by": dict(result.influence.alone),
+        "contradictions": [
+            plain({"test": c.test, "parameter": c.parameter, "pull": c.pull, "value": c.value, "without": c.without,
+                   "unit": unit[c.parameter], "p": c.p, "share": c.share})
+            for c in result.contradictions
+        ],
+        "compromise": None if result.compromise is None else result.compromise.why,
+    }  # fmt: skip

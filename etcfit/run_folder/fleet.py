@@ -1,9 +1,9 @@
-"""RUN/fleet.json and RUN/units.parquet: what is known of a fleet, as docs/formats.md has them."""
+"""RUN/fleet.json and RUN/units.parquet, and the parts of one design that they hold, as docs/formats.md has them."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,28 +13,27 @@ import numpy as np
 
 from .. import __version__
 from ..errors import UsageError, command, require_extra
-from ..estimation.fleet_model import FleetModel, fleet_model
+from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
-from ..estimation.population_law import PopulationLaw
 from ..files import whole, write_json
-from ..fleets.line import FIGURE_BY_NAME
-from ..fleets.statistics.charts import Chart
-from ..fleets.statistics.odd import OddUnit
-from ..fleets.study import FleetStudy, Series
+from ..fleets.line import FIGURE_BY_NAME, FigureResult
+from ..fleets.prediction import Prediction, Spread
+from ..fleets.statistics.charts import DECISION, Chart, run_length
+from ..fleets.study import FleetStudy
 from ..fleets.unit import UnitResult
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
-from ..rig.toml import Toml
-from ..rig.toml_text import written
+from ..rig.toml import Toml, written
 from .commit import settle
 from .fit import versions
-from .line import figures_json, predictions_json
 from .manifest import FLEET
 from .reading import object_in
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from ..control.fleet import Parts
 
 UNITS = "units.parquet"
 _COLUMNS = ("unit", "symbol", "value", "stderr", "low", "high", "status", "shrunk_value", "shrunk_stderr")
@@ -180,7 +179,7 @@ def fleet_json(study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> dict[s
         "uninformed": study.population.uninformed,
         "left_out": [unit.unit for unit in study.fitted if unit.unit not in study.population.units],
         "correlation": {"symbols": study.population.symbols, "matrix": study.population.correlation},
-        "odd": [_odd(unit) for unit in study.odd],
+        "odd": study.odd,
         "effects": {
             each.effect: {
                 "units": each.units, "of": each.of, "median": each.median, "symbol": each.symbol,
@@ -195,16 +194,12 @@ def fleet_json(study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> dict[s
             }
             for each in study.drifts
         ],
-        "charts": {symbol: _chart(study, symbol, each) for symbol, each in study.series.items()},
+        "charts": {symbol: _chart(study, symbol, each) for symbol, each in study.charts.items()},
         "capability": {
-            name: {
-                "low": each.low, "high": each.high, "unit": _unit_of(study, name), "mean": each.mean,
-                "sd": each.sd, "cp": each.cp, "cp_ci95": each.cp_interval, "cpk": each.cpk,
-                "cpk_ci95": each.cpk_interval, "outside": each.outside, "outside_ci95": each.outside_interval,
-            }
+            name: {"unit": _unit_of(study, name), **asdict(each)}
             for name, each in study.capability.items()
         },
-        "gauge": {symbol: _gauge(study, symbol) for symbol in study.gauge} or None,
+        "gauge": {name: {"unit": _unit_of(study, name), **asdict(each)} for name, each in study.gauge.items()} or None,
         "figures": figures_json(study.model.units, study.figures, odd),
         "predictions": predictions_json(study.predictions),
         "settings": study.settings,
@@ -250,29 +245,76 @@ def _population(study: FleetStudy) -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def _odd(unit: OddUnit) -> dict[str, Any]:
+def _chart(study: FleetStudy, symbol: str, chart: Chart) -> dict[str, Any]:
+    """The limits are those of a unit that is known as well as most: of one that is known worse they are wider."""
     return {
-        "unit": unit.unit, "distance": unit.distance, "rank": unit.rank, "p": unit.p, "rate": unit.rate,
-        "symbols": unit.symbols, "scores": unit.scores, "drives": unit.drives, "misfit": unit.misfit,
-        "traces": [{"file": trace.file, "misfit": trace.misfit, "z": trace.z} for trace in unit.traces],
-        "why": unit.why,
+        "unit": _unit_of(study, symbol), "order": chart.units, "value": chart.value, "stderr": chart.stderr,
+        "centre": chart.centre, "sd": chart.sd, "lower": float(np.median(chart.lower)),
+        "upper": float(np.median(chart.upper)), "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low,
+        "decision": DECISION, "run_length": run_length(),
     }  # fmt: skip
 
 
-def _chart(study: FleetStudy, symbol: str, series: Series) -> dict[str, Any]:
-    chart = series.chart
+def figures_json(
+    units: tuple[str, ...], measured: Mapping[str, FigureResult], odd: Collection[str] = ()
+) -> dict[str, Any]:
+    """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
+
+    Args:
+        units: their names.
+        measured: what `fleets.line.measured` gave.
+        odd: names of units that do not count in mean and spread.
+    """
+    ordinary = ~np.isin(units, list(odd))
     return {
-        "unit": _unit_of(study, symbol), "order": series.units, "value": series.value, "stderr": series.stderr,
-        "centre": chart.centre, "sd": chart.sd, **_limits(chart),
-        "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low, "decision": chart.decision,
-        "run_length": chart.run_length,
-    }  # fmt: skip
+        name: {
+            "meaning": FIGURE_BY_NAME[name].meaning,
+            **asdict(Spread.over_units(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
+            "value": {unit: float(v) for unit, v in zip(units, told.value, strict=True) if np.isfinite(v)},
+        }
+        for name, told in measured.items()
+    }
 
 
-def _limits(chart: Chart) -> dict[str, float]:
-    """Of a unit that is known as well as most: limits of one that is known worse are wider."""
-    return {"lower": float(np.median(chart.lower)), "upper": float(np.median(chart.upper))}
+def predictions_json(predictions: Iterable[Prediction]) -> list[dict[str, Any]]:
+    """Every condition with the spread of each figure over the units; figures that can be told of no unit are null."""
+    return [
+        {
+            "condition": each.condition.name,
+            "winding_C": each.condition.winding,
+            "supply_V": each.condition.supply,
+            "friction": each.condition.friction,
+            "figures": {name: asdict(figure) for name, figure in each.figures.items()},
+        }
+        for each in predictions
+    ]
 
 
-def _gauge(study: FleetStudy, symbol: str) -> dict[str, Any]:
-    return {"unit": _unit_of(study, symbol), **asdict(study.gauge[symbol])}
+def parts_of(run: Path) -> Parts:
+    """The parts of one design that a fleet found, for the design of one of them.
+
+    What the fleet's population leaves out, and what has no result or none that converged, is none of them: its values
+    are not known, or it is something else.
+
+    Raises:
+        UsageError: see `read_fleet_files`; too few units to say how parts scatter.
+    """
+    from ..control.fleet import FEWEST_UNITS, Parts
+
+    files = read_fleet_files(run)
+    model, left_out = model_in(files), _left_out(files.content)
+    if model.law.units < FEWEST_UNITS:
+        raise UsageError(f"{run}: its population is known from {model.law.units} units, too few to say how parts "
+                         f"scatter. Measure {FEWEST_UNITS} at least, and run `etcfit fleet` again.")  # fmt: skip
+    kept = np.flatnonzero([unit not in left_out for unit in model.units])
+    if not kept.size:
+        raise UsageError(f"{run} holds no unit whose fit can be trusted. The page fleet.html says why of each.")
+    return Parts(str(run), str(files.content["name"]), model.taking(kept), left_out)
+
+
+def _left_out(content: Mapping[str, Any]) -> dict[str, str]:
+    """Units that are none of the parts, with why."""
+    odd = {each["unit"]: f"odd: {each['why']}" for each in content["odd"]}
+    apart = {unit: odd.get(unit, "too far from the others") for unit in content["left_out"]}
+    failed = {each["unit"]: f"no result: {each['why']}" for each in content["failed"]}
+    return apart | {each["unit"]: f"did not converge: {each['why']}" for each in content["not_converged"]} | failed

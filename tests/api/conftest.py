@@ -10,7 +10,7 @@ import pytest
 
 import diagnoses
 import results
-from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.explanation import Diagnosed
 from etcfit.api.fit import Fit
 from etcfit.rig.base import Rig
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import diagnoses
-from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.explanation import Diagnosed
 from etcfit.rig.base import Rig
 
 

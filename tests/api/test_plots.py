@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import pytest
 from matplotlib.axes import Axes
 
-from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.explanation import Diagnosed
 from etcfit.api.fit import Fit
 from etcfit.errors import UsageError
 

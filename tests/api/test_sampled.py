@@ -9,8 +9,8 @@ import pytest
 
 import folders
 from etcfit.api import verbs
+from etcfit.api.explanation import Sampled
 from etcfit.api.fit import Fit
-from etcfit.api.sampled import Sampled
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
 

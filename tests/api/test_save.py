@@ -10,11 +10,10 @@ import pytest
 
 import etcfit
 import folders
-from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.controller import Reduced
+from etcfit.api.explanation import Diagnosed, Sampled
 from etcfit.api.fit import Fit
 from etcfit.api.fleet import Fleet
-from etcfit.api.reduced import Reduced
-from etcfit.api.sampled import Sampled
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
 
@@ -100,7 +99,7 @@ def test_nothing_made_from_one_model_is_saved_beside_another(
     kind: str, fitted: Fit, found: Diagnosed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kept: list[Path] = []
-    monkeypatch.setattr(f"etcfit.api.saving.{kind}", lambda run, *_: kept.append(run.path))
+    monkeypatch.setattr(f"etcfit.api.work.{kind}", lambda run, *_: kept.append(run.path))
     monkeypatch.setattr("etcfit.posterior.profile.profiles", lambda *_: {})
     fitted.save(tmp_path / "its own")
     other = replace(fitted.result, values={**fitted.result.values, "R_a": 1.0})

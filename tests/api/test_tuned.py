@@ -20,7 +20,7 @@ from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
 from etcfit.control.proposal import SHOWN, gain_steps, not_held
 from etcfit.control.settings import DesignSettings, OptimumSettings
-from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.agreement import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
 from independent.cars import draw_car, log_of, tracking_errors, write_log

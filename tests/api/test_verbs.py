@@ -17,11 +17,10 @@ import folders
 import results
 from equality import equal
 from etcfit.api import verbs
-from etcfit.api.checked import Checked
-from etcfit.api.designed import Designed
-from etcfit.api.diagnosed import Diagnosed
+from etcfit.api.controller import Designed, Reduced
+from etcfit.api.explanation import Diagnosed
 from etcfit.api.fit import Fit
-from etcfit.api.reduced import Reduced
+from etcfit.api.measurements import Checked
 from etcfit.cli import app
 from etcfit.control.pid import RULES, Requirements
 from etcfit.control.settings import DesignSettings
@@ -33,7 +32,7 @@ from etcfit.experiment.setting import Setting
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.model.ecu import Ecu
 from etcfit.rig.base import Rig
-from etcfit.run_folder import read_records
+from etcfit.run_folder.manifest import read_records
 
 VALUES = {"R_a": 1.5, "K_m": 0.019, "K_s": 0.15, "T_PL": 0.36, "T_f": 0.24}
 QUICK = {name: RULES[name] for name in ("manual", "damping_optimum", "as_found")}

@@ -15,10 +15,9 @@ import pytest
 from etcfit.control.design import Design, ecu_of, gains_as_found, task_of
 from etcfit.control.judged import judged, outside_the_bench
 from etcfit.control.pid import RULES, Gains, Refusal
-from etcfit.control.pid.feedforward import Bias
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.sliding import sliding_of
+from etcfit.control.pid.feedforward import Bias, sliding_of
 from etcfit.control.safety import safety
+from etcfit.control.setpoint import trapezoid
 from etcfit.control.supply_table import supply_table
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.estimation.settings import IdentifiabilitySettings
@@ -29,7 +28,7 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
-from etcfit.run_folder import design_json
+from etcfit.run_folder.design import design_json
 from independent import draw_truth
 from independent.control import Computer, follow, score, trapezoids
 from independent.simulate import throttle

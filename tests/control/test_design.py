@@ -19,8 +19,8 @@ from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frict
 from etcfit.control.linearise import reduce
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.ultimate import Ultimate, ultimate
+from etcfit.control.pid.formulas import Ultimate, ultimate
+from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
@@ -36,7 +36,11 @@ from etcfit.reporting.control.misses import hardest_place, misses
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.reporting.numbers import short
-from etcfit.run_folder import design_json, load_final, read_draws, reduction_json, replacing, rusefi, save_fit
+from etcfit.run_folder.design import design_json, rusefi
+from etcfit.run_folder.manifest import replacing
+from etcfit.run_folder.plant import reduction_json
+from etcfit.run_folder.reading import read_draws
+from etcfit.run_folder.state import load_final, save_fit
 from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
 
 

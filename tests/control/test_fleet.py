@@ -1,31 +1,42 @@
-"""Gains for a fleet: what is counted, and whether the share promised is met by plants that share no code."""
+"""Gains for a fleet and for the parts of a design: what is counted and refused, and whether the share promised is met
+by plants that share no code."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
-from scipy.stats import beta, fisher_exact
+from scipy.stats import beta, binomtest, fisher_exact
 
 import etcfit
 import fleets
 from benchmarks.parts import on_plant
 from etcfit.control.design import Design, ecu_of, task_of
-from etcfit.control.fleet import design_for_fleet, future_units, one_by_one, representatives
-from etcfit.control.fleet_verdict import OneByOne, Share, verdict
+from etcfit.control.fleet import (
+    Parts,
+    design_for_fleet,
+    design_for_parts,
+    future_units,
+    one_by_one,
+    representatives,
+)
 from etcfit.control.loop_figures import FIGURES, LoopFigures
+from etcfit.control.on_units import FleetVerdict, OneByOne, Share
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
 from etcfit.errors import UsageError
+from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
-from etcfit.run_folder import design_json
+from etcfit.run_folder.design import design_json
+from independent.truth import CONSISTENT, Truth
 
 NOISE = 1e-4  # rad
 SPREAD = 0.22  # so wide that no gains please all units: a promise of 100 % would be easy to keep
@@ -45,7 +56,7 @@ def invented(count: int = 50) -> OneByOne:
 
 
 def test_what_fails_on_which_unit_is_counted_and_named() -> None:
-    found = verdict(invented(), None, FleetDesignSettings(named=4), 2)
+    found = FleetVerdict(FleetDesignSettings(named=4), invented(), None, 2)
     assert (found.share.met, found.share.of) == (47, 50)
     assert found.fails == {"overshoot_pct": ("u3", "u7", "u9"), "stable": ("u9",)}
     assert [(odd.unit, odd.requirement, odd.meets) for odd in found.worst] == [
@@ -53,7 +64,7 @@ def test_what_fails_on_which_unit_is_counted_and_named() -> None:
         ("u49", "settling_s", True)]  # fmt: skip
     assert not found.reached
     assert "47 of 50 units meet everything: FEWER than the 99%" in found.says
-    assert verdict(invented(), None, FleetDesignSettings(share=0.94), 1).reached
+    assert FleetVerdict(FleetDesignSettings(share=0.94), invented(), None, 1).reached
 
 
 def test_the_interval_of_a_share_is_clopper_and_pearsons() -> None:
@@ -175,3 +186,171 @@ def test_what_no_gains_reach_is_said() -> None:
     assert found.future is None
     assert found.worst[0].unit == "u005"
     assert "FEWER" in found.says
+
+
+def run_of(truth: Truth, known: float = 0.01, **config: object) -> Fitted:
+    """The fit of one unit that knows it to so much."""
+    one = fleets.of([truth], position_noise=NOISE).nominal
+    return replace(one, covariance=known**2 * np.eye(one.x.size), config=replace(one.config, **config))  # pyright: ignore[reportArgumentType]
+
+
+def parts_of(units: list[Truth], effects: tuple[str, ...] = (), **further: np.ndarray) -> Parts:
+    return Parts("runs/line", "line 4", fleets.of(units, effects, NOISE, **further), {"u100": "odd: a stiff spring"})
+
+
+def test_a_measured_unit_is_itself_where_the_fleet_tells_it_and_the_run_elsewhere() -> None:
+    units, mine = fleets.truths(6, 31), replace(CONSISTENT, K_s=0.2, L_a=5e-3)
+    whole = fleets.of(units, position_noise=NOISE)
+    told = [k for k, symbol in enumerate(whole.law.symbols) if symbol != "L_a"]
+    law = replace(whole.law, **{name: getattr(whole.law, name)[told] for name in ("mean", "sd", "stderr", "positive")},
+                  symbols=tuple(whole.law.symbols[k] for k in told),
+                  correlation=whole.law.correlation[np.ix_(told, told)])  # fmt: skip
+    parts = Parts("runs/line", "line 4", replace(whole, population=law), {})
+    fitted = run_of(mine)
+    assert parts.of_run(fitted) == ("L_a",)
+    plants = parts.measured(fitted)
+    for symbol in ("R_a", "K_b", "K_m", "K_s", "T_PL", "T_f", "J_m", "J_L", "B_L"):
+        theirs = [getattr(unit, symbol) for unit in units]
+        np.testing.assert_allclose(np.asarray(plants.parameter(symbol)), theirs, rtol=1e-9, err_msg=symbol)
+    np.testing.assert_allclose(np.asarray(plants.parameter("L_a")), 5e-3, rtol=1e-9)
+
+
+def test_what_the_fleet_does_not_tell_of_a_drawn_unit_is_as_sure_as_the_run() -> None:
+    whole = fleets.of(fleets.truths(6, 31))
+    law = replace(whole.law, symbols=("R_a",), mean=np.array([3.0]), sd=np.array([0.1]), stderr=np.zeros(1),
+                  correlation=np.eye(1), positive=np.ones(1, dtype=bool))  # fmt: skip
+    parts, fitted = Parts("runs/line", "line 4", replace(whole, population=law), {}), run_of(CONSISTENT, 0.05)
+    rest = fitted.laplace(400, np.random.default_rng(1))
+    drawn, own = parts.drawn(fitted, rest, 2), fitted.throttles(rest)
+    np.testing.assert_allclose(np.asarray(drawn.parameter("T_f")), np.asarray(own.parameter("T_f")))
+    assert np.asarray(drawn.parameter("R_a")).mean() == pytest.approx(3.0, rel=0.02)
+    assert np.std(np.asarray(drawn.parameter("T_f"))) > 0.0
+
+
+def test_parts_with_other_effects_are_refused_with_both_lists() -> None:
+    units = fleets.truths(6, 31)
+    spring = {s: np.full(6, v) for s, v in {"T_lh": 0.1, "K_lh": 0.5, "theta_lh": 0.15, "d_lh": 0.01}.items()}
+    other = parts_of(units, ("limp_home_spring",), **spring)
+    with pytest.raises(UsageError, match=r"runs/line: the fleet has alone limp_home_spring\. Both must have the same"):
+        other.must_be_of(run_of(CONSISTENT))
+    with pytest.raises(UsageError, match=r"the run has alone limp_home_spring\."):
+        parts_of(units).must_be_of(other.model.nominal)
+    parts_of(units).must_be_of(run_of(CONSISTENT))
+
+
+def test_parts_with_another_gear_are_refused() -> None:
+    with pytest.raises(UsageError, match=r"gear_ratio is 20\.68 in the fleet and 18 in the run"):
+        parts_of(fleets.truths(6, 31)).must_be_of(run_of(CONSISTENT, gear_ratio=18.0))
+
+
+def test_a_rule_that_nobody_knows_is_refused_for_parts_too() -> None:
+    fitted = run_of(CONSISTENT)
+    with pytest.raises(UsageError, match="no tuning rule is called 'magic'"):
+        design_for_parts(fitted, parts_of(fleets.truths(6, 31)), ecu_of(fitted), rule="magic")
+
+
+class Compared(NamedTuple):
+    """Designs for one unit's model: over the parts, and the gains of the same search over its own draws."""
+
+    design: Design
+    parts: Parts
+    alone: Gains
+
+
+@pytest.fixture(scope="module")
+def compared() -> Compared:
+    units = fleets.truths(24, 11, spread=SPREAD)
+    fitted, parts = run_of(units[0]), parts_of(units)
+    rules = {name: RULES[name] for name in ("optimal", "simc", "as_found")}
+    design = design_for_parts(fitted, parts, ecu_of(fitted), settings=QUICK, rules=rules)
+    alone = RULES["optimal"](task_of(fitted, ecu_of(fitted), settings=QUICK))
+    assert isinstance(alone, Gains)
+    return Compared(design, parts, alone)
+
+
+@pytest.mark.slow
+def test_every_rule_is_judged_on_every_unit_as_it_is_alone(compared: Compared) -> None:
+    found, model = compared.design.parts, compared.parts.model
+    assert found is not None
+    assert set(found.rules) == {"optimal", "simc"}  # as_found has no gains
+    for name, each in found.rules.items():
+        gains = compared.design.tuned[name].gains
+        assert gains is not None
+        alone = one_by_one(compared.design.task, model.throttles, model.units, gains, 40)
+        assert each.measured.units == model.units
+        # the noise of the sensor is another sequence for each place
+        np.testing.assert_allclose(each.measured.figures.rmse_pct, alone.figures.rmse_pct, rtol=4e-2)
+        np.testing.assert_allclose(each.measured.figures.gain_margin_db, alone.figures.gain_margin_db, rtol=1e-6)
+        assert each.drawn.share.of == QUICK.draws - 1
+        assert each.worst.unit == each.measured.units[int(each.measured.worst_first[0])]
+
+
+@pytest.mark.slow
+def test_outside_the_bench_a_unit_meets_everything_only_if_it_does_at_each_corner(compared: Compared) -> None:
+    found = compared.design.parts
+    assert found is not None
+    corners, chosen = found.corners, found.rules["optimal"].measured
+    assert len(corners.units) == 8 * len(found.units)
+    assert corners.units[0] == "u000 at 9 V, -20 degrees Celsius, friction 0.5"
+    assert corners.units[-1] == "u023 at 15 V, 130 degrees Celsius, friction 1.5"
+    every = [all(corners.met[8 * k : 8 * k + 8]) for k in range(len(found.units))]
+    assert (found.share_at_corners.met, found.share_at_corners.of) == (sum(every), 24)
+    # a weak battery, a hot winding and much friction: every unit follows less closely than on the bench
+    hardest = [k for k, name in enumerate(corners.units) if name.endswith("at 9 V, 130 degrees Celsius, friction 1.5")]
+    assert len(hardest) == 24
+    assert np.all(corners.figures.rmse_pct[hardest] > chosen.figures.rmse_pct)
+
+
+@pytest.mark.slow
+def test_gains_sought_over_the_parts_hold_on_more_fresh_units_and_as_many_as_promised(compared: Compared) -> None:
+    """By plates of an independent simulation, which share nothing with the model."""
+    design = compared.design
+    assert design.parts is not None
+    fresh = fleets.truths(150, 12, spread=SPREAD)
+    over, alone = (
+        np.array([on_plant(design.task, gains, truth, 100 + k).meets for k, truth in enumerate(fresh)])
+        for gains in (design.proposed, compared.alone)
+    )
+    assert over.sum() > alone.sum()
+    only = int(np.sum(over & ~alone)), int(np.sum(over != alone))
+    assert binomtest(*only, alternative="greater").pvalue < 0.01  # unit by unit, McNemar's
+    promised = design.parts.rules["optimal"].drawn.share
+    table = [[int(over.sum()), int(np.sum(~over))], [promised.met, promised.of - promised.met]]
+    assert float(np.asarray(fisher_exact(table))[1]) > 0.01
+
+
+@pytest.mark.slow
+def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_path: Path) -> None:
+    design, found = compared.design, compared.design.parts
+    assert found is not None
+    write_json(tmp_path / "pid.json", "pid", design_json(design))
+    written = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
+    schema = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "pid.schema.json"
+    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(written)
+    parts, each = written["parts"], found.rules["optimal"]
+    assert (parts["fleet"], parts["name"]) == ("runs/line", "line 4")
+    assert parts["left_out"] == {"u100": "odd: a stiff spring"}
+    assert parts["rules"]["optimal"]["measured"]["share_met"] == each.measured.share.value
+    assert parts["rules"]["optimal"]["drawn"]["worst_rmse_pct"] == pytest.approx(each.drawn.figures.rmse_pct.max())
+    assert parts["rules"]["optimal"]["worst"]["unit"] == each.worst.unit
+    assert parts["conditions"]["corners"]["of"] == 24
+    assert written["posterior"]["origin"] == "laplace"
+    assert written["bias_curve"]["hold_V"] == pytest.approx(design.bias.hold.tolist())
+    said = " ".join(render(design_table(design)).split())
+    assert "On the parts of line 4" in said
+    assert "not judged: u100, odd: a stiff spring" in said
+    assert f"outside the bench: {found.share_at_corners.met} of 24 units" in said
+    said = [text.get_text() for text in draw(design).axes[0].texts]
+    measured = each.measured.share
+    share = f"{100.0 * each.drawn.share.value:.1f} %"
+    assert f"met by {share} of drawn parts, {measured.met} of 24 measured" in said
+
+
+def test_the_share_on_the_parts_does_not_depend_on_the_run_where_the_fleet_tells_everything() -> None:
+    units = fleets.truths(8, 33)
+    parts = parts_of(units)
+    one, other = run_of(units[0]), run_of(replace(units[1], T_f=0.1))
+    mine, theirs = (parts.measured(each) for each in (one, other))
+    for symbol in asdict(CONSISTENT):
+        if symbol not in ("N", *parts.of_run(one)):
+            np.testing.assert_array_equal(np.asarray(mine.parameter(symbol)), np.asarray(theirs.parameter(symbol)))

@@ -12,12 +12,12 @@ from jsonschema import Draft202012Validator
 
 import etcfit
 import results
-from etcfit.api.control import design_of
+from etcfit.api.work import design_of
 from etcfit.control.design import Design, design, ecu_of
 from etcfit.control.linearise import reduce
 from etcfit.control.request import DesignRequest
 from etcfit.control.settings import DesignSettings, OptimumSettings
-from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.agreement import Compromise
 from etcfit.estimation.intervals import Z_95, intervals
 from etcfit.estimation.joint_fit import FitResult, quiet
 from etcfit.files import write_json
@@ -28,7 +28,8 @@ from etcfit.reporting.control.sentence import cautions, sentence
 from etcfit.reporting.control.tables import design_table, reduction_table
 from etcfit.reporting.control.verdicts import answer
 from etcfit.reporting.page.control import gains_table, metrics_table, settings_table, supply_table
-from etcfit.run_folder import design_json, reduction_json
+from etcfit.run_folder.design import design_json
+from etcfit.run_folder.plant import reduction_json
 
 FAR = "the model is far from the data (chi2/dof 17)"
 SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"

@@ -17,8 +17,7 @@ import rigs
 from etcfit.control.design import ecu_of, gains_as_found, propose, task_of
 from etcfit.control.own_numbers import checked, said, shares
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
-from etcfit.control.pid.linear_loop import closed
-from etcfit.control.pid.sampled_plant import sampled
+from etcfit.control.pid.linear_loop import closed, sampled
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
@@ -29,7 +28,7 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.control.tables import design_table
 from etcfit.reporting.page.control import assumed, gains_table, settings_table
-from etcfit.run_folder import design_json
+from etcfit.run_folder.design import design_json
 
 PROPOSED = Gains(60.0, 300.0, 0.6)
 NOT_KNOWN = Refusal("not known")

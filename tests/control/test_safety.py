@@ -10,11 +10,11 @@ import pytest
 import rigs
 from benchmarks.safety import compare
 from etcfit.control.pid import Requirements, Task
-from etcfit.control.pid.setpoint import stairs
 from etcfit.control.safety import Envelope
+from etcfit.control.safety.faults import detection_time, proposed
 from etcfit.control.safety.guarded import longest_above
-from etcfit.control.safety.holding import holding
-from etcfit.control.safety.jam import detection_time, proposed
+from etcfit.control.safety.unpowered import holding
+from etcfit.control.setpoint import stairs
 from etcfit.control.settings import DesignSettings, SafetySettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects.winding_heating import WindingHeating

@@ -11,15 +11,15 @@ import pytest
 import rigs
 from etcfit.control.pid import Gains, Requirements, Task
 from etcfit.control.pid.feedforward import bias_of
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.settings import ConditionSettings, DesignSettings, ScheduleSettings
+from etcfit.control.setpoint import trapezoid
+from etcfit.control.settings import ConditionSettings, DesignSettings
 from etcfit.control.supply_table import SupplyTable, over_position, reckoning_with, supply_table
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.ecus import ECUS, EcuProfile, Scheduling
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.supply_table import supply_table as shown
-from etcfit.run_folder import supply_table_json
+from etcfit.run_folder.design import supply_table_json
 from independent.bench_twin import TRUTH
 from independent.control import Computer, failing, follow
 from independent.effects import NONE
@@ -166,12 +166,12 @@ def test_a_straight_table_is_off_by_as_little_as_it_says(found: SupplyTable) -> 
 
 def test_over_the_position_the_springs_alone_differ() -> None:
     """Without a limp-home spring nothing does; with one the gain below its corner is that of the stiffer spring."""
-    plain = over_position(task_with(), GAINS, ScheduleSettings())
+    plain = over_position(task_with(), GAINS)
     assert plain.alike == 1.0
     assert plain.ratio == pytest.approx(np.ones(201), abs=1e-6)
     loop = rigs.loop(LimpHomeSpring, ecu=ECU, T_lh=0.5, K_lh=8.0, theta_lh=0.3 * OPEN, d_lh=0.002)
     task = Task(rigs.plant(loop), ECU, Requirements(), loop, TRAPEZOID)
-    at = over_position(task, GAINS._replace(Ki=0.0), ScheduleSettings())
+    at = over_position(task, GAINS._replace(Ki=0.0))
     assert np.ptp(at.ratio[at.shares < 0.28]) < 1e-6
     w = 2.0 * np.pi * at.frequency
     assert w > 1.0

@@ -17,14 +17,15 @@ from etcfit.diagnosis.choice import (
     deserves_second_trial,
     first_of,
     in_turn,
+    is_accepted,
     nothing_to_read,
     promises,
     promising,
-    stands,
     worth_a_look,
 )
-from etcfit.diagnosis.screen import Signature, variants
+from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.trial import TrialVerdict
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
@@ -159,7 +160,7 @@ def test_an_effect_that_explains_less_than_a_fifth_of_what_it_leaves_is_not_adde
 def test_an_effect_that_spoils_the_full_refit_is_not_added() -> None:
     before = chosen(verdict(LIMP, -500.0), verdict(GRAVITY, -498.0))
     assert before.ties == (GRAVITY,)
-    after = before.spoilt()
+    after = before.with_refit_refused()
     assert (after.outcome, after.effect, after.ties) == (Outcome.SPOILT, None, ())
     assert after.why == (f"{before.why} Refitted in full with it the model is further from the data: it is not added.")
 
@@ -275,5 +276,5 @@ def test_what_is_not_worth_its_parameters_is_not_judged_again() -> None:
 )
 def test_after_a_full_refit_a_held_out_error_may_rise_by_a_fifth(again: Any, kept: bool) -> None:
     v = verdict(LIMP, -400.0, gain=40_000.0, slack=SETTINGS.rise_in_refit(False), **again)
-    assert stands(v, SETTINGS) is kept
-    assert not stands(verdict(LIMP, -9.0), SETTINGS)
+    assert is_accepted(v, SETTINGS) is kept
+    assert not is_accepted(verdict(LIMP, -9.0), SETTINGS)

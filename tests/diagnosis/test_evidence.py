@@ -8,25 +8,37 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 
+import bodies
+from bodies import N, batch, body, path
 from etcfit.diagnosis.candidate_model import CandidateModel
+from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.evidence import (
     Place,
     correlation,
     evidence,
     explained,
     is_white,
+    motions,
     sentences,
     shares,
     strongest,
     whiteness,
 )
-from etcfit.diagnosis.findings import Share, Whiteness
+from etcfit.diagnosis.findings import Motion, Share, Whiteness
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
+from etcfit.model.effects import PAPER
 from etcfit.problem import weights
+from etcfit.problem.free_parameters import free_parameters
+from etcfit.problem.input_signal import InputSignal
+from etcfit.problem.problem import EstimationProblem
+from etcfit.problem.trace import Trace, prepare
+from etcfit.rig.base import Fixed
+from measurements import CONFIG, measurement
 
-N = 6000
+COUNT = 6000
 SETTINGS = DiagnosisSettings()
 BINS = SETTINGS.share_bins
 
@@ -41,7 +53,7 @@ def rng() -> np.random.Generator:
 
 @pytest.mark.parametrize("curve", [np.sin, np.sign, np.square, lambda a: np.exp(-((a / 0.3) ** 2))])
 def test_a_function_of_the_axis_is_explained_by_it(rng: np.random.Generator, curve: Any) -> None:
-    axis = rng.uniform(-2.0, 2.0, N)
+    axis = rng.uniform(-2.0, 2.0, COUNT)
     assert explained(axis, curve(axis), BINS) > 0.95
     assert explained(axis, 1e3 - 1e-4 * curve(axis), BINS) == pytest.approx(
         explained(axis, curve(axis), BINS), abs=1e-6
@@ -56,7 +68,7 @@ def test_noise_is_not(rng: np.random.Generator) -> None:
 
 
 def test_a_share_is_that_of_the_variance(rng: np.random.Generator) -> None:
-    axis, noise = rng.uniform(-3.0, 3.0, N), rng.normal(size=N)
+    axis, noise = rng.uniform(-3.0, 3.0, COUNT), rng.normal(size=COUNT)
     curve = np.sin(axis)
     size = float(np.std(curve))
     for level in (0.5, 1.0, 2.0):
@@ -65,25 +77,25 @@ def test_a_share_is_that_of_the_variance(rng: np.random.Generator) -> None:
 
 
 def test_a_function_of_another_quantity_is_not_explained(rng: np.random.Generator) -> None:
-    assert explained(rng.normal(size=N), np.sin(rng.normal(size=N)), BINS) < 0.01
+    assert explained(rng.normal(size=COUNT), np.sin(rng.normal(size=COUNT)), BINS) < 0.01
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.5])
 def test_an_axis_that_rests_half_of_the_time_has_fewer_bins(rng: np.random.Generator, rest: float) -> None:
     """A plate lies on its stop: many samples share one angle."""
-    axis = np.where(rng.uniform(size=N) < rest, 0.0, rng.uniform(0.0, 1.5, N))
+    axis = np.where(rng.uniform(size=COUNT) < rest, 0.0, rng.uniform(0.0, 1.5, COUNT))
     assert explained(axis, np.cos(axis), BINS) > 0.95
-    assert explained(axis, rng.normal(size=N), BINS) < 0.01
+    assert explained(axis, rng.normal(size=COUNT), BINS) < 0.01
 
 
 def test_what_does_not_vary_explains_nothing_and_is_not_explained(rng: np.random.Generator) -> None:
-    noise = rng.normal(size=N)
-    assert explained(np.full(N, 0.3), noise, BINS) == 0.0
-    assert explained(noise, np.full(N, 0.3), BINS) == 0.0
+    noise = rng.normal(size=COUNT)
+    assert explained(np.full(COUNT, 0.3), noise, BINS) == 0.0
+    assert explained(noise, np.full(COUNT, 0.3), BINS) == 0.0
 
 
 def test_shares_are_of_all_traces_and_only_where_something_is_known(rng: np.random.Generator) -> None:
-    along = [{name: rng.normal(size=N) for name in ("angle", "speed", "current", "load", "time")} for _ in range(2)]
+    along = [{name: rng.normal(size=COUNT) for name in ("angle", "speed", "current", "load", "time")} for _ in range(2)]
     missing = [np.sin(a["speed"]) for a in along]
     missing[0][::2] = np.nan
     found = {s.axis: s for s in shares("torque", along, missing, SETTINGS)}
@@ -91,24 +103,24 @@ def test_shares_are_of_all_traces_and_only_where_something_is_known(rng: np.rand
     assert found["speed"].share > 0.95
     assert max(found[a].share for a in ("angle", "current", "load", "time")) < 0.01
     assert {s.axis for s in shares("voltage", along, missing, SETTINGS)} == {"current", "speed", "angle", "time"}
-    assert shares("torque", along, [np.full(N, np.nan)] * 2, SETTINGS) == []
+    assert shares("torque", along, [np.full(COUNT, np.nan)] * 2, SETTINGS) == []
 
 
 # ---- what a residual goes along with
 
 
 def test_the_strongest_is_the_one_it_correlates_with_most_whatever_the_sign(rng: np.random.Generator) -> None:
-    a, b = rng.normal(size=N), 50.0 + 7.0 * rng.normal(size=N)
-    r = rng.normal(size=N) + 0.1 * a - 0.05 * (b - 50.0)
-    name, rho = strongest(r, {"angle": a, "speed": b, "time": np.linspace(0.0, 1.0, N)})
+    a, b = rng.normal(size=COUNT), 50.0 + 7.0 * rng.normal(size=COUNT)
+    r = rng.normal(size=COUNT) + 0.1 * a - 0.05 * (b - 50.0)
+    name, rho = strongest(r, {"angle": a, "speed": b, "time": np.linspace(0.0, 1.0, COUNT)})
     assert name == "speed"
     assert rho == pytest.approx(float(np.corrcoef(r, b)[0, 1]))
     assert rho < -0.2
 
 
 def test_a_signal_that_does_not_vary_correlates_with_nothing(rng: np.random.Generator) -> None:
-    assert correlation(rng.normal(size=N), np.full(N, 3.0)) == 0.0
-    assert correlation(np.zeros(N), rng.normal(size=N)) == 0.0
+    assert correlation(rng.normal(size=COUNT), np.full(COUNT, 3.0)) == 0.0
+    assert correlation(np.zeros(COUNT), rng.normal(size=COUNT)) == 0.0
 
 
 # ---- is it noise?
@@ -220,3 +232,119 @@ def test_far_from_the_data_a_residual_is_judged_by_its_noise_not_by_its_weight(s
                   end=Termination(True, "far", far=True))  # fmt: skip
     assert far.chi2 < 0.5 * small.chi2
     assert [r.rms for r in evidence(far).rows] == pytest.approx([r.rms for r in evidence(small).rows])
+
+
+# ---- What a model lacks along the measured motion, read off its guide: known torque, known voltage, and where none is.
+
+LACKED = 0.05  # N m that help the true plate open
+OFFSET = 0.03  # A that its current sensor adds
+CIRCUITS = (0.0, 0.4)  # ohm of the test's own circuit
+DT, SAMPLES = 1e-3, 1200
+SLIDES = slice(600, 750)  # samples at which the plate has slid long enough, and is not yet open
+
+
+# ---- what is missing
+
+
+def volts(t: np.ndarray) -> np.ndarray:
+    """Not enough to open the plate, then enough to slide it open ever more slowly."""
+    return np.interp(t, [0.0, 0.2, 0.4, 1.2], [1.0, 1.0, 3.0, 3.6])
+
+
+def measured(series: float) -> Trace:
+    """A plate that is helped by LACKED, its current read OFFSET too high; no noise."""
+    t = np.arange(SAMPLES) * DT
+    v = volts(t)
+    truth = body(T_PL=bodies.NOMINAL["T_PL"] - LACKED)
+    at_rest = (float(v[0]) / (1.513 + series), 0.0, 0.0)
+    x = path(truth, *batch(np.full(SAMPLES - 1, DT), v[:-1], v[1:], at_rest, series=series))
+    m = measurement("response", t, {"voltage": v, "current": x[:, 0] + OFFSET, "position": x[:, 1]})
+    trace = prepare(m, CONFIG)
+    assert trace is not None
+    exact = InputSignal(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
+    return replace(trace, input=exact, start=replace(trace.start, state=at_rest))
+
+
+@pytest.fixture(scope="module", params=CIRCUITS, ids=["no series resistance", "a series resistance"])
+def series(request: pytest.FixtureRequest) -> float:
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def trace(series: float) -> Trace:
+    return measured(series)
+
+
+def candidate(trace: Trace, series: float, preload: float) -> CandidateModel:
+    """Eqs. 1-2, all known but the friction of the plate."""
+    fixed = {s: Fixed(v) for s, v in bodies.values(T_PL=preload).items() if s not in ("T_f", "K_m")}
+    config = replace(CONFIG, parameters=fixed, series_ohm={"response": series})
+    known = free_parameters(config)
+    problem = EstimationProblem.of(config, known, (trace,))
+    x, end = known.layout.coordinates(bodies.NOMINAL), Termination(True, "by hand")
+    weighted, composition = problem.weighted(weights.free_running(problem)), Composition(known, PAPER, ())
+    return CandidateModel(composition, (), problem, weighted, None, x, end, DiagnosisSettings())
+
+
+@pytest.fixture(scope="module")
+def motion(trace: Trace, series: float) -> Motion:
+    """Before: the model without what helps the plate; after: with it."""
+    preload = bodies.NOMINAL["T_PL"]
+    (found,) = motions(candidate(trace, series, preload), candidate(trace, series, preload - LACKED), False)
+    return found
+
+
+def test_the_missing_torque_is_what_helps_the_plate(motion: Motion) -> None:
+    """But for what the guide gives way to: K_s over the guide's stiffness."""
+    assert_allclose(motion.torque[SLIDES], LACKED, rtol=0.03)
+
+
+def test_the_final_model_lacks_nothing(motion: Motion) -> None:
+    assert np.nanmax(np.abs(motion.after["torque"][SLIDES])) < 0.01 * LACKED
+
+
+def test_the_missing_voltage_is_the_resistance_times_the_missing_current(motion: Motion, series: float) -> None:
+    """Of armature and circuit: (R_a + R_series) I_0."""
+    assert_allclose(motion.after["voltage"][SLIDES], (1.513 + series) * OFFSET, rtol=0.01)
+
+
+def test_where_the_plate_rests_no_torque_is_read(motion: Motion, trace: Trace) -> None:
+    """There dry friction and the stop carry whatever is missing."""
+    position = trace.data[:, trace.channels.index("position")]
+    assert np.all(position[:200] == 0.0)
+    assert np.all(np.isnan(motion.torque[:200]))
+    assert np.all(np.isnan(motion.after["torque"][:200]))
+    assert np.all(np.isfinite(motion.torque[SLIDES]))
+    assert np.all(np.isfinite(motion.voltage))
+
+
+def test_the_axes_are_those_of_the_measured_motion(motion: Motion, trace: Trace) -> None:
+    position = trace.data[:, trace.channels.index("position")]
+    assert_allclose(motion.axes["time"], trace.instants, atol=1e-12)
+    assert np.max(np.abs(motion.axes["angle"] - position)) < 0.01 * np.ptp(position)
+    assert_allclose(motion.axes["speed"][SLIDES], np.gradient(position, DT)[SLIDES], rtol=0.02)
+    current = trace.data[:, trace.channels.index("current")]
+    assert_allclose(motion.axes["current"][SLIDES], current[SLIDES] - OFFSET, rtol=0.01)
+    # what the gear carries: half of the motor's torque and half of what the spring holds against it
+    spring = bodies.NOMINAL["T_PL"] - LACKED + 0.150 * motion.axes["angle"]
+    assert_allclose(
+        motion.axes["load"][SLIDES], 0.5 * (N * 0.0189 * motion.axes["current"] + spring)[SLIDES], rtol=0.05
+    )
+
+
+def test_a_motion_names_its_trace_and_no_effect_that_was_not_added(motion: Motion, trace: Trace) -> None:
+    assert (motion.file, motion.test, motion.held_out) == (trace.measurement.file, "response", False)
+    assert motion.effects == {}
+    assert {v.shape for v in (motion.torque, motion.voltage, *motion.axes.values(), *motion.after.values())} == {
+        (SAMPLES,)
+    }
+
+
+def test_where_no_current_was_logged_no_voltage_is_read() -> None:
+    trace = measured(0.0)
+    k = trace.channels.index("position")
+    blind = replace(trace, channels=("position",), data=trace.data[:, [k]], sigma=trace.sigma[[k]])
+    preload = bodies.NOMINAL["T_PL"]
+    (found,) = motions(candidate(blind, 0.0, preload), candidate(blind, 0.0, preload), False)
+    assert_array_equal(found.voltage, np.full(SAMPLES, np.nan))
+    assert_allclose(found.torque[SLIDES], LACKED, rtol=0.03)

@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import linalg
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.model_discrepancy import blur, inexact, left_by, percent_off, spread
-from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.model_discrepancy import (
+    Curve,
+    CurveDiscrepancy,
+    chi2_left_by_formula,
+    curve_discrepancy,
+    formula_covariance,
+    formula_error_chi2,
+    inexact,
+    kernel,
+    moved_by_curves,
+    percent_off,
+)
+from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
 from etcfit.estimation.identifiability import WIDE
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
+from etcfit.model.smooth import UNKNOWNS
 
 LIMP, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "gravity_load"))
 SETTINGS = DiagnosisSettings()
@@ -23,7 +37,7 @@ SETTINGS = DiagnosisSettings()
 def test_a_formula_leaves_its_error_squared_of_what_it_explained_and_at_most_4_percent(
     above: float, share: float
 ) -> None:
-    assert left_by(0.02, 500.0 * above, 500.0, SETTINGS) == pytest.approx(500.0 * share)
+    assert chi2_left_by_formula(0.02, 500.0 * above, 500.0, SETTINGS) == pytest.approx(500.0 * share)
 
 
 @pytest.mark.parametrize(("before", "share"), [(51.0, 0.02), (2.0, 0.0004), (1001.0, 0.04), (0.9, 0.0)])
@@ -31,15 +45,15 @@ def test_effects_found_may_leave_a_share_of_what_the_first_fit_left_above_the_no
     model: CandidateModel, before: float, share: float
 ) -> None:
     found = model.with_effects((GRAVITY,), {"T_g": 0.2})
-    assert blur(before, found) == pytest.approx(model.weighted.samples * share)
+    assert formula_error_chi2(before, found) == pytest.approx(model.weighted.samples * share)
 
 
 def test_nothing_is_put_down_to_formulas_without_one_or_far_from_the_data(model: CandidateModel) -> None:
     found = model.with_effects((GRAVITY,), {"T_g": 0.2})
     far = replace(found, end=Termination(True, "far", far=True))
-    assert blur(1001.0, model) == 0.0
-    assert blur(1001.0, far) == 0.0
-    assert not spread(far).any()
+    assert formula_error_chi2(1001.0, model) == 0.0
+    assert formula_error_chi2(1001.0, far) == 0.0
+    assert not formula_covariance(far).any()
 
 
 def test_the_least_exact_formula_counts_and_each_size_is_named_once() -> None:
@@ -74,6 +88,122 @@ def test_a_formula_that_is_off_in_one_stretch_of_a_trace_moves_parameters_as_far
             moved = np.linalg.lstsq(rows, np.append(off.ravel(), np.zeros(len(held))), rcond=1e-12)[0]
             expected += np.outer(moved, moved)
     known = [layout.free.index(s) for s in ("R_a", "K_b", "T_f", "T_PL", "T_g")]
-    assert_allclose(np.diag(spread(found))[known], np.diag(expected)[known], rtol=0.02)
+    assert_allclose(np.diag(formula_covariance(found))[known], np.diag(expected)[known], rtol=0.02)
     assert np.all(np.diag(expected)[known] > 0.0)
-    assert_array_equal(spread(model), np.zeros((model.x.size, model.x.size)))
+    assert_array_equal(formula_covariance(model), np.zeros((model.x.size, model.x.size)))
+
+
+# ---- Random curves in a residual: found where they are, not where one event is; intervals that hold with and without.
+
+SAMPLES, KNOTS, EVENTS = 1200, 10, 60
+TORQUE, FRICTION = (e for e in UNKNOWNS if e.name in ("unknown_torque_over_angle", "unknown_friction_over_speed"))
+BELIEVED = np.diag([1e-6, 1e-6])
+
+
+class Line(NamedTuple):
+    """A straight line fitted to samples along an axis that is swept to and fro, and two curves over other axes.
+
+    Args:
+        jacobian: of the residual by intercept and slope, shape (SAMPLES, 2).
+        curves: over the same axis as the line, and over another one.
+    """
+
+    jacobian: np.ndarray
+    curves: tuple[Curve, Curve]
+
+
+def hats(place: np.ndarray) -> np.ndarray:
+    """Piecewise linear basis over KNOTS knots, shape (n, KNOTS); place: 0 to KNOTS - 1."""
+    return np.maximum(0.0, 1.0 - np.abs(place[:, None] - np.arange(KNOTS)))
+
+
+@pytest.fixture(scope="module")
+def line() -> Line:
+    t = np.linspace(0.0, 1.0, SAMPLES)
+    axis, other = 0.5 - 0.5 * np.cos(12.0 * t), 0.5 + 0.5 * np.sin(31.0 * t)
+    jacobian = 30.0 * np.stack((np.ones(SAMPLES), axis), axis=1)
+    own, across = (300.0 * hats((KNOTS - 1) * a) for a in (axis, other))
+    return Line(jacobian, (Curve(TORQUE, own), Curve(FRICTION, across)))
+
+
+EVENT = np.repeat(np.arange(EVENTS), SAMPLES // EVENTS)
+
+
+def fitted(line: Line, r: np.ndarray) -> tuple[np.ndarray, CurveDiscrepancy]:
+    """Least squares where the truth is at 0, and what may have bent it."""
+    x = -np.linalg.lstsq(line.jacobian, r, rcond=None)[0]
+    return x, curve_discrepancy(r + line.jacobian @ x, line.jacobian, BELIEVED, line.curves, EVENT, DEFAULT)
+
+
+def drawn(rng: np.random.Generator, size: float) -> np.ndarray:
+    """Amplitudes over their scale of a random curve of this size."""
+    return size * linalg.cholesky(kernel(KNOTS, DEFAULT.curve_length), lower=True) @ rng.normal(size=KNOTS)
+
+
+def held(line: Line, size: float, runs: int) -> tuple[float, float]:
+    """Share of 95 % intervals that hold the truth, without and with what is allowed for curves."""
+    noise, inside = np.linalg.inv(line.jacobian.T @ line.jacobian), []
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        x, found = fitted(line, rng.normal(size=SAMPLES) + line.curves[0].columns @ drawn(rng, size))
+        sd = [np.sqrt(np.diag(noise)), np.sqrt(np.diag(noise + found.covariance))]
+        inside.append([np.abs(x) < 1.96 * s for s in sd])
+    share = np.mean(inside, axis=(0, 2))
+    return float(share[0]), float(share[1])
+
+
+def test_a_curve_that_bent_the_parameters_widens_intervals_until_they_hold(line: Line) -> None:
+    without, allowed = held(line, 0.02, 200)
+    assert without < 0.1
+    assert 0.92 < allowed < 0.98
+
+
+def test_where_nothing_is_left_intervals_stay_as_they_are(line: Line) -> None:
+    sizes = [fitted(line, np.random.default_rng(seed).normal(size=SAMPLES))[1].sizes for seed in range(40)]
+    assert not any(sizes)
+
+
+def test_the_axis_and_the_size_of_a_curve_are_found(line: Line) -> None:
+    rng = np.random.default_rng(5)
+    found = [fitted(line, rng.normal(size=SAMPLES) + line.curves[1].columns @ drawn(rng, 0.1))[1] for _ in range(20)]
+    assert all(each.sizes.get(TORQUE, 0.0) < 0.1 * each.sizes[FRICTION] for each in found)
+    scale = line.curves[1].scale
+    assert_allclose(np.sqrt(np.mean([each.sizes[FRICTION] ** 2 for each in found])), 0.1 * scale, rtol=0.2)
+
+
+def test_one_event_is_no_curve(line: Line) -> None:
+    r = np.random.default_rng(0).normal(size=SAMPLES)
+    burst = np.where(EVENT == 20, 5.0, 0.0)
+    assert not fitted(line, r + burst)[1].sizes
+    often = np.where(EVENT % 10 == 0, 5.0, 0.0)
+    assert fitted(line, r + often)[1].sizes
+
+
+def test_what_a_curve_moved_is_what_the_joint_estimate_says(line: Line) -> None:
+    """Against generalised least squares with the whole covariance of the samples, inverted as it stands."""
+    rng = np.random.default_rng(1)
+    ways = line.curves[0].columns @ linalg.cholesky(kernel(KNOTS, 3.0), lower=True) * 0.02
+    r = rng.normal(size=SAMPLES) + ways @ rng.normal(size=KNOTS)
+    j, v = line.jacobian, np.eye(SAMPLES) + ways @ ways.T
+    information = j.T @ np.linalg.solve(v, j) + BELIEVED
+    by = -np.linalg.solve(information, j.T @ np.linalg.solve(v, r))
+    expected = np.linalg.inv(information) - np.linalg.inv(j.T @ j + BELIEVED) + np.outer(by, by)
+    assert_allclose(moved_by_curves(r, j, BELIEVED, ways, 1.0), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("curves", [(), (Curve(TORQUE, np.zeros((SAMPLES, KNOTS))),)])
+def test_without_curves_that_any_sample_feels_nothing_is_added(line: Line, curves: tuple[Curve, ...]) -> None:
+    r = np.random.default_rng(0).normal(size=SAMPLES)
+    found = curve_discrepancy(r, line.jacobian, BELIEVED, curves, EVENT, DEFAULT)
+    assert not found.sizes
+    assert not found.covariance.any()
+
+
+def test_a_parameter_that_no_sample_feels_is_moved_by_none(line: Line) -> None:
+    rng = np.random.default_rng(2)
+    r = rng.normal(size=SAMPLES) + line.curves[1].columns @ drawn(rng, 0.1)
+    jacobian = np.column_stack((line.jacobian, np.zeros(SAMPLES)))
+    found = curve_discrepancy(r, jacobian, 1e-6 * np.eye(3), line.curves, EVENT, DEFAULT)
+    assert found.sizes
+    assert_allclose(found.covariance[2, 2], 0.0, atol=1e-6)
+    assert np.all(np.diag(found.covariance)[:2] > 0.0)

@@ -10,10 +10,11 @@ from numpy.testing import assert_allclose
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Effect, compose
-from etcfit.diagnosis.loop import measured
-from etcfit.diagnosis.screen import Background, Signature, Tangents
+from etcfit.diagnosis.loop import score_candidates
+from etcfit.diagnosis.rig_screen import screen_of_single_traces
+from etcfit.diagnosis.screen import Background, Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
-from etcfit.diagnosis.single_traces import screen_of_single_traces
+from etcfit.diagnosis.tangents import Tangents
 from etcfit.diagnosis.trial import Cost
 from etcfit.estimation.result import Termination
 from etcfit.model.parameters import parameters_of
@@ -76,7 +77,7 @@ class Case:
     def screened(self, shown: list[np.ndarray]) -> dict[str, Signature]:
         """By name, the most promising of each."""
         s = self.beside(shown)
-        found = measured(s, [e for e in self.composition.of_the_rig]).signatures
+        found = score_candidates(s, [e for e in self.composition.of_the_rig]).signatures
         return {g.variant.effect.name: g for g in sorted(found, key=lambda g: g.gain)}
 
     def by_hand(self, name: str, value: float) -> list[np.ndarray]:

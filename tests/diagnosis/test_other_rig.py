@@ -23,7 +23,7 @@ from etcfit.model.rig_effects import OtherRig, Place
 from etcfit.rig.base import OTHER_RIG, Rig
 from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder import diagnosis_json
+from etcfit.run_folder.diagnosis import diagnosis_json
 from independent import CONSISTENT, Truth, draw_truth
 from independent.mistakes import Mistake, make_mistaken
 

@@ -15,9 +15,9 @@ from numpy.testing import assert_allclose
 
 from etcfit.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from etcfit.diagnosis.choice import Choice, Outcome
-from etcfit.diagnosis.loop import Round, screened, turn
-from etcfit.diagnosis.masked_by_guide import hidden
+from etcfit.diagnosis.loop import Round, run_round, screened
 from etcfit.diagnosis.refit import start
+from etcfit.diagnosis.rounds import hidden
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.trial import tried
 from etcfit.estimation.free_run import freed
@@ -156,7 +156,7 @@ def test_a_rebound_is_found_though_a_small_one_ends_within_its_step(tmp_path: Pa
     """A constant restitution here, one that falls with the speed of impact there."""
     truth = draw_truth(np.random.default_rng(61))
     make_folder(tmp_path, truth, 61, MEDIUM["stop_bounce"], size="small")
-    found = turn(start(fit(read_folder(tmp_path)), SETTINGS), quiet)
+    found = run_round(start(fit(read_folder(tmp_path)), SETTINGS), quiet)
     assert found.added is not None
     assert found.added.name == "stop_bounce"
 

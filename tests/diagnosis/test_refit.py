@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.refit import further_from_data, holds, spoilt
+from etcfit.diagnosis.refit import further_from_data, holds, refit_worsened
 from etcfit.diagnosis.score import holdout_rms, score
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
@@ -48,10 +48,10 @@ def test_models_are_compared_by_their_chi2_per_sample(small: CandidateModel) -> 
     ratio = worse.chi2_per_sample / best.chi2_per_sample
     assert ratio > 1.05
     strict, lenient = (replace(SETTINGS, worse_chi2=limit) for limit in (0.5 + 0.5 * ratio, 1.1 * ratio))
-    assert spoilt(replace(worse, settings=strict), best)
-    assert not spoilt(replace(worse, settings=lenient), best)
-    assert spoilt(replace(best, end=FAR), best)
-    assert not spoilt(worse, replace(best, end=FAR))
+    assert refit_worsened(replace(worse, settings=strict), best)
+    assert not refit_worsened(replace(worse, settings=lenient), best)
+    assert refit_worsened(replace(best, end=FAR), best)
+    assert not refit_worsened(worse, replace(best, end=FAR))
 
 
 def test_a_refit_is_judged_without_a_score_of_what_nobody_compares(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -9,21 +10,23 @@ import pytest
 
 import results
 from diagnoses import rounds, score, verdict
-from etcfit.diagnosis.ambiguity import Apart
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.choice import Choice, Outcome
+from etcfit.diagnosis.choice import Choice, Outcome, choose
 from etcfit.diagnosis.composition import resting
+from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.exchange import Found
-from etcfit.diagnosis.final import final_fit
-from etcfit.diagnosis.loop import Round
+from etcfit.diagnosis.loop import Round, refit_chosen, run_round
 from etcfit.diagnosis.probabilities import probabilities, questions
-from etcfit.diagnosis.rounds import Progress, forward, names, reported
-from etcfit.diagnosis.screen import Signature, variants
+from etcfit.diagnosis.rounds import Near, Progress, forward, hidden, maskable, names, nearest, reported
+from etcfit.diagnosis.score import Apart
+from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
+from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.trial import Trial
 from etcfit.estimation.joint_fit import quiet
-from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
 from etcfit.rig.base import Rig
+from results import result
 
 LIMP, GRAVITY, AIR, DRAG = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "gravity_load", "airflow_torque", "quadratic_drag")
@@ -63,7 +66,7 @@ def test_a_round_is_reported_with_its_choice_and_the_model_that_it_began_with(tu
     assert (told.fit_rms, told.holdout_rms) == (pytest.approx(1.5), pytest.approx(1.5))
     assert told.effects == ()
     assert len(told.evidence.rows) == len(turned.before.problem.batch.traces[0].channels)
-    nothing = reported(replace(turned, choice=turned.choice.spoilt()))
+    nothing = reported(replace(turned, choice=turned.choice.with_refit_refused()))
     assert (nothing.added, nothing.ties) == (None, ())
 
 
@@ -112,3 +115,105 @@ def test_an_even_set_that_differs_by_a_tie_is_said_once(model: CandidateModel) -
     progress = Progress(s, found, even={swapped: apart, other: apart})
     assert progress.beside_ties.keys() == {other}
     assert progress.back_to(model).even == {}
+
+
+# ---- Which effects a fit is made anew with; that it finds one is tested on a whole folder, in test_recovery.py
+
+LAG, BACKLASH = (EFFECT_BY_NAME[n] for n in ("position_sensor_lag", "backlash"))
+
+
+def test_only_a_sensor_that_follows_late_is_hidden() -> None:
+    """One that bends shows at rest too, and a delay of the current moves no angle."""
+    assert [effect.name for effect in EFFECTS if effect.hidden] == ["position_sensor_lag"]
+
+
+def test_a_fit_is_made_anew_with_hidden_effects_alone() -> None:
+    assert maskable((BACKLASH, LAG, GRAVITY)) == (LAG,)
+    assert maskable((BACKLASH, GRAVITY)) == ()
+
+
+def test_where_none_is_hidden_no_fit_is_made_and_nothing_is_added(small: CandidateModel, rig: Rig) -> None:
+    assert maskable(small.composition.candidates) == ()
+    turned = Round(small, score(1.0), (), (), Choice(Outcome.NO_PROMISE, None, (), ""))
+    assert hidden(result(rig), turned, lambda text, share: pytest.fail(text)) is None
+
+
+@pytest.mark.parametrize(
+    ("left", "white", "asked", "chosen"),
+    [
+        ((1.7, 0.98, 3.0), (False, True, False), 2, 1),  # a gear after a gain that only resembles it
+        ((0.98, 0.5), (True, True), 1, 0),
+        ((1.7, 1.2, 1.4), (False, False, False), 3, 1),
+    ],
+)
+def test_the_one_that_leaves_noise_is_taken_or_else_the_one_that_leaves_least(
+    left: tuple[float, ...], white: tuple[bool, ...], asked: int, chosen: int, small: CandidateModel
+) -> None:
+    effects = (LAG, BACKLASH, GRAVITY)
+    every = [Near(*each) for each in zip(effects, [small] * len(left), left, white, strict=False)]
+    given: list[Near] = []
+
+    def one_by_one() -> Iterator[Near]:
+        for each in every:
+            given.append(each)
+            yield each
+
+    found = nearest(one_by_one())
+    assert found is every[chosen]
+    assert len(given) == asked
+
+
+def test_of_none_none_is_taken() -> None:
+    assert nearest([]) is None
+
+
+# ---- One turn of the loop on a real model: what it looks at, tries and chooses
+
+
+def made(s: CandidateModel, effect: type | None) -> Round:
+    choice = Choice(Outcome.ADDED if effect else Outcome.NOT_WORTH_IT, effect, (), "Because.")
+    trials = (Trial(s, verdict(LIMP, -500.0)), Trial(s, verdict(GRAVITY, -400.0)))
+    return Round(s, score(1000.0), (), trials, choice)
+
+
+def test_the_best_trial_is_that_of_the_effect_added_though_another_has_the_lower_bic(model: CandidateModel) -> None:
+    assert made(model, GRAVITY).best.verdict.effect is GRAVITY
+    with pytest.raises(LookupError, match="no effect was added"):
+        _ = made(model, None).best
+
+
+def test_a_round_that_adds_nothing_leaves_the_model_that_it_began_with(model: CandidateModel) -> None:
+    turned = made(model, None)
+    assert refit_chosen(turned, quiet) == (turned, model)
+
+
+@pytest.mark.slow
+def test_a_turn_screens_its_candidates_and_says_what_it_tried(small: CandidateModel) -> None:
+    """Its only trace was drawn by hand, so the only candidate promises something."""
+    said: list[str] = []
+    s = replace(small.optimised(), settings=replace(small.settings, least_promise=0.0))
+    turned = run_round(s, lambda text, share: said.append(text))
+    assert said[:2] == ["screening 1 effects", "refitting with gravity_load"]
+    assert [g.variant.effect for g in turned.screened] == [GRAVITY]
+    (trial,) = turned.trials
+    assert trial.verdict.gain > 0.0
+    assert trial.verdict.gain == pytest.approx(turned.score.chi2 - trial.model.chi2)
+    assert turned.choice == choose([trial.verdict], s.settings, turned.score.chi2, s.weighted.samples)
+    assert turned.choice.outcome in (Outcome.ADDED, Outcome.NOT_WORTH_IT, Outcome.CONTRADICTED, Outcome.SMALL_PART)
+
+
+def test_a_turn_within_what_formulas_leave_screens_nothing(small: CandidateModel) -> None:
+    """Screening is what it costs to look."""
+    said: list[str] = []
+    s = small.with_effects((GRAVITY,), {"T_g": 0.01})
+    turned = run_round(s, lambda text, share: said.append(text), 1e12)
+    assert said == []
+    assert (turned.screened, turned.trials, turned.added) == ((), (), None)
+    assert turned.choice.outcome is Outcome.NOTHING_TO_READ
+    assert "a formula of gravity_load that is 2 % off" in turned.choice.why
+
+
+def test_an_effect_at_work_is_no_candidate(small: CandidateModel) -> None:
+    turned = run_round(replace(small.with_effects((GRAVITY,), {"T_g": 0.01}), holdout=None), quiet)
+    assert turned.screened == ()
+    assert turned.choice.outcome is Outcome.NO_PROMISE

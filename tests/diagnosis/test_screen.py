@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import weakref
 from collections.abc import Mapping
@@ -14,12 +15,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import nnls
 
 from etcfit.diagnosis import screen
+from etcfit.diagnosis import tangents as tangents_module
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import compose, resting
 from etcfit.diagnosis.loop import screened
-from etcfit.diagnosis.screen import Background, Signature, fitted_samples, in_groups, ranked, tangents, variants
-from etcfit.diagnosis.throttle_tangents import tangents_inside
-from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
+from etcfit.diagnosis.screen import Background, Signature, bounded, lowest, ranked
+from etcfit.diagnosis.tangents import Variant, fitted_samples, in_groups, serves, tangents, tangents_inside, variants
+from etcfit.model.effects import COMMANDING, EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter, parameters_of
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
@@ -366,15 +368,17 @@ def test_effects_of_the_rig_are_screened_some_at_a_time(
     slope, layout = rigged.problem.layout.numbers(rigged.x)[1], rigged.problem.layout
     _, jacobian = fitted_samples(rigged.problem, rigged.x, rigged.weighted)
     asked: list[int] = []
-    once = screen.slopes_of
+    once = tangents_module.slopes_of
 
     def counted(*args: Any) -> Any:
         asked.append(len(args[-1]))
         return once(*args)
 
-    monkeypatch.setattr(screen, "slopes_of", counted)
+    monkeypatch.setattr(tangents_module, "slopes_of", counted)
     monkeypatch.setattr(screen, "RIGS_AT_ONCE", 2)
-    found = screen.screen_of_the_rig(background, screen.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every)
+    found = screen.screen_of_the_rig(
+        background, tangents_module.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every
+    )
     assert len(found) == len(every)
     assert max(asked) < sum(asked)
     for g in found:
@@ -384,3 +388,98 @@ def test_effects_of_the_rig_are_screened_some_at_a_time(
         expected = background.signature(g.variant, columns, {p.symbol: p for p in layout.parameters})
         assert g.gain == pytest.approx(expected.gain, rel=1e-9)
         assert_allclose(g.columns, expected.columns, rtol=1e-9, atol=1e-9 * np.max(np.abs(columns)))
+
+
+# ---- Amplitudes within their bounds, against the search over which of them rest at a bound
+
+LOW = np.array([0.0, -np.inf, 0.0, 0.0])
+
+
+def test_only_what_cannot_be_negative_has_a_bound() -> None:
+    assert lowest([NonNegative(1.0), Real(2.0), Positive(1.0)]).tolist() == [0.0, -np.inf, -np.inf]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_other_choice_of_amplitudes_at_rest_fits_better(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    columns, target = rng.normal(size=(30, 4)), rng.normal(size=30)
+    columns /= np.linalg.norm(columns, axis=0)
+    found = bounded(columns, target, LOW)
+    assert np.all(found >= LOW)
+    best = np.inf
+    for at_work in itertools.product((False, True), repeat=4):
+        some = np.flatnonzero(at_work)
+        a = np.zeros(4)
+        a[some] = np.linalg.lstsq(columns[:, some], target, rcond=None)[0]
+        if np.all(a >= LOW):
+            best = min(best, float(np.sum((columns @ a - target) ** 2)))
+    assert_allclose(np.sum((columns @ found - target) ** 2), best, rtol=1e-8)
+
+
+def test_of_two_that_do_the_same_both_stay_small() -> None:
+    column = np.ones((9, 1)) / 3.0
+    found = bounded(np.hstack((column, column)), 2.0 * column[:, 0], np.array([-np.inf, -np.inf]))
+    assert_allclose(found, 1.0, rtol=1e-5)
+
+
+# ---- What effects inside the throttle do to a residual: along the path of the model, or in models that have them
+
+
+def columns(variant: Variant, each: np.ndarray) -> np.ndarray:
+    return each
+
+
+def with_candidates(s: CandidateModel, rig: Rig, *names: str) -> CandidateModel:
+    little = replace(rig, config=s.problem.config)
+    composition = compose(little, s.problem.batch.traces, only=tuple(EFFECT_BY_NAME[name] for name in names))
+    return replace(s, composition=composition)
+
+
+def test_where_an_ecu_in_the_model_reads_the_sensor_none_goes_along_the_path(small: CandidateModel) -> None:
+    layout = small.problem.layout
+    commanded = replace(layout, types=(*layout.types, *COMMANDING))
+    driven = replace(small.problem, free_parameters=replace(small.problem.free_parameters, layout=commanded))
+    gravity = EFFECT_BY_NAME["gravity_load"]
+    assert serves(small.problem, gravity)
+    assert not serves(driven, gravity)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "apart"),
+    [
+        ("gravity_load", 1e-9),
+        ("cogging_torque", 1e-9),
+        ("current_sensor_offset", 1e-9),
+        ("asymmetric_friction", 1e-9),
+        ("channel_delay", 1e-9),
+        ("actuation_delay", 2e-3),  # a thousandth off zero a jump of the input comes within a step: another path
+    ],
+)
+def test_along_the_path_a_tangent_is_that_of_a_model_with_the_effect(
+    small: CandidateModel, rig: Rig, name: str, apart: float
+) -> None:
+    """To rounding, but where an amplitude that cannot be negative is taken a thousandth off zero there."""
+    s = with_candidates(small, rig, name)
+    effect: type[AbstractEffect] = EFFECT_BY_NAME[name]
+    every = variants(effect)
+    whole = s.composed((effect,))
+    ours, theirs = tangents_inside(s, every, columns), tangents(whole.problem, whole.x, whole.weighted, every)
+    assert serves(s.problem, effect)
+    for mine, its in zip(ours, theirs, strict=True):
+        assert np.max(np.abs(its)) > 0.0
+        assert_allclose(mine, its, atol=apart * np.max(np.abs(its)))
+
+
+@pytest.mark.slow
+def test_each_variant_gets_its_own_columns_whichever_way_they_come(small: CandidateModel, rig: Rig) -> None:
+    """A rebound is tried at values, gravity and a delay along the path; asked in any order."""
+    names = ("stop_bounce", "gravity_load", "actuation_delay")
+    s = with_candidates(small, rig, *names)
+    every = [variant for name in names for variant in variants(EFFECT_BY_NAME[name])]
+    asked = [*every[::2], *every[1::2]]
+    found = dict(zip(asked, tangents_inside(s, asked, columns), strict=True))
+    for variant in every:
+        (alone,) = tangents_inside(s, [variant], columns)
+        assert alone.shape == (int(s.weighted.samples), len(variant.amplitudes))
+        assert_allclose(found[variant], alone, rtol=1e-9, atol=1e-9 * np.max(np.abs(alone)))

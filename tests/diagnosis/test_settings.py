@@ -18,22 +18,22 @@ import diagnoses
 from diagnoses import score, verdict
 from etcfit.diagnosis import DiagnosisSettings, settings
 from etcfit.diagnosis.choice import alike, choose, deserves_second_trial, promising
-from etcfit.diagnosis.cross_validation import groups_of
 from etcfit.diagnosis.evidence import Place, shares, whiteness
 from etcfit.diagnosis.exchange import is_rival
 from etcfit.diagnosis.findings import RigMistake
-from etcfit.diagnosis.model_discrepancy import left_by
+from etcfit.diagnosis.model_discrepancy import chi2_left_by_formula
 from etcfit.diagnosis.refit import further_from_data
-from etcfit.diagnosis.rig_mistakes import rig_mistakes
-from etcfit.diagnosis.screen import Signature, variants
-from etcfit.diagnosis.statements import statements
+from etcfit.diagnosis.score import groups_of
+from etcfit.diagnosis.screen import Signature
+from etcfit.diagnosis.statements import rig_mistakes, statements
+from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.unexplained import in_doubt, much_is_left, one_curve_does_more, questioned
 from etcfit.files import plain
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
-from etcfit.run_folder import diagnosis_json
+from etcfit.run_folder.diagnosis import diagnosis_json
 
 DEFAULT = DiagnosisSettings()
 NAMES = [each.name for each in fields(DiagnosisSettings)]
@@ -182,7 +182,8 @@ CASES: dict[str, tuple[Callable[..., Any], Any, dict[str, float], Any]] = {
         lambda **c: alike(verdict(LIMP, -9.0, chi2=905.0), verdict(GRAVITY, -40.0), with_(**c)),
         True, {"tied_likelihood": 5.0}, False,
     ),
-    "formula_ceiling": (lambda **c: left_by(0.5, 1000.0, 1000.0, with_(**c)), 40.0, {"formula_ceiling": 0.1}, 100.0),
+    "formula_ceiling": (lambda **c: chi2_left_by_formula(0.5, 1000.0, 1000.0, with_(**c)), 40.0,
+                        {"formula_ceiling": 0.1}, 100.0),
     "trial_rise": (lambda **c: with_(**c).rise_in_trial(False), 0.02, {"trial_rise": 0.1}, 0.1),
     "refit_rise": (lambda **c: with_(**c).rise_in_refit(False), 0.2, {"refit_rise": 0.1}, 0.1),
     "far_rise": (lambda **c: (with_(**c).rise_in_trial(True), with_(**c).rise_in_refit(True)), (2.0, 2.0),

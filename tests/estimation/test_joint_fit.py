@@ -12,9 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.errors import MeasurementError
-from etcfit.estimation import approach as approach_module
-from etcfit.estimation import free_run, joint_fit
-from etcfit.estimation.approach import approach
+from etcfit.estimation import free_run, joint_fit, levenberg_marquardt
 from etcfit.estimation.free_run import FreeRun, fitted_free_running
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import (
@@ -25,7 +23,7 @@ from etcfit.estimation.joint_fit import (
     ready,
     start_values,
 )
-from etcfit.estimation.levenberg_marquardt import descend, information_of
+from etcfit.estimation.levenberg_marquardt import approach, descend, information_of
 from etcfit.estimation.result import Reason
 from etcfit.estimation.rounds import after_rounds, after_search
 from etcfit.estimation.settings import FitSettings
@@ -183,7 +181,7 @@ def test_the_way_from_a_start_ends_where_even_what_is_forgiven_leaves_too_much(
         descents.append(1)
         return x, 5
 
-    monkeypatch.setattr(approach_module, "descend", descended)
+    monkeypatch.setattr(levenberg_marquardt, "descend", descended)
     result = case.result
     end, steps = approach(result.problem, result.x, 1e-2, FitSettings(), hopeless)
     assert len(descents) == gone

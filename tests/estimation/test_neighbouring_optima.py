@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from etcfit.estimation import neighbouring_optima
-from etcfit.estimation.neighbouring_optima import deviance, likeliest_nearby
+from etcfit.estimation import rounds
 from etcfit.estimation.result import Termination
-from etcfit.estimation.rounds import Reached
+from etcfit.estimation.rounds import Reached, deviance, likeliest_nearby
 from etcfit.estimation.settings import FitSettings
 
 
@@ -72,9 +71,9 @@ def _a_line_for_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
         priors = np.sum(((points - weighted.prior_mean) / weighted.prior_sd) ** 2, axis=1)
         return np.array([problem.chi2(x, weighted) for x in points]) + priors
 
-    monkeypatch.setattr(neighbouring_optima, "chi2_of", chi2_of)
-    monkeypatch.setattr(neighbouring_optima, "approach", lambda problem, x, *_: (x, 1))
-    monkeypatch.setattr(neighbouring_optima, "with_lag_of", lambda start, problem, x: x)
+    monkeypatch.setattr(rounds, "chi2_of", chi2_of)
+    monkeypatch.setattr(rounds, "approach", lambda problem, x, *_: (x, 1))
+    monkeypatch.setattr(rounds, "with_lag_of", lambda start, problem, x: x)
 
 
 @pytest.mark.parametrize("sd", [0.2, 0.5, 2.0])
@@ -104,8 +103,8 @@ class Rounds:
 
 
 def nearby(first: Any, follow: Rounds, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> Any:
-    monkeypatch.setattr(neighbouring_optima, "rounds", follow)
-    monkeypatch.setattr(neighbouring_optima, "concurrently", lambda work, of: [work(each) for each in of])
+    monkeypatch.setattr(rounds, "rounds", follow)
+    monkeypatch.setattr(rounds, "concurrently", lambda work, of: [work(each) for each in of])
     return likeliest_nearby(first, np.array([1.0]), lambda *_: None, FitSettings(**settings))
 
 

@@ -12,14 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.ready import ready
-from etcfit.estimation.result import (
-    FitResult,
-    Optimum,
-    Reason,
-    StartSummary,
-    Termination,
-    outcome,
-)
+from etcfit.estimation.result import Budget, FitResult, Optimum, Reason, StartSummary, Termination, outcome
 from etcfit.estimation.settings import FitSettings, IdentifiabilitySettings, WhitenessSettings
 from etcfit.problem import weights
 from etcfit.problem.problem import EstimationProblem
@@ -156,3 +149,17 @@ def test_what_counts_as_unknown_is_a_setting(rig: Rig, plain: FitResult) -> None
     fine = FitSettings(identifiability=IdentifiabilitySettings(unknown_widened=1e-3))
     assert intervals(replace(plain, settings=fine))["R_a"].status == "not identifiable"
     assert intervals(plain)["R_a"].status == "estimated"
+
+
+# ---- Which source makes which share of a variance
+
+
+def test_shares_are_those_of_the_variance_and_sum_to_one() -> None:
+    moves = np.array([[3.0, 0.0], [0.0, 0.5]])  # one standard deviation of each source, in coordinates
+    found = Budget(("scale of current", "gear ratio"), moves, np.diag([16.0, 0.75])).shares()
+    assert_allclose(found, [[9.0 / 25.0, 0.0], [0.0, 0.25], [16.0 / 25.0, 0.75]])
+    assert_allclose(found.sum(axis=0), 1.0)
+
+
+def test_a_parameter_without_any_variance_has_no_shares() -> None:
+    assert_allclose(Budget(("gear ratio",), np.zeros((1, 1)), np.zeros((1, 1))).shares(), 0.0)

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from benchmarks.bank import under_ecu as bank
-from etcfit.control.pid.setpoint import trapezoid
+from etcfit.control.setpoint import trapezoid
 from etcfit.diagnosis.composition import compose
 from etcfit.estimation.intervals import intervals, lumped
 from etcfit.estimation.joint_fit import FitResult, fit

@@ -27,7 +27,7 @@ import etcfit
 import exports
 import results
 import runs
-from etcfit.api.designed import Designed
+from etcfit.api.controller import Designed
 from etcfit.api.fit import Fit
 from etcfit.cli import app, export
 from etcfit.control.design import ecu_of, propose, task_of
@@ -35,10 +35,10 @@ from etcfit.control.loop_figures import REQUIRED
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.setpoint import Setpoint
+from etcfit.control.setpoint import Setpoint
 from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
-from etcfit.estimation.fit_state import FitState
+from etcfit.estimation.fitted_model import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
 from etcfit.exporting.formats import c
 from etcfit.exporting.formats.tune import gains_in
@@ -47,7 +47,8 @@ from etcfit.files import write_json
 from etcfit.model.ecu import Ecu
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
-from etcfit.run_folder import read_design, replacing
+from etcfit.run_folder.manifest import replacing
+from etcfit.run_folder.reading import read_design
 from etcfit.stages import Done
 
 # constants of a tune that TunerStudio wrote for rusEFI 2022.04.22 (proteus_f4), with their rows: its .ini's names

@@ -16,10 +16,9 @@ import pytest
 
 import exports
 import results
-from etcfit.control.pid.ecu import Memory, tick
-from etcfit.control.pid.gains import Gains
+from etcfit.control.pid.ecu import Gains, Memory, tick
 from etcfit.control.pid.loop import Body, Loop
-from etcfit.control.pid.setpoint import Setpoint
+from etcfit.control.setpoint import Setpoint
 from etcfit.errors import UsageError
 from etcfit.exporting import Export, ExportSettings, Source
 from etcfit.exporting.formats import c, fmu

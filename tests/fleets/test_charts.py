@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etcfit.fleets.statistics.charts import chart, run_length, short_term, weighed_median
-from etcfit.fleets.statistics.drift import drifts
+from etcfit.fleets.statistics.charts import DECISION, chart, drifts, run_length, short_term, weighed_median
+
+
+def names(count: int) -> tuple[str, ...]:
+    return tuple(f"u{k}" for k in range(count))
 
 
 def test_the_short_term_sd_takes_the_units_own_error_off_and_sees_no_drift() -> None:
@@ -24,24 +27,25 @@ def test_limits_are_as_wide_as_the_unit_is_uncertain() -> None:
     stderr = np.where(np.arange(200) < 100, 0.0, 2.0)
     value = rng.normal(5.0, 1.0, 200) + stderr * rng.standard_normal(200)
     value[50] += 8.0
-    found = chart(value, stderr)
+    found = chart(names(200), value, stderr)
     half = 0.5 * (found.upper - found.lower)
     np.testing.assert_allclose(half, 3.0 * np.hypot(found.sd, stderr))
-    assert found.outside[50]
-    assert found.outside.sum() <= 4
+    outside = (value < found.lower) | (value > found.upper)
+    assert outside[50]
+    assert outside.sum() <= 4
     assert found.centre == pytest.approx(5.0, abs=0.4)
 
 
 def test_the_cusum_is_the_recursion_and_alarms_after_a_shift() -> None:
     rng = np.random.default_rng(3)
     value = rng.standard_normal(300) + np.where(np.arange(300) >= 200, 1.5, 0.0)
-    found = chart(value, np.zeros(300))
+    found = chart(names(300), value, np.zeros(300))
     z, high, low = (value - found.centre) / found.sd, 0.0, 0.0
     for u in range(300):
         high, low = max(0.0, high + z[u] - 0.5), max(0.0, low - z[u] - 0.5)
         assert found.cusum_high[u] == pytest.approx(high, abs=1e-9)
         assert found.cusum_low[u] == pytest.approx(low, abs=1e-9)
-    assert 200 <= np.flatnonzero(found.cusum_high > found.decision)[0] <= 230
+    assert 200 <= np.flatnonzero(found.cusum_high > DECISION)[0] <= 230
 
 
 def test_the_run_length_is_that_of_simulated_lines() -> None:
@@ -57,7 +61,7 @@ def test_the_weighed_median() -> None:
 @pytest.mark.parametrize("value", [np.ones(1), np.array([1.0, np.nan])])
 def test_what_cannot_be_charted_is_refused(value: np.ndarray) -> None:
     with pytest.raises(ValueError, match="two units or more"):
-        chart(value, np.zeros(len(value)))
+        chart(names(len(value)), value, np.zeros(len(value)))
 
 
 def quiet(rng: np.random.Generator, units: int) -> tuple[np.ndarray, np.ndarray]:

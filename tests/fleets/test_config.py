@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from etcfit.errors import MeasurementError
-from etcfit.fleets.config import FleetConfig, read_fleet
-from etcfit.fleets.members import Member
+from etcfit.fleets.config import FleetConfig, Member, read_fleet
 
 TOML = """[fleet]
 name = "line 4"

@@ -15,9 +15,10 @@ import pytest
 
 from etcfit.errors import UsageError
 from etcfit.fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, crew
-from etcfit.fleets.engine.run import Tally, run_units
+from etcfit.fleets.engine.run import Agenda, Tally, run_units
 from etcfit.fleets.engine.settings import EngineSettings
 from etcfit.fleets.engine.store import Store
+from etcfit.fleets.engine.work import Lost, Order, Portion, Trouble
 from etcfit.fleets.unit import FailedUnit
 from fleet_works import (
     AlwaysFull,
@@ -36,6 +37,7 @@ from fleet_works import (
 )
 
 QUICK = EngineSettings(time_limit=2.0)
+PORTIONS = EngineSettings(portion=0.4, largest_portion=50)
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
 
@@ -298,3 +300,76 @@ def test_a_script_without_a_main_guard_is_told_so(tmp_path: Path) -> None:
     assert (
         done.stderr.strip().splitlines()[-1].startswith("etcfit.errors.UsageError: the worker processes do not start.")
     )
+
+
+# in which portions units are handed out, and when one is given up; no worker needed
+
+
+def orders(count: int) -> tuple[Order, ...]:
+    return tuple(Order(f"u{k}", "") for k in range(count))
+
+
+def portion(seconds: float, *ends: Trouble) -> Portion:
+    return Portion("tcp://a", seconds, ends or (result_of("d"),))
+
+
+def test_units_are_handed_out_in_order_first_one_by_one() -> None:
+    agenda = Agenda(orders(5), PORTIONS)
+    assert [agenda.next_portion(2)[0].unit for _ in range(5)] == ["u0", "u1", "u2", "u3", "u4"]
+    assert not agenda.waiting
+
+
+@pytest.mark.parametrize(("seconds", "least", "most"), [(1e-4, 50, 50), (0.1, 3, 4), (0.4, 1, 1), (60.0, 1, 1)])
+def test_a_portion_is_as_large_as_its_time_allows(seconds: float, least: int, most: int) -> None:
+    agenda = Agenda(orders(1000), PORTIONS)
+    for _ in range(30):
+        agenda.take_back(orders(1), portion(seconds))
+    assert least <= len(agenda.next_portion(2)) <= most
+
+
+def test_the_last_units_are_shared_out_evenly() -> None:
+    agenda = Agenda(orders(10), PORTIONS)
+    for _ in range(30):
+        agenda.take_back(orders(1), portion(1e-5))
+    assert len(agenda.next_portion(4)) == 3
+
+
+def test_what_a_worker_did_not_begin_comes_next() -> None:
+    agenda = Agenda(orders(3), PORTIONS)
+    first = agenda.next_portion(1)
+    agenda.take_back((Order("w", ""), Order("x", ""), Order("y", "")), portion(1.0))
+    assert first[0].unit == "u0"
+    assert [agenda.next_portion(1)[0].unit for _ in range(4)] == ["x", "y", "u1", "u2"]
+
+
+def test_trouble_is_taken_elsewhere_once_and_then_told() -> None:
+    agenda = Agenda((), PORTIONS)
+    order, trouble = Order("u", "k"), Trouble("u: no room.")
+    assert agenda.take_back((order,), portion(0.1, trouble)) == ([], 0)
+    again = agenda.next_portion(1)
+    assert again == (order,)
+    assert agenda.refused(again) == "tcp://a"
+    (failed,), _ = agenda.take_back((order,), portion(0.1, trouble))
+    assert isinstance(failed, FailedUnit)
+    assert (failed.unit, failed.why, failed.digest) == ("u", "u: no room. It was tried 2 times.", "")
+    assert not agenda.waiting
+
+
+def test_units_of_a_portion_that_died_go_alone_without_blame() -> None:
+    agenda = Agenda(orders(100), PORTIONS)
+    for _ in range(30):
+        agenda.take_back(orders(1), portion(1e-5))
+    dead = agenda.next_portion(2)
+    assert len(dead) == 50
+    assert agenda.take_back(dead, Lost("died")) == ([], 0)
+    assert [agenda.next_portion(2) for _ in range(50)] == [(order,) for order in dead]
+    assert len(agenda.next_portion(2)) > 1
+    assert agenda.take_back(dead[:1], Lost("died")) == ([], 0)  # its first own
+    assert [failed.unit for failed in agenda.take_back(dead[:1], Lost("died"))[0]] == ["u0"]
+
+
+def test_a_scheduler_that_tried_four_workers_itself_needs_no_more() -> None:
+    agenda = Agenda((), PORTIONS)
+    (failed,), _ = agenda.take_back(orders(1), Lost("died.", 4))
+    assert isinstance(failed, FailedUnit)
+    assert failed.why == "died. It was tried 4 times."

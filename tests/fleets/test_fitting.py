@@ -54,7 +54,7 @@ def test_what_the_user_believes_is_not_counted(made: Made) -> None:
     mean, sd = np.array(result.weighted.prior_mean), np.array(result.weighted.prior_sd)
     mean[k], sd[k] = result.x[k], np.sqrt(result.covariance[k, k])  # as sharp as the data, which say the same
     believing = replace(result, weighted=result.weighted._replace(prior_mean=mean, prior_sd=sd))
-    own, without = own_estimate(believing, "u").estimate, made.fitted.left.own
+    own, without = own_estimate(believing, "u")[0], made.fitted.left.own
     np.testing.assert_array_equal(own.information, without.information)
     np.testing.assert_array_equal(own.estimate, without.estimate)
 

@@ -9,9 +9,8 @@ import pytest
 from scipy import stats
 
 from benchmarks.fleet_statistics import NO_PROFILES, Design, draw, false_odd
-from etcfit.fleets.statistics.misfits import misfits
-from etcfit.fleets.statistics.multiplicity import adjusted, found, holm, null_scale
-from etcfit.fleets.statistics.odd import odd_units
+from etcfit.fleets.statistics.distances import adjusted, holm, null_scale, rejected
+from etcfit.fleets.statistics.odd import effects_in, misfits, odd_units
 from etcfit.fleets.statistics.population import population
 from etcfit.fleets.statistics.settings import DEFAULT
 from etcfit.fleets.statistics.stack import Stack
@@ -33,8 +32,8 @@ def test_the_procedure_of_benjamini_and_hochberg_is_scipys() -> None:
     p = np.random.default_rng(1).uniform(size=200) ** 4
     expected = stats.false_discovery_control(p)
     np.testing.assert_allclose(adjusted(p), expected)
-    np.testing.assert_array_equal(found(p, 0.1), expected <= 0.1)
-    assert not found(np.array([0.5, 0.9]), 0.01).any()
+    np.testing.assert_array_equal(rejected(p, 0.1), expected <= 0.1)
+    assert not rejected(np.array([0.5, 0.9]), 0.01).any()
 
 
 def test_holm_by_hand() -> None:
@@ -62,7 +61,7 @@ def test_odd_units_are_found_with_the_symbols_that_make_them_odd() -> None:
     assert sum(d**2 for d in odd[0].drives.values()) == pytest.approx(odd[0].distance ** 2, rel=0.05)
     assert "s_2 +" in odd[0].why
     assert odd[0].p < odd[1].p < 1e-3
-    assert odd[0].rate <= DEFAULT.odd.rate
+    assert odd[0].rate <= DEFAULT.odd_rate
 
 
 def test_a_symbol_that_a_unit_does_not_tell_has_no_score() -> None:
@@ -91,7 +90,7 @@ def test_misfits_that_hardly_differ_are_alike() -> None:
     drawn = draw(Design(50, 2, 0.5), 6)
     misfit = np.ones((50, 3))
     misfit[3] = 1.01
-    assert misfits(results(drawn.stack, misfit), DEFAULT.odd).p.min() > 0.1
+    assert misfits(results(drawn.stack, misfit)).p.min() > 0.1
 
 
 def test_results_of_other_units_are_refused() -> None:
@@ -114,3 +113,26 @@ def test_results_of_other_units_are_refused() -> None:
 def test_a_healthy_fleet_has_next_to_no_odd_unit(design: Design) -> None:
     units, _ = false_odd(design, 5 if design.units > 100 else 60, 2000)
     assert units <= 0.01
+
+
+def test_an_effect_is_found_in_the_units_that_have_it() -> None:
+    rng, n = np.random.default_rng(1), 200
+    strength = np.where(np.arange(n) < 30, 1e-3, 0.0)
+    estimate = np.column_stack([0.13 + 0.01 * rng.standard_normal(n), strength + 1e-4 * rng.standard_normal(n)])
+    information = np.tile(np.diag([1e6, 1e8]), (n, 1, 1))
+    information[199, 1, 1] = 0.0
+    stack = Stack(tuple(f"u{u}" for u in range(n)), ("K_s", "D_q"), estimate, information)
+    (found,) = effects_in(stack, ["quadratic_drag", "backlash", "return_spring"])
+    assert found.effect == "quadratic_drag"
+    assert found.symbol == "D_q"
+    assert set(found.units) >= {f"u{u}" for u in range(30)}
+    assert len(found.units) <= 33
+    assert found.of == 199
+    assert "u199" not in found.strength
+    assert found.strength["u3"] == pytest.approx(1e-3, abs=5e-4)
+    assert abs(found.median) < 1e-4
+
+
+def test_an_effect_that_does_not_exist_is_refused() -> None:
+    with pytest.raises(ValueError, match="no effect is called friction_of_the_mind"):
+        effects_in(Stack(("a",), ("x",), np.ones((1, 1)), np.ones((1, 1, 1))), ["friction_of_the_mind"])

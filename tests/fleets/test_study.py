@@ -18,13 +18,11 @@ from etcfit.api.fleet import Fleet
 from etcfit.api.fleet_work import config_of_rig, refuse_foreign_units, refuse_unknown_limits, rig_of_one
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.fleets.config import FleetConfig, read_fleet
-from etcfit.fleets.fit_work import FitWork
-from etcfit.fleets.results import Results
+from etcfit.fleets.fitting import FitWork, Results
 from etcfit.fleets.study import FleetStudy, study
 from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
-from etcfit.run_folder import FLEET
-from etcfit.run_folder.fleet import UNITS, read_fleet_files, save_fleet
-from etcfit.run_folder.parts import parts_of
+from etcfit.run_folder.fleet import UNITS, parts_of, read_fleet_files, save_fleet
+from etcfit.run_folder.manifest import FLEET
 
 N = 20.68
 DESIGN = {"R_a": 1.5, "L_a": 1.5e-3, "K_b": 0.016, "J_eq": 1.7e-3, "B_eq": 9.0e-3, "K_s": 0.13, "T_PL": 0.35,
@@ -88,7 +86,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
                    for unit in config.units if unit != "wrong")  # fmt: skip
     failed = (FailedUnit("wrong", "wrong/response: no trace. <Record> one."),)
     toml = rig_of_one(config)
-    results = Results(fitted, failed, None, FitWork(config.location, config.common))  # pyright: ignore[reportArgumentType]
+    results = Results(fitted, failed, FitWork(config.location, config.common))
     known = study(config, config_of_rig(toml), results)
     run = tmp_path_factory.mktemp("run")
     save_fleet(run, known, toml, {"u05": "units/u05/report.html"})

@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
-from etcfit.estimation.autocorrelation import autocorrelation
+from etcfit.estimation.goodness import autocorrelation
 from etcfit.model.effects import PAPER
 from etcfit.model.stepper import simulate
 from etcfit.model.throttle import Throttle

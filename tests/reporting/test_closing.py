@@ -18,7 +18,7 @@ from etcfit.control.judged import Robust, Tuned
 from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid.base import Task
 from etcfit.errors import command
-from etcfit.estimation.fit_state import SOUND, FitState
+from etcfit.estimation.fitted_model import SOUND, FitState
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.closing import Closing
 from etcfit.reporting.closing.base import counted

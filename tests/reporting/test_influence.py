@@ -11,14 +11,13 @@ import pytest
 import results
 import runs
 from etcfit.api.fit import Fit
-from etcfit.estimation.compromise import Compromise
+from etcfit.estimation.agreement import Compromise, Influence, Pull
 from etcfit.estimation.contradiction import Contradiction
-from etcfit.estimation.influence import Influence, Pull
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.reporting.compromise import cautioned
 from etcfit.reporting.page import write_page
 from etcfit.reporting.tables import fit_table, render
-from etcfit.run_folder import fit_json
+from etcfit.run_folder.fit import fit_json
 
 PULLS = (
     Pull("inductance", None, "L_a", -34.0, -0.6),

@@ -10,10 +10,11 @@ import pytest
 from matplotlib.image import imread
 
 import results
-from etcfit.api.saving import keep_fit
+from etcfit.api.work import keep_fit
 from etcfit.reporting import clear_for_fit, draw_others, has_undrawn
 from etcfit.reporting.pictures import briefly, jobs
-from etcfit.run_folder import RunFolder, load_fit
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.state import load_fit
 
 
 @pytest.fixture(scope="module")

@@ -21,17 +21,16 @@ import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
 from etcfit.control.design import PAPERS, ecu_of, propose, task_of
-from etcfit.control.fleet_verdict import FleetVerdict, OneByOne, Share
 from etcfit.control.frequency import frequency_response
 from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
-from etcfit.control.parts_verdict import OnParts, PartsVerdict
+from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
-from etcfit.estimation.budget import Budget
+from etcfit.estimation.agreement import Influence, Pull
 from etcfit.estimation.identifiability import Identifiability
-from etcfit.estimation.influence import Influence, Pull
 from etcfit.estimation.joint_fit import FitResult
+from etcfit.estimation.result import Budget
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
 from etcfit.posterior.chain import Chain
@@ -50,8 +49,7 @@ from etcfit.reporting.plain_table import PlainTable
 from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior.table import posterior_table
 from etcfit.reporting.tables import fit_table
-from etcfit.rig.base import RigConfig
-from etcfit.rig.finding import Finding
+from etcfit.rig.base import Finding, RigConfig
 from gaussian import SEEDS
 from independent import hunting
 
@@ -153,8 +151,7 @@ def of_design(fit: FitResult) -> RenderableType:
     on = OnParts(each, each)
     parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
                          each)  # fmt: skip
-    some = Share(2, 3, 0.1, 0.9)
-    fleet = FleetVerdict(FleetDesignSettings(), some, some, each.named(3), each.fails, 1)
+    fleet = FleetVerdict(FleetDesignSettings(named=3), each, Share(2, 3, 0.1, 0.9), 1)
     return design_table(replace(design, fleet=fleet, parts=parts))
 
 

@@ -1,4 +1,4 @@
-"""Headers that cannot be read, each by its own message."""
+"""Headers that cannot be read, each by its own message; a header is quantity and unit."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ import pytest
 
 import folders
 from etcfit.errors import MeasurementError
+from etcfit.rig.columns import HeaderError, parse_header
 from etcfit.rig.reader import read_folder
-from folders import TOML, back_emf, inductance, only_response, resistance, response
+from folders import TOML, only_response, response
 from mistakes import assert_refused
 
-R, BACK_EMF, RESISTANCE, INDUCTANCE = response(), back_emf(), resistance(), inductance()
+R = response()
 WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
     "unknown channel": (
         only_response(R.with_header(2, "curent [mA]")),
@@ -84,3 +85,33 @@ def test_a_number_may_stand_before_the_unit(tmp_path: Path, header: str, factor:
 def test_but_not_any(tmp_path: Path, header: str) -> None:
     with pytest.raises(MeasurementError, match="current"):
         read_folder(folders.changed(tmp_path, folders.only_response(R.with_header(2, header))))
+
+
+@pytest.mark.parametrize(
+    ("header", "parsed"),
+    [
+        ("time [ms]", ("time", "ms")),
+        ("  Motor Speed [ rpm ] ", ("motor_speed", "rpm")),
+        ("position [%]", ("position", "%")),
+        ("current [-1 A]", ("current", "-1 A")),
+        ("time [1.02 s]", ("time", "1.02 s")),
+    ],
+)
+def test_case_spaces_and_factors_are_understood(header: str, parsed: tuple[str, str]) -> None:
+    assert parse_header(header) == parsed
+
+
+@pytest.mark.parametrize(
+    ("header", "said"),
+    [
+        ("voltage", r"column 'voltage' has no unit.*as in 'voltage \[V\]'"),
+        ("voltage []", "has no unit"),
+        ("voltage [A]", "column 'voltage \\[A\\]'.*Accepted: voltage in V"),
+        ("voltag [V]", r"is not known.*\[columns\].*Did you mean 'voltage \[V\]'"),
+        ("TP (Main) (V)", r"is not known.*under \[columns\], as \"TP \(Main\) \(V\)\" ="),
+        ("voltage [%]", "Correct the unit"),
+    ],
+)
+def test_what_is_missing_is_said_with_its_cure(header: str, said: str) -> None:
+    with pytest.raises(HeaderError, match=said):
+        parse_header(header)

@@ -17,7 +17,8 @@ import results
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.rig.base import FRAMES, Rig, RigConfig
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder import hashes, load_fit, must_belong, save_fit
+from etcfit.run_folder.fit import hashes
+from etcfit.run_folder.state import load_fit, must_belong, save_fit
 from folders import TOML, Sheet, back_emf, inductance, resistance, response, write
 
 SHEETS = {

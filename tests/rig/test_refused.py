@@ -11,8 +11,8 @@ from typer.testing import CliRunner, Result
 import folders
 from etcfit.cli import app
 from etcfit.errors import MeasurementError
-from etcfit.rig.names import escaped
 from etcfit.rig.reader import read_folder
+from etcfit.rig.user_text import escaped
 
 SYMBOLS = ("R_a", "L_a", "K_b", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 EFFECTS = "\n[model]\neffects = {}\n"

@@ -16,8 +16,10 @@ import runs
 from etcfit.api.fleet import Fleet
 from etcfit.errors import UsageError
 from etcfit.fleets.folder import refuse_inside
-from etcfit.run_folder import load_fit, read_design, read_draws, require, save_diagnosis
-from etcfit.run_folder.rounds import KeptRounds
+from etcfit.run_folder.diagnosis import KeptRounds
+from etcfit.run_folder.manifest import require
+from etcfit.run_folder.reading import read_design, read_draws
+from etcfit.run_folder.state import load_fit, save_diagnosis
 from etcfit.stages import STAGES, run_all
 
 RUN, RIG = Path("runs of mine") / "a throttle's; $(run)", Path("the rig")

@@ -22,7 +22,8 @@ from etcfit.diagnosis.findings import Diagnosis
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
 from etcfit.files import Busy, held, whole
-from etcfit.run_folder import SUPERSEDED, load_final, load_fit, read_records, replacing, save_diagnosis, save_fit
+from etcfit.run_folder.manifest import SUPERSEDED, read_records, replacing
+from etcfit.run_folder.state import load_final, load_fit, save_diagnosis, save_fit
 
 
 class Killed(BaseException):

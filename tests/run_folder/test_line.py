@@ -8,8 +8,8 @@ import pytest
 
 import fleets
 from etcfit.fleets.line import FIGURES, Condition, measured
-from etcfit.fleets.line.predict import predict
-from etcfit.run_folder.line import figures_json, predictions_json
+from etcfit.fleets.prediction import predict
+from etcfit.run_folder.fleet import figures_json, predictions_json
 
 
 def test_figures_and_predictions_are_plain_json_with_null_for_what_is_not_told() -> None:

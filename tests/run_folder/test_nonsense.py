@@ -18,16 +18,9 @@ import runs
 from etcfit.cli import app
 from etcfit.errors import UsageError
 from etcfit.files import digest
-from etcfit.run_folder import (
-    MANIFEST,
-    load_diagnosis,
-    load_fit,
-    read_design,
-    read_draws,
-    read_records,
-    replacing,
-    save_diagnosis,
-)
+from etcfit.run_folder.manifest import MANIFEST, read_records, replacing
+from etcfit.run_folder.reading import read_design, read_draws
+from etcfit.run_folder.state import load_diagnosis, load_fit, save_diagnosis
 
 
 @pytest.fixture(scope="module")

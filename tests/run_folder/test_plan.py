@@ -11,13 +11,12 @@ import pytest
 
 import campaigns
 import results
-from etcfit.api.planned import Planned
+from etcfit.api.measurements import Planned
 from etcfit.errors import UsageError
 from etcfit.experiment.campaign import Campaign
 from etcfit.rig.config import parse_config
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder import plan_json, waiting_folder
-from etcfit.run_folder.plan import rig_toml
+from etcfit.run_folder.plan import plan_json, rig_toml, waiting_folder
 
 
 @pytest.fixture(scope="module")

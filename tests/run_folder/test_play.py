@@ -14,7 +14,7 @@ import pytest
 import campaigns
 import results
 from etcfit.experiment.campaign import Campaign
-from etcfit.run_folder import play_files
+from etcfit.run_folder.plan import play_files
 
 CC, CXX = (next(filter(None, map(shutil.which, names)), None) for names in (("cc", "gcc"), ("c++", "g++")))
 READ_BACK = """#include <stdio.h>

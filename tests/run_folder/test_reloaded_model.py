@@ -17,7 +17,7 @@ from etcfit.estimation.result import FitResult
 from etcfit.exporting.formats import FORMATS
 from etcfit.model.rig_effects import rig_effect
 from etcfit.rig.base import Rig
-from etcfit.run_folder import save_fit
+from etcfit.run_folder.state import save_fit
 
 OF_EACH_SCOPE = {
     "rig": ("gear_ratio", "sensor_end_points"),  # these lost their name: they have no place

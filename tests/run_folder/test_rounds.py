@@ -17,8 +17,8 @@ from etcfit.diagnosis.rounds import Progress
 from etcfit.diagnosis.settings import DEFAULT
 from etcfit.estimation.result import FitResult
 from etcfit.model.effects import EFFECT_BY_NAME
-from etcfit.run_folder import save_fit
-from etcfit.run_folder.rounds import KeptRounds
+from etcfit.run_folder.diagnosis import KeptRounds
+from etcfit.run_folder.state import save_fit
 
 LIMP, AIR = (EFFECT_BY_NAME[name] for name in ("limp_home_spring", "airflow_torque"))
 

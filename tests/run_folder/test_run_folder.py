@@ -17,8 +17,9 @@ import results
 from etcfit.diagnosis.findings import Diagnosis, RigMistake
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.files import whole, write_json
-from etcfit.rig.finding import Finding
-from etcfit.run_folder import diagnosis_json, fit_json, readings_of
+from etcfit.rig.base import Finding
+from etcfit.run_folder.diagnosis import diagnosis_json
+from etcfit.run_folder.fit import fit_json, readings_of
 
 PARAMETERS = ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f", "N")
 

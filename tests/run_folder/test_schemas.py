@@ -29,8 +29,11 @@ from etcfit.files import write_json
 from etcfit.model.linear import TransferFunction
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
-from etcfit.run_folder import advice_json, diagnosis_json, fit_json, frequency_json, plan_json
 from etcfit.run_folder.declared import PARTS, with_declared
+from etcfit.run_folder.diagnosis import diagnosis_json
+from etcfit.run_folder.fit import fit_json
+from etcfit.run_folder.plan import advice_json, plan_json
+from etcfit.run_folder.plant import frequency_json
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"

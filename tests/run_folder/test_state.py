@@ -26,21 +26,9 @@ from etcfit.files import digest as sha256
 from etcfit.files import write_json
 from etcfit.problem import weights
 from etcfit.reporting.page import write_page
-from etcfit.run_folder import (
-    MANIFEST,
-    SUPERSEDED,
-    RunFolder,
-    fitted_to,
-    is_done,
-    load_diagnosis,
-    load_final,
-    load_fit,
-    note_seconds,
-    read_records,
-    replacing,
-    save_diagnosis,
-    save_fit,
-)
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.manifest import MANIFEST, SUPERSEDED, note_seconds, read_records, replacing
+from etcfit.run_folder.state import fitted_to, is_done, load_diagnosis, load_final, load_fit, save_diagnosis, save_fit
 from etcfit.stages import STAGES, Done, Report, Stage, run_all
 from runs import pid, written
 

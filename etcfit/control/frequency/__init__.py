@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from .lag import Lag, Order
-from .point import Point
-from .response import FrequencyResponse, frequency_response, phases
+from .response import FrequencyResponse, Point, frequency_response, phases
 from .wave import Ratio
 
 __all__ = ["FrequencyResponse", "Lag", "Order", "Point", "Ratio", "frequency_response", "phases"]

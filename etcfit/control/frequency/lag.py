@@ -37,6 +37,8 @@ _EVALUATIONS = 60
 _SETTLED = 1e-3  # of -2 ln L
 _VANISHED = -12.0  # logarithm of a time over that of the middle frequency, or of its square
 _ENDLESS = 60.0
+_EXCLUDED = 0.05  # weight of all lower orders together below which they are excluded
+_LIKELY = 0.5  # weight that the order itself must exceed; higher ones, which contain it, always keep some
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class Order:
         candidates: all that were tried, best first.
         highest: frequency measured, rad/s.
         says: the answer in a sentence.
-        settings: `poor`, `excluded` and `likely`.
+        settings: `poor`.
     """
 
     best: Lag | None
@@ -99,12 +101,12 @@ class Order:
         best = self.best
         if best is None or best.tau >= self.settings.poor or max(best.corners) > self.highest:
             return False
-        return _singled_out(best, self.weights, self.settings)
+        return _singled_out(best, self.weights)
 
 
-def _singled_out(best: Lag, weights: Mapping[int, float], settings: FrequencySettings) -> bool:
+def _singled_out(best: Lag, weights: Mapping[int, float]) -> bool:
     lower = sum(weight for order, weight in weights.items() if order < best.order)
-    return lower < settings.excluded and weights[best.order] > settings.likely
+    return lower < _EXCLUDED and weights[best.order] > _LIKELY
 
 
 def order_of(
@@ -299,7 +301,7 @@ def _says(best: Lag, weights: dict[int, float], problem: _Problem, settings: Fre
     span = f"{problem.s.size} frequencies from {bottom:.3g} to {top:.3g} Hz"
     left = f" It leaves {100.0 * best.tau:.2g} % unexplained." if best.tau > 1e-3 else ""
     fastest = max(best.corners) / (2.0 * np.pi)
-    if not _singled_out(best, weights, settings):
+    if not _singled_out(best, weights):
         return f"{span} cannot tell the order of lag (weights: {ranked}). The best is {name}.{left}"
     if fastest > top:
         return (f"{span} cannot tell the order of lag, only that it is at least the {_NAMES[best.order]}: the fastest "

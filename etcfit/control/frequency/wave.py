@@ -14,16 +14,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from ...estimation.autocorrelation import inflation
+from ...estimation.goodness import inflation
+from ...rig.signals import even_grid
 from ..settings import FrequencySettings
 
 _ROUNDS = 8
 _SETTLED = 1e-9  # of the frequency
 _Z = 1.959963984540054  # 95 %, two sides
+_DRIFT_CYCLES = 3.5  # fewer are not used to tell a drift from the waves, where cycles outside them are compared
+_DRIFT_ERRORS = 3.0  # standard errors at which a drift is told from zero
+NEARLY = 0.05  # share of a cycle that may be missing from a whole one
 
 
 class Signal(NamedTuple):
@@ -135,13 +140,7 @@ def fundamental(signal: Signal, frequency: float, middle: float, harmonics: int)
     return complex(_part(signal, frequency, middle, harmonics, drifts=True).amplitudes[0])
 
 
-def departure(
-    signal: Signal,
-    reference: Signal,
-    frequency: float,
-    harmonics: int,
-    settings: FrequencySettings = FrequencySettings(),
-) -> np.ndarray:
+def departure(signal: Signal, reference: Signal, frequency: float, harmonics: int) -> np.ndarray:
     """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one.
 
     Args:
@@ -149,12 +148,11 @@ def departure(
         reference: the part of it that the waves are fitted to.
         frequency: Hz.
         harmonics: H.
-        settings: `drift_cycles`.
     Returns:
         shape (N,), unit of the signal.
     """
     middle, span = 0.5 * float(reference.time[0] + reference.time[-1]), float(np.ptp(reference.time))
-    drifts = span * frequency > settings.drift_cycles
+    drifts = span * frequency > _DRIFT_CYCLES
     part = _part(reference, frequency, middle, harmonics, drifts)
     columns = _columns(signal.time - middle, frequency, harmonics)
     if drifts:
@@ -162,27 +160,20 @@ def departure(
     return signal.value - columns @ part.coefficients
 
 
-def fit_waves(
-    signals: Mapping[str, Signal],
-    frequency: float,
-    harmonics: int = 1,
-    settings: FrequencySettings = FrequencySettings(),
-) -> Waves:
+def fit_waves(signals: Mapping[str, Signal], frequency: float, harmonics: int = 1) -> Waves:
     """Fit all signals with one frequency.
 
     Args:
         signals: by name, each of more samples than 2 H + 2 and of some two cycles or more.
         frequency: Hz, a guess within a fraction of 1 / duration.
         harmonics: H; the highest must be sampled twice a cycle.
-        settings: `drift_errors`.
     """
     every = frozenset(signals)
     middle = 0.5 * (min(s.time[0] for s in signals.values()) + max(s.time[-1] for s in signals.values()))
     frequency, parts = _settled(signals, frequency, middle, harmonics, every)
     place, covariances = _covariances(signals, parts, frequency)
     slope = {name: (parts[name].coefficients[1], place[name] + 1) for name in signals}
-    least = settings.drift_errors
-    drifting = frozenset(n for n, (d, k) in slope.items() if abs(d) > least * np.sqrt(covariances[0][k, k]))
+    drifting = frozenset(n for n, (d, k) in slope.items() if abs(d) > _DRIFT_ERRORS * np.sqrt(covariances[0][k, k]))
     if drifting != every:
         frequency, parts = _settled(signals, frequency, middle, harmonics, drifting)
         place, covariances = _covariances(signals, parts, frequency)
@@ -308,3 +299,94 @@ def _shares(part: _Part) -> tuple[float, np.ndarray]:
     rest = waves[:, 2:] @ coefficients[2:] + part.residual
     power = max(float(np.var(waves[:, :2] @ coefficients[:2] + rest)), 1e-300)
     return float(np.var(rest)) / power, 0.5 * np.abs(part.amplitudes[1:]) ** 2 / power
+
+
+_PADDED = 8  # times its length that a setpoint is transformed in, to see its frequency between the bins
+_FEWEST = 4  # samples that a cycle is fitted to
+
+
+class Window(NamedTuple):
+    """Part of a trace.
+
+    Args:
+        begin, end: s.
+        cycles: whole ones in it.
+        skipped: cycles before it that were left out.
+    """
+
+    begin: float
+    end: float
+    cycles: int
+    skipped: float
+
+
+def moving(setpoint: Signal) -> Signal:
+    """A setpoint without the parts before and after it moves."""
+    first = np.flatnonzero(setpoint.value != setpoint.value[0])
+    last = np.flatnonzero(setpoint.value != setpoint.value[-1])
+    if not first.size:
+        return Signal(setpoint.time[:0], setpoint.value[:0])
+    begin, end = max(int(first[0]) - 1, 0), min(int(last[-1]) + 1, setpoint.time.size - 1)
+    return Signal(setpoint.time[begin : end + 1], setpoint.value[begin : end + 1])
+
+
+def frequency_of(setpoint: Signal) -> float:
+    """Where the setpoint's spectrum has its peak, then by least squares, Hz."""
+    time, step = even_grid(setpoint.time)
+    even = np.interp(time, setpoint.time, setpoint.value)
+    spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(even.size), _PADDED * even.size))
+    rough = float(np.argmax(spectrum)) / (_PADDED * even.size * step)
+    return fit_waves({"setpoint": setpoint}, rough).frequency
+
+
+def common(setpoint: Signal, position: Signal) -> tuple[float, float]:
+    """From when to when both were logged, the last sample's own step counted, s."""
+    last = min(float(s.time[-1] + np.median(np.diff(s.time))) for s in (setpoint, position))
+    return max(float(setpoint.time[0]), float(position.time[0])), last
+
+
+def settled(
+    setpoint: Signal,
+    position: Signal,
+    frequency: float,
+    harmonics: int,
+    settings: FrequencySettings = FrequencySettings(),
+) -> Window:
+    """Whole cycles counted back from the end, without the first ones that are not like the last half of them.
+
+    A cycle strays whose own mean and fundamental differ from those of the last half by more than `strays` times what
+    the cycles of that half differ by (root mean square). The very first one is left out wherever three others remain:
+    what fades within the noise of single samples does not within that of their mean.
+
+    Args:
+        setpoint, position: two cycles or more of both.
+        frequency: Hz.
+        harmonics: H of the waves that the last half is fitted with.
+        settings: `strays` and `same`.
+    """
+    begin, end = common(setpoint, position)
+    count = int((end - begin) * frequency + NEARLY)
+    edges = end - np.arange(count, -1, -1) / frequency
+    first = max(_strays(signal, edges, frequency, harmonics, settings) for signal in (setpoint, position))
+    first = max(first, 1) if count > 3 else first
+    return Window(float(edges[first]), end, count - first, (end - begin) * frequency - (count - first))
+
+
+def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int, settings: FrequencySettings) -> int:
+    """How many cycles come before the first from which on none strays."""
+    half = max((edges.size - 1) // 2, 2)
+    reference = signal.between(edges[-1 - half], edges[-1])
+    residual = Signal(signal.time, departure(signal, reference, frequency, harmonics))
+    sizes = np.array([_size(residual.between(a, b), frequency) for a, b in pairwise(edges)])
+    scatter, swing = float(np.sqrt(np.mean(sizes[-half:] ** 2))), float(np.ptp(reference.value))
+    limit = max(settings.strays * scatter, settings.same * swing)
+    return int(np.max(np.flatnonzero(sizes[:-half] > limit) + 1, initial=0))
+
+
+def _size(cycle: Signal, frequency: float) -> float:
+    """Mean and fundamental together; 0 in a gap."""
+    if cycle.time.size < _FEWEST:
+        return 0.0
+    angle = 2.0 * np.pi * frequency * cycle.time
+    columns = np.column_stack([np.ones(angle.size), np.cos(angle), np.sin(angle)])
+    return float(np.linalg.norm(np.linalg.lstsq(columns, cycle.value, rcond=None)[0]))

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 from ..loop_figures import LoopFigures, Requirements
-from .amigo import amigo
-from .as_found import as_found
 from .base import Refusal, Rule, Task
-from .damping_optimum import damping_optimum
-from .gains import Gains
-from .manual import manual
+from .ecu import Gains
+from .experiments import manual, relay
+from .formulas import amigo, as_found, damping_optimum, simc, tyreus_luyben, ziegler_nichols
 from .optimal import optimal
-from .relay import relay
-from .simc import simc
-from .tyreus_luyben import tyreus_luyben
-from .ziegler_nichols import ziegler_nichols
 
 RULES: dict[str, Rule] = {
     "optimal": optimal,

@@ -10,10 +10,10 @@ from ...model.ecus import EcuProfile
 from ...model.feed_forward import Term
 from ...model.linear import TransferFunction
 from ..loop_figures import Requirements
+from ..setpoint import Setpoint, trapezoid
 from ..settings import DesignSettings
-from .gains import Gains
+from .ecu import Gains
 from .loop import Loop
-from .setpoint import Setpoint, trapezoid
 
 
 @dataclass(frozen=True)

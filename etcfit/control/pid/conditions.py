@@ -1,4 +1,9 @@
-"""The loop under the conditions of a car: other supplies, winding temperatures and frictions than at the bench."""
+"""What gains are tried under: the scenarios of a car, its conditions, and what dry friction does to them.
+
+Why gains that look good on a transfer function hunt on a rig (`stuck`): within e_f = V_f / Kp of its setpoint the plate
+sticks, V_f being the dry friction in volts at the terminals. There only the integral moves it, and to turn the plate
+round it must cross 2 V_f, which at an error e takes t_f = 2 V_f / (Ki e). A transfer function has V_f = 0.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +13,68 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ...car_log.log import Series
+from ...model.linear import MIDDLE
 from ...model.parameters import Scalar
 from ...model.throttle import Throttle
-from ..settings import ConditionSettings
+from ..setpoint import Setpoint, Stretch, in_turn, stairs, trapezoid
+from ..settings import ConditionSettings, ScenarioSettings
+from .ecu import Gains
 from .loop import Loop
+
+LEAD = 0.3  # s at the first level of a scenario, not judged
+BEYOND_REST = 0.02  # how far the steps across the limp-home position go beyond it either way, share of the travel
+_FINE = 2001  # angles between which the default position is found
+
+
+def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoint:
+    """The scenarios of a rig in turn: the paper's trapezoid, large steps, small ones, across the limp-home position.
+
+    Args:
+        loop: of the nominal model first, which says where its plate rests.
+        settings: how large, and how long.
+        further: more of them, such as a log's own setpoint.
+    """
+    rest = default_position(loop)
+    large = stairs("large steps", (settings.low, settings.high, settings.low), settings.large_hold, LEAD)
+    small = stairs("small steps", _there_and_back(settings.small), settings.hold, LEAD)
+    every = [large, small]
+    if rest is not None:
+        across = (rest - BEYOND_REST, rest + BEYOND_REST, rest - BEYOND_REST)
+        every.append(stairs("across the limp-home position", across, settings.hold, LEAD))
+    return in_turn(trapezoid(), *every, *further)
+
+
+def _there_and_back(sizes: tuple[float, ...]) -> list[float]:
+    """From the middle up by each size and down again, shares of the travel."""
+    return [MIDDLE, *(share for size in sizes for share in (MIDDLE + size, MIDDLE))]
+
+
+def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
+    """The stretch of a log's setpoint in which most is asked, straight between its samples, followed but not judged.
+
+    Args:
+        setpoint: per cent of the travel; beyond the stops it is at them.
+        settings: how long.
+    """
+    begin = setpoint.busiest(settings.log)
+    inside = (setpoint.time > begin) & (setpoint.time < begin + settings.log)
+    times = np.concatenate(([begin], setpoint.time[inside], [begin + settings.log])) - begin + LEAD
+    shares = np.clip(0.01 * np.interp(times - LEAD + begin, setpoint.time, setpoint.value), 0.0, 1.0)
+    tracked = Stretch(LEAD, LEAD + settings.log, "log")
+    return Setpoint((0.0, *times.tolist()), (float(shares[0]), *shares.tolist()), (), (tracked,))
+
+
+def default_position(loop: Loop) -> float | None:
+    """Share of the travel at which the nominal plate rests without a voltage; None where that is at a stop."""
+    shares = np.linspace(0.0, 1.0, _FINE)
+    volts = loop.holds(loop.angle(shares)).middle
+    crosses = np.flatnonzero((volts[:-1] < 0.0) & (volts[1:] >= 0.0))
+    if not crosses.size:
+        return None
+    k = int(crosses[0])
+    return float(np.interp(0.0, volts[k : k + 2], shares[k : k + 2]))
+
 
 DRY_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")  # every parameter that scales with it
 
@@ -77,3 +140,28 @@ def scaled(throttle: Throttle, factors: dict[str, Any]) -> Throttle:
         return replace(effect, **changed) if changed else effect
 
     return replace(throttle, effects=tuple(each(effect) for effect in throttle.effects))
+
+
+class Stuck(NamedTuple):
+    """What dry friction makes of gains.
+
+    Args:
+        error_pct: e_f, % of the travel: the error that the proportional part alone leaves.
+        wait_s: t_f, from sticking that far beyond the setpoint until the integral has turned the plate round, s.
+    """
+
+    error_pct: float
+    wait_s: float
+
+
+def stuck(loop: Loop, gains: Gains, share: float = MIDDLE) -> Stuck:
+    """The nominal plate of a loop at a share of its travel.
+
+    Source: Olsson and Astrom 2001, IEEE Trans. Control Systems Technology 9(4) (hunting). Differs from source: the
+    waiting time is that of a plate stuck at the edge of the band.
+    """
+    down, _, up = loop.holds(np.array([loop.angle(share)]))
+    friction = 0.5 * float(up[0] - down[0])
+    error = friction / float(gains.Kp)
+    wait = 2.0 * friction / (float(gains.Ki) * error) if gains.Ki else float("inf")
+    return Stuck(100.0 * error / (loop.body.upper - loop.body.lower), wait)

@@ -1,4 +1,4 @@
-"""The discrete PID of an engine control unit: what it computes at each tick of its clock."""
+"""The discrete PID of an engine control unit: its gains, and what it computes at each tick of its clock."""
 
 from __future__ import annotations
 
@@ -8,7 +8,32 @@ import jax.numpy as jnp
 
 from ...model.ecu import Ecu
 from ...model.parameters import Scalar
-from .gains import Gains
+
+UNIT = "V/rad"  # of Kp; Ki is per s, Kd times s
+
+
+class Gains(NamedTuple):
+    """v = Kp e + Ki int e dt + Kd de/dt, e the angle's error.
+
+    Args:
+        Kp: V/rad.
+        Ki: V/(rad s).
+        Kd: V s/rad.
+    """
+
+    Kp: Scalar
+    Ki: Scalar
+    Kd: Scalar
+
+    @classmethod
+    def standard(cls, Kp: float, Ti: float, Td: float) -> Gains:
+        """Of the form Kp (1 + 1/(Ti s) + Td s), times in s."""
+        return cls(Kp, Kp / Ti, Kp * Td)
+
+    @classmethod
+    def series(cls, Kc: float, Ti: float, Td: float) -> Gains:
+        """Of the form Kc (1 + 1/(Ti s)) (1 + Td s), times in s."""
+        return cls(Kc * (1.0 + Td / Ti), Kc / Ti, Kc * Td)
 
 
 class Memory(NamedTuple):

@@ -20,16 +20,12 @@ from ...model.stepper import Step, step
 from ...model.tangents import once
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
-from ..loop_figures import LoopFigures
-from ..response import Run
+from ..loop_figures import LoopFigures, Run, judge, with_effort, with_heat
+from ..setpoint import Setpoint
 from ..settings import LoopSettings
-from .ecu import Memory, tick
-from .feedforward import Bias, HoldingVoltages, hold_curve
-from .gains import Gains
-from .judge import judge, with_effort, with_heat
+from .ecu import Gains, Memory, tick
+from .feedforward import Bias, HoldingVoltages, Sliding, hold_curve, rates
 from .loop_kernel import kernel_of
-from .setpoint import Setpoint
-from .sliding import Sliding, rates
 
 
 class Body(NamedTuple):
@@ -70,6 +66,7 @@ class _Carry(NamedTuple):
     sent: Any  # voltages of the last ticks, newest first, V
 
 
+_LATEST = 64  # ticks of delay that are remembered at most
 _UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
 
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
@@ -411,4 +408,4 @@ class Loop:
     def _room(self) -> int:
         """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""
         ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
-        return min(self.settings.latest, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1
+        return min(_LATEST, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1

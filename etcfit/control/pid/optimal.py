@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +12,10 @@ from ...problem.cores import concurrently
 from ..loop_figures import LoopFigures
 from ..settings import OptimumSettings
 from .base import Refusal, Task
+from .ecu import Gains
 from .formulas import FORMULAS
-from .gains import Gains
+from .linear_loop import COARSE, OpenLoop
 from .loop import Loop
-from .margins import COARSE, OpenLoop
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +25,7 @@ class Scores:
     Args:
         rmse: mean over draws, %, shape (G,).
         excess: by how much the requirement missed worst is missed, relative, 0 if none, shape (D, G).
-        settings: `certain` and `weight`.
+        settings: `certain`.
     """
 
     rmse: np.ndarray
@@ -46,9 +47,14 @@ class Scores:
         """Tracking error, and any miss of a requirement dearer than all of it; shape (G,)."""
         rmse = np.nan_to_num(self.rmse, nan=1e3, posinf=1e3)
         missed = np.nan_to_num(self.missed, nan=1e3, posinf=1e3)
-        return rmse * (1.0 + np.where(missed > 0.0, 1.0 + self.settings.weight * missed, 0.0))
+        return rmse * (1.0 + np.where(missed > 0.0, 1.0 + _WEIGHT * missed, 0.0))
 
 
+_WEIGHT = 50.0  # cost of missing a requirement by its own size, in units of the tracking error
+_SAFETY = 100.0  # a stability margin missed by its own size counts as a requirement missed by so many times its own
+_SPARE_ALONE = 0.12  # share of each requirement kept in hand on the nominal model alone, which sees one noise sequence
+_WIDER = 1.5  # factor on the covariance of the elite, lest the search narrows before it has arrived
+_NARROWEST = 0.01  # least standard deviation of a population in the logarithm of a gain
 _WORST = 180.0  # dB or degrees that an unstable loop misses a margin by where no change of gain or phase mends it
 
 Score = Callable[[np.ndarray], Scores]  # of logarithms of gains, shape (G, 3)
@@ -69,7 +75,7 @@ def optimal(task: Task) -> Gains | Refusal:
     """
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
-    alone = _scorer(task, 1, settings.spare_alone)
+    alone = _scorer(task, 1, _SPARE_ALONE)
     ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)[0]
             for _ in range(settings.searches)]  # fmt: skip
     return best_over_draws(task, np.array([*ends, *_by_formula(task, settings)]), rng)
@@ -213,7 +219,7 @@ def elite_of(
     leaders, cost = begin[order], cost[order]
     for _ in range(rounds):
         middle = leaders.mean(axis=0)
-        spread = settings.wider * np.cov(leaders.T) + settings.narrowest**2 * np.eye(3)
+        spread = _WIDER * np.cov(leaders.T) + _NARROWEST**2 * np.eye(3)
         tried = np.clip(rng.multivariate_normal(middle, spread, settings.population), low, high)
         every = np.vstack((leaders, tried))
         costs = np.concatenate((cost, score(tried).cost))
@@ -247,7 +253,58 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
     settings = task.settings.optimum
     over = [strain - 1.0 for strain in asked.strain(settled).values()]
     short = (1.0 - gain / asked.gain_margin_db, 1.0 - phase / asked.phase_margin_deg)
-    over += [each + (settings.safety - 1.0) * np.maximum(each, 0.0) for each in short]
+    over += [each + (_SAFETY - 1.0) * np.maximum(each, 0.0) for each in short]
     worst = np.max(np.stack([np.broadcast_to(each, figures.rmse_pct.shape) for each in over]), axis=0)
     rmse = np.mean(figures.rmse_pct, axis=0)
     return Scores(rmse, np.maximum(worst + spare, 0.0), settings)
+
+
+@dataclass(frozen=True)
+class FrontPoint:
+    """The best gains within a limit of the duty's activity.
+
+    Args:
+        limit: of the activity, %; infinite for none.
+        gains: them.
+        activity: theirs, %.
+        rmse: tracking error, % of the travel.
+        meets: whether they meet everything else that is asked for.
+    """
+
+    limit: float
+    gains: Gains
+    activity: float
+    rmse: float
+    meets: bool
+
+
+def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
+    """On the nominal model, from the most restless to the calmest; each search begins at the end of the one before.
+
+    The first is not limited; the others are allowed a share of its activity each.
+
+    Args:
+        task: whose other requirements all points are to meet.
+        begin: gains to begin with.
+    """
+    alone, points = replace(task, loop=task.loop.first(1)), list[FrontPoint]()
+    for share in (math.inf, *task.settings.front.shares):
+        limit = share * points[0].activity if points else math.inf
+        here = replace(alone, requirements=replace(task.requirements, duty_activity_pct=limit))
+        begin, figures, missed = best_from(here, begin, task.settings.front.rounds)
+        points.append(FrontPoint(limit, begin, figures.duty_activity_pct, figures.rmse_pct, missed == 0.0))
+    return carried(points)
+
+
+def carried(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
+    """Points of which none follows worse than a calmer one: what is best within a limit is within every looser one.
+
+    Args:
+        points: as the searches ended, limits falling.
+    """
+    best = [points[-1]]
+    for point in reversed(points[:-1]):
+        calmer = best[-1]
+        better = calmer.meets and not (point.meets and point.rmse <= calmer.rmse)
+        best.append(replace(calmer, limit=point.limit) if better else point)
+    return tuple(reversed(best))

@@ -2,11 +2,66 @@
 
 from __future__ import annotations
 
-from .figures import Safety as Safety
-from .figures import safety as safety
-from .holding import Holding as Holding
-from .jam import Envelope as Envelope
-from .jam import JamCheck as JamCheck
-from .sags import Sag as Sag
-from .sensor import Runaway as Runaway
-from .spring_return import Return as Return
+from dataclasses import dataclass
+
+from ...model.linear import MIDDLE
+from ..pid.base import Task
+from ..pid.ecu import Gains
+from .faults import (
+    FAILS_AT,
+    WATCHED,
+    Envelope,
+    JamCheck,
+    Runaway,
+    Sag,
+    envelope,
+    proposed,
+    runaways,
+    sag_trials,
+    sags,
+    sensor_trials,
+)
+from .guarded import Seen, bench_and_extremes, together, tried
+from .unpowered import Holding, Return, holding, returns
+
+
+@dataclass(frozen=True, eq=False)
+class Safety:
+    """What happens where something fails, and how it is told.
+
+    Args:
+        envelope: how far off a sound throttle is.
+        jam: the jam check proposed; None where no threshold gets along with the timeout allowed.
+        sensors: faults of the position sensor.
+        sags: of the supply.
+        returns: of the plate without a current, opening by opening.
+        holding: current and heat.
+    """
+
+    envelope: Envelope
+    jam: JamCheck | None
+    sensors: tuple[Runaway, ...]
+    sags: tuple[Sag, ...]
+    returns: tuple[Return, ...]
+    holding: Holding
+
+
+def safety(task: Task, gains: Gains) -> Safety:
+    """Figures of these gains: `task.settings.safety` has what they are looked for with."""
+    settings = task.settings.safety
+    found = envelope(task, gains)
+    check = proposed(found, task)
+    loop = bench_and_extremes(task)
+    longest = max(settings.dip_for, sum(settings.crank_for))
+    ticks = round((FAILS_AT + longest + WATCHED) / task.ecu.period)
+    failing = sensor_trials(loop, task, gains, check, ticks)
+    every = tried(loop, together([*failing, *sag_trials(loop, task, gains, ticks)]), MIDDLE)
+    failed, sagged = (Seen(*(v[:, part] for v in every)) for part in (slice(len(failing)), slice(len(failing), None)))
+    return Safety(
+        found,
+        check,
+        runaways(loop, task, failed),
+        sags(loop, task, sagged, check),
+        returns(loop, task),
+        holding(loop, task),
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any, NamedTuple
 
 import jax
@@ -10,10 +11,11 @@ import numpy as np
 
 from ...model.ecu import Ecu
 from ...model.parameters import Scalar
-from ..pid.ecu import Memory, tick
-from ..pid.gains import Gains
+from ..pid.base import Task
+from ..pid.conditions import Conditions, under
+from ..pid.ecu import Gains, Memory, tick
 from ..pid.loop import Loop, Path
-from ..pid.setpoint import Setpoint
+from ..setpoint import Setpoint
 
 NEVER = np.inf
 _EARLY = 1e-9  # s by which a tick counts as on time
@@ -169,3 +171,12 @@ def lasted(holds: np.ndarray) -> np.ndarray:
     """For how many ticks in a row something holds, at each tick, of truth values of shape (..., K)."""
     place = np.arange(1, holds.shape[-1] + 1)
     return place - np.maximum.accumulate(np.where(holds, 0, place), axis=-1)
+
+
+def bench_and_extremes(task: Task) -> Loop:
+    """The nominal model as at the bench, then at each corner of winding and friction, under the ECU's own supply."""
+    ranges = task.settings.conditions
+    rows = [(ranges.bench, 1.0), *product(ranges.winding, ranges.friction)]
+    winding, friction = np.array(rows).T
+    conditions = Conditions(np.full(len(rows), task.ecu.supply), winding, friction)
+    return under(task.loop.taking(np.zeros(len(rows), dtype=int)), conditions, ranges)

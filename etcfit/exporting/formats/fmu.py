@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 
 from ...errors import UsageError
-from ...rig.comments import one_line
+from ...rig.user_text import one_line
 from ..base import Export, Format, Source
 from ..plant import Plant, plant_of
 from ..rendering import rendered

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...rig.comments import python_comment
+from ...rig.user_text import python_comment
 from ..base import Export, Format, Source
 from ..joint import cannot_hold, joint_of
 from ..rendering import rendered

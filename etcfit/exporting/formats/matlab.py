@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...rig.comments import matlab_comment, one_line
+from ...rig.user_text import matlab_comment, one_line
 from ..base import Export, Format, Source
 from ..linear import cannot_hold, gains
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as Xml
 from ...control.design import gains_as_found
 from ...control.pid import Gains, Refusal
 from ...errors import UsageError
-from ...rig.comments import xml_comment
+from ...rig.user_text import xml_comment
 from ..base import Export, Format, Source
 from ..joint import Joint, cannot_hold, joint_of
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...rig.comments import python_comment
+from ...rig.user_text import python_comment
 from ..base import Export, Format, Source
 from ..linear import cannot_hold, gains
 from ..rendering import rendered

@@ -14,7 +14,7 @@ from ...files import read_regular
 from ...model.ecus import PROFILES, EcuProfile, Pasting
 from ...model.ecus import named as ecu_named
 from ...reporting.control.snippet import constants
-from ...rig.comments import one_line, xml_comment
+from ...rig.user_text import one_line, xml_comment
 from ..base import Export, Format, Source
 
 _NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files

@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from ...errors import UsageError, require_extra
-from .settings import EngineSettings
 
 if TYPE_CHECKING:
-    from distributed import Client, LocalCluster
+    from distributed import Client
+
+CONNECT = 2.5  # s to wait for a scheduler's answer
+FIRST_WORKER = 60.0  # s to wait for the first worker of a scheduler, and for one to come back when all have died
 
 # Dask's own habits that do not fit: a task is given back to us at once when its worker dies, for we know which unit
 # it was; a worker that holds compiled programs must not be paused for their memory, only ended at its limit
@@ -86,21 +88,23 @@ class Crew:
 
 
 @contextmanager
-def crew(place: LocalWorkers | ExistingScheduler, settings: EngineSettings = EngineSettings()) -> Iterator[Crew]:
+def crew(place: LocalWorkers | ExistingScheduler) -> Iterator[Crew]:
     """Workers, for as long as the block lasts.
 
-    Args:
-        place: where.
-        settings: how long to wait for the first of them.
     Raises:
         UsageError: a library of the extra `fleet` is not installed, no scheduler or no worker answers, or a script
             lacks its main guard.
     """
-    dask = _dask()
-    with dask.config.set(_DASK), _quiet():
-        opened = _local(place) if isinstance(place, LocalWorkers) else _existing(place, settings)
-        with opened as made:
-            yield made
+    require_workers()
+    import dask
+    import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
+
+    with (
+        dask.config.set(_DASK),
+        _quiet(),
+        _local(place) if isinstance(place, LocalWorkers) else _existing(place) as made,
+    ):
+        yield made
 
 
 def cores() -> int:
@@ -117,29 +121,14 @@ def require_workers() -> None:
     require_extra("fleet", "A fleet", "distributed", "pyarrow")
 
 
-def _dask() -> Any:
-    require_workers()
-    import dask
-    import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
-
-    return dask
-
-
 @contextmanager
 def _local(place: LocalWorkers) -> Iterator[Crew]:
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise SystemExit(1)  # a worker that runs its client's script from the top: the client says what is wrong
-    with _started(place) as cluster, Client(cluster, set_as_default=False) as client:
-        yield Crew(client, local=True, workers=place.workers)
-
-
-def _started(place: LocalWorkers) -> LocalCluster:
-    from distributed import LocalCluster
-
     try:
-        return LocalCluster(
+        started = LocalCluster(
             n_workers=place.workers,
             threads_per_worker=1,
             processes=True,
@@ -150,17 +139,19 @@ def _started(place: LocalWorkers) -> LocalCluster:
     except RuntimeError as error:
         raise UsageError("the worker processes do not start. Each of them first imports the script that you started: "
                          'put what it does under `if __name__ == "__main__":`.') from error  # fmt: skip
+    with started as cluster, Client(cluster, set_as_default=False) as client:
+        yield Crew(client, local=True, workers=place.workers)
 
 
 @contextmanager
-def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Crew]:
+def _existing(place: ExistingScheduler) -> Iterator[Crew]:
     from distributed import Client
 
-    _must_answer(place.address, settings.connect)
-    client = Client(place.address, set_as_default=False, timeout=settings.first_worker)
+    _must_answer(place.address)
+    client = Client(place.address, set_as_default=False, timeout=FIRST_WORKER)
     with client:
         try:
-            client.wait_for_workers(1, timeout=settings.first_worker)
+            client.wait_for_workers(1, timeout=FIRST_WORKER)
         except TimeoutError as error:
             raise UsageError(
                 f"the scheduler at {place.address} has no worker: start one with `dask worker {place.address}` where "
@@ -169,31 +160,30 @@ def _existing(place: ExistingScheduler, settings: EngineSettings) -> Iterator[Cr
         yield Crew(client, local=False)
 
 
-def _must_answer(address: str, seconds: float) -> None:
+def _must_answer(address: str) -> None:
     """Dask's own client waits for ever for one that listens and says nothing.
 
     Raises:
         UsageError: no scheduler is there.
     """
-    with ThreadPoolExecutor(1) as aside:  # a notebook's thread has a loop of its own
-        try:
-            aside.submit(asyncio.run, asyncio.wait_for(_identity(address, 0.9 * seconds), seconds)).result()
-        except Exception as error:  # whatever the answer of something else makes Dask say
-            why = str(error) or "it says nothing"
-            raise UsageError(f"no Dask scheduler answers at {address} within {seconds:g} s: {why}. Start one with "
-                             "`dask scheduler`, or leave --scheduler out.") from error  # fmt: skip
-
-
-async def _identity(address: str, seconds: float) -> Any:
     from distributed.comm.core import connect
     from distributed.security import Security
 
-    line: Any = await connect(address, timeout=seconds, **Security().get_connection_args("client"))
-    try:
-        await line.write({"op": "identity"})
-        return await line.read()
-    finally:
-        line.abort()
+    async def identity() -> Any:
+        line: Any = await connect(address, timeout=0.9 * CONNECT, **Security().get_connection_args("client"))
+        try:
+            await line.write({"op": "identity"})
+            return await line.read()
+        finally:
+            line.abort()
+
+    with ThreadPoolExecutor(1) as aside:  # a notebook's thread has a loop of its own
+        try:
+            aside.submit(asyncio.run, asyncio.wait_for(identity(), CONNECT)).result()
+        except Exception as error:  # whatever the answer of something else makes Dask say
+            why = str(error) or "it says nothing"
+            raise UsageError(f"no Dask scheduler answers at {address} within {CONNECT:g} s: {why}. Start one with "
+                             "`dask scheduler`, or leave --scheduler out.") from error  # fmt: skip
 
 
 @contextmanager

@@ -3,29 +3,39 @@
 Each worker has one task at a time: when a worker dies, the unit that it was on is known, and no other is suspected. A
 task is a portion of units, as many as fit into a third of a second; of slow ones it is one. The client holds the names
 that are left, and no results: those go to the store as they come.
+
+A worker that dies gives its task back through Dask. What Dask itself loses (a worker that never comes back, an answer
+that never arrives) is found here: every other second the client looks where its tasks are.
 """
 
 from __future__ import annotations
 
+import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ... import __version__
 from ...errors import UsageError
-from ..unit import FailedUnit
-from .agenda import Agenda
-from .cluster import Crew
-from .order import Lost, Order
+from ..unit import FailedUnit, UnitResult
+from .cluster import FIRST_WORKER, Crew
 from .settings import EngineSettings
 from .store import Store
-from .tasks import Tasks
-from .work import AbstractWork
+from .work import AbstractWork, Lost, Order, Portion, Trouble
+
+LOOK = 0.1  # s after which a wait for an answer ends, answer or not
+RECOUNT = 2.0  # s between two looks at the workers and what they do
+MISSING = 10.0  # s after which a task that no worker has, while one is free, is handed out again
+
+Orders = tuple[Order, ...]
+Ends = list[UnitResult | FailedUnit]
 
 
-@dataclass(frozen=True)
-class Tally:
+class Tally(NamedTuple):
     """How a run through a fleet went.
 
     Args:
@@ -38,19 +48,9 @@ class Tally:
     unchanged: int = 0
     failed: int = 0
 
-    @property
-    def units(self) -> int:
-        """All of them."""
-        return self.fitted + self.unchanged + self.failed
-
-    def and_also(self, other: Tally) -> Tally:
-        """After another run too."""
-        return Tally(self.fitted + other.fitted, self.unchanged + other.unchanged, self.failed + other.failed)
-
-    def with_ends(self, ends: Sequence[Any], unchanged: int) -> Tally:
-        """After these too."""
-        failed = sum(isinstance(end, FailedUnit) for end in ends)
-        return Tally(self.fitted + len(ends) - failed, self.unchanged + unchanged, self.failed + failed)
+    def plus(self, other: Tally) -> Tally:
+        """Both together."""
+        return Tally(*(a + b for a, b in zip(self, other, strict=True)))
 
 
 def run_units(
@@ -68,64 +68,254 @@ def run_units(
         work: sent to every worker once.
         crew: the workers, see `cluster.crew`.
         store: takes the results; open. What workers of our own print goes to workers.log in its folder.
-        report: told what is done, and which share of it.
+        report: gets what is done, and which share of it.
         settings: when a unit is given up.
     Raises:
         UsageError: the workers have another version of etcfit, or none is left.
         OSError: the store cannot be written.
         KeyboardInterrupt: as it comes; what has come back is kept.
     """
-    from .worker import FleetWorkerPlugin
+    from .worker import FleetWorkerPlugin, version
 
     known = store.digests()
     agenda = Agenda((Order(unit, known.get(unit, "")) for unit in dict.fromkeys(units)), settings)
     name = f"etcfit-{uuid.uuid4().hex}"
-    crew.client.register_plugin(
-        FleetWorkerPlugin(name, work, store.folder.absolute() / "workers.log" if crew.local else None)
-    )
+    log = store.folder.absolute() / "workers.log" if crew.local else None
+    crew.client.register_plugin(FleetWorkerPlugin(name, work, log))
     try:
-        _check_versions(crew)
-        return _worked_off(agenda, Tasks(name, crew, settings), store, report)
+        found: Any = crew.client.run(version)
+        if other := {each for each in found.values() if each != __version__}:
+            raise UsageError(f"workers have etcfit {', '.join(sorted(other))}, this is {__version__}: "
+                             "install the same version on all")  # fmt: skip
+        return _work_off(agenda, Tasks(name, crew, settings), store, report)
     finally:
         store.flush()
-        _leave(crew, name)
+        with suppress(Exception):  # that the workers are gone already is no matter
+            crew.client.unregister_worker_plugin(name)
 
 
-def _worked_off(agenda: Agenda, tasks: Tasks, store: Store, report: Callable[[str, float], None]) -> Tally:
+def _work_off(agenda: Agenda, tasks: Tasks, store: Store, report: Callable[[str, float], None]) -> Tally:
     tally, total = Tally(), agenda.waiting
     try:
-        while agenda or tasks:
+        while agenda.waiting or tasks.out:
             tasks.hand_out(agenda)
             # an answer lies with its worker until it is fetched, and goes with it if the next unit kills that
-            answers = [tasks.answer(task) for task in tasks.ended()]
+            answers = [(task.orders, tasks.answer(task)) for task in tasks.ended()]
             tasks.hand_out(agenda)
             for orders, answer in answers:
-                if isinstance(answer, Lost):
-                    ends, unchanged = agenda.lost(orders, answer), 0
-                else:
-                    ends, unchanged = [*answer.done, *agenda.came_back(answer)], len(answer.unchanged)
+                ends, unchanged = agenda.take_back(orders, answer)
                 store.add(ends)
-                tally = tally.with_ends(ends, unchanged)
+                failed = sum(isinstance(end, FailedUnit) for end in ends)
+                tally = tally.plus(Tally(len(ends) - failed, unchanged, failed))
             if answers:
-                report("fit the units", tally.units / max(total, 1))
+                report("fit the units", sum(tally) / max(total, 1))
     finally:
         tasks.cancel()
     return tally
 
 
-def _check_versions(crew: Crew) -> None:
-    from .worker import version
+class Agenda:
+    """Orders that wait, in order, and what each unit has been through; knows nothing of Dask.
 
-    found: Any = crew.client.run(version)
-    other = {each for each in found.values() if each != __version__}
-    if other:
-        raise UsageError(f"workers have etcfit {', '.join(sorted(other))}, this is {__version__}: "
-                         "install the same version on all")  # fmt: skip
+        units of a portion = time of a portion / time of a unit, the mean over the last ones
+
+    Args:
+        orders: what to do.
+        settings: when a unit is given up, and how large portions are.
+    """
+
+    def __init__(self, orders: Iterable[Order], settings: EngineSettings) -> None:
+        self._orders, self._settings = deque(orders), settings
+        self._tried: dict[str, int] = {}
+        self._alone: set[str] = set()
+        self._refused: dict[str, str] = {}
+        self._seconds_a_unit = settings.portion
+
+    @property
+    def waiting(self) -> int:
+        """How many orders."""
+        return len(self._orders)
+
+    def next_portion(self, workers: int) -> Orders:
+        """The next orders; a unit whose portion died goes alone, and the last ones are shared out evenly."""
+        fair = -(-len(self._orders) // max(workers, 1))
+        fitting = int(self._settings.portion / max(self._seconds_a_unit, 1e-9))
+        most = max(1, min(fair, fitting, self._settings.largest_portion))
+        orders = [self._orders.popleft()]
+        while len(orders) < most and self._orders and not self._alone & {orders[0].unit, self._orders[0].unit}:
+            orders.append(self._orders.popleft())
+        return tuple(orders)
+
+    def refused(self, orders: Orders) -> str | None:
+        """The worker that failed this unit before; None where none did."""
+        return self._refused.get(orders[0].unit) if len(orders) == 1 else None
+
+    def take_back(self, orders: Orders, answer: Portion | Lost) -> tuple[Ends, int]:
+        """Take note of what came of some orders.
+
+        A worker may have died, or its answer could not be had: of several units each then goes alone, to see which it
+        was.
+
+        Returns:
+            results and units given up, and how many units were unchanged.
+        """
+        if isinstance(answer, Lost):
+            if len(orders) == 1:
+                return self._try_again(orders[0], answer.why, None, answer.deaths), 0
+            self._alone |= {order.unit for order in orders}
+            self._orders.extendleft(reversed(orders))
+            return [], 0
+        seconds = answer.seconds / max(len(answer.ends), 1)
+        self._seconds_a_unit += (seconds - self._seconds_a_unit) / 4
+        self._orders.extendleft(reversed(orders[len(answer.ends) :]))
+        ends: Ends = []
+        for order, end in zip(orders, answer.ends, strict=False):
+            if isinstance(end, Trouble):
+                ends += self._try_again(order, end.why, answer.worker)
+            elif end is not None:
+                ends.append(end)
+        return ends, answer.ends.count(None)
+
+    def _try_again(self, order: Order, why: str, worker: str | None, tries: int = 1) -> Ends:
+        """The unit waits once more, for another worker; it has failed where it was tried often enough."""
+        unit = order.unit
+        self._tried[unit] = self._tried.get(unit, 0) + tries
+        if self._tried[unit] >= self._settings.tries:
+            return [FailedUnit(unit, f"{why} It was tried {self._tried[unit]} times.")]
+        self._alone.add(unit)
+        if worker is not None:
+            self._refused[unit] = worker
+        self._orders.appendleft(order)
+        return []
 
 
-def _leave(crew: Crew, name: str) -> None:
-    """Take the work off the workers; that they are gone already is no matter."""
-    try:
-        crew.client.unregister_worker_plugin(name)
-    except Exception:
-        return
+@dataclass
+class Task:
+    """One that is out.
+
+    Args:
+        future: Dask's.
+        orders: what it is on.
+        seen: s, when it was last known to be on its way.
+        begun: s, when it was first seen on a worker; None before.
+        worker: that it was last seen on.
+    """
+
+    future: Any
+    orders: Orders
+    seen: float
+    begun: float | None = None
+    worker: str | None = None
+
+
+class Tasks:
+    """The tasks that are out, one for each worker; none of them is waited for without end.
+
+    Args:
+        name: of the run, by which workers find its work.
+        crew: the workers.
+        settings: sent with each task; they also say when one is given up.
+    """
+
+    def __init__(self, name: str, crew: Crew, settings: EngineSettings) -> None:
+        self._name, self._crew, self._client, self._settings = name, crew, crew.client, settings
+        self.out: dict[str, Task] = {}
+        self._threads: dict[str, int] = {}
+        self._counted = -RECOUNT
+        self._staffed = self._renewed = time.monotonic()
+
+    def hand_out(self, agenda: Agenda) -> None:
+        """A portion for every worker that has none.
+
+        Raises:
+            UsageError: there has been no worker for as long as one waits for the first.
+        """
+        from .worker import do_portion
+
+        self._look()
+        places = max(sum(self._threads.values()), 1)
+        while agenda.waiting and len(self.out) < places:
+            orders = agenda.next_portion(places)
+            refused = agenda.refused(orders)
+            others = [worker for worker in self._threads if worker != refused] if refused else []
+            # strictly: where others are only preferred, Dask lets an idle worker steal the unit it just failed
+            key = f"units-{uuid.uuid4().hex}"
+            future = self._client.submit(
+                do_portion, self._name, orders, self._settings, key=key, pure=False, workers=others or None
+            )
+            self.out[key] = Task(future, orders, time.monotonic())
+
+    def ended(self) -> list[Task]:
+        """Tasks that ended, or that nobody works on any more; none after a tenth of a second without one."""
+        from distributed import wait
+
+        if not any(task.future.done() for task in self.out.values()):
+            with suppress(TimeoutError, CancelledError), self._client.as_current():
+                wait([task.future for task in self.out.values()], timeout=LOOK, return_when="FIRST_COMPLETED")
+        now = time.monotonic()
+        over = [key for key, task in self.out.items() if task.future.done() or self._given_up(task, now)]
+        return [self.out.pop(key) for key in over]
+
+    def answer(self, task: Task) -> Portion | Lost:
+        """What the orders of a task that ended came to."""
+        from distributed import KilledWorker
+
+        unit, future = task.orders[0].unit, task.future
+        try:
+            return future.result(timeout=FIRST_WORKER) if future.done() else self._abandon(task)
+        except KilledWorker as error:
+            self._counted = -RECOUNT  # one less, for a while
+            why = (f"{unit}: its worker process ended while it was on this unit: killed, "
+                   "or grown beyond the memory it may have.")  # fmt: skip
+            return Lost(why, error.allowed_failures + 1)
+        except Exception as error:  # whatever of the way there and back: it costs no other unit
+            return Lost(f"{unit}: {type(error).__name__}: {error}.")
+        finally:
+            future.release()
+
+    def cancel(self) -> None:
+        """Take back all that is out."""
+        self._client.cancel([task.future for task in self.out.values()], force=True)
+        self.out.clear()
+
+    def _workers(self) -> dict[str, int]:
+        found: Any = self._client.nthreads()
+        return dict(found)
+
+    def _look(self) -> None:
+        """How many workers there are, and what they are on. A task may wait, but not while one has nothing to do."""
+        if time.monotonic() - self._counted < RECOUNT:
+            return
+        self._threads = self._workers()
+        doing: Any = self._client.processing()
+        self._counted = now = time.monotonic()
+        on = {key: worker for worker, keys in doing.items() for key in keys}
+        busy = all(len(doing.get(worker, ())) >= threads for worker, threads in self._threads.items())
+        for key, task in self.out.items():
+            if key in on:
+                same = task.begun is not None and task.worker == on[key]
+                task.worker, task.begun = on[key], task.begun if same else now
+            if key in on or busy:
+                task.seen = now
+        if self._threads:
+            self._staffed = self._renewed = now
+        elif now - self._staffed > FIRST_WORKER:
+            raise UsageError(f"no worker process has been left for {FIRST_WORKER:g} s. What was done is kept: give the "
+                             "workers more memory, or take fewer of them, and start again.")  # fmt: skip
+        elif now - self._renewed > MISSING:
+            self._crew.renew()
+            self._renewed = now
+
+    def _given_up(self, task: Task, now: float) -> bool:
+        """Whether it is nowhere, or on a worker for longer than any unit may take."""
+        limits = self._settings
+        most = limits.portion + limits.time_limit + limits.grace + FIRST_WORKER  # the last: to prepare the work
+        return now - task.seen > MISSING or (task.begun is not None and now - task.begun > most)
+
+    def _abandon(self, task: Task) -> Lost:
+        """Taken back, and a worker of ours started anew, so that nobody can be on its units any more."""
+        self._client.cancel([task.future], force=True)
+        if self._crew.local and task.worker is not None and task.worker in self._workers():
+            self._client.restart_workers([task.worker], timeout=MISSING, raise_for_error=False)
+        self._counted = -RECOUNT
+        return Lost(f"{task.orders[0].unit}: its worker took it and was not heard of again.")

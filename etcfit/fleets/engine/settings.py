@@ -17,9 +17,6 @@ class EngineSettings:
         grace: s after which a unit that cannot be stopped at its time limit costs its worker process.
         portion: s of work that one task holds, so that tiny units share the price of a task.
         largest_portion: units in one task.
-        connect: s to wait for a scheduler's answer.
-        first_worker: s to wait for the first worker of a scheduler, and for one to come back when all have died.
-        missing: s after which a task that no worker has, while one is free, is handed out again.
     """
 
     tries: int = whole(2, 1, 10)
@@ -27,9 +24,6 @@ class EngineSettings:
     grace: float = real(30.0, above=0.0, high=1e5)
     portion: float = real(0.3, above=0.0, high=60.0)
     largest_portion: int = whole(256, 1, 10_000)
-    connect: float = real(2.5, above=0.0, high=1e5)
-    first_worker: float = real(60.0, above=0.0, high=1e5)
-    missing: float = real(10.0, above=0.0, high=1e5)
 
     __post_init__ = check_ranges
 

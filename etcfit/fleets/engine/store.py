@@ -5,23 +5,26 @@
 
 Whatever comes later counts. A killed client loses what came back in the last second. Files of the same size are made
 one, as in a log-structured merge tree: n flushes leave about merge log_merge(n) files, and each row is rewritten
-log_merge(n) times. Memory holds the digests, what came back in the last second and one row group.
+log_merge(n) times. Memory holds the digests, what came back in the last second and one row group. A failed unit has a
+`why` and no data; matrices lie in a row as the list of their numbers, and come back bit for bit.
 """
 
 from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from ...files import held, put_aside, whole
-from ..unit import FailedUnit, UnitResult
-from .rows import end_of, row_of, schema
+from ..unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 from .settings import StoreSettings
 
 _NAME = re.compile(r"(\d{8,})-(\d{8,})\.parquet")
@@ -138,7 +141,7 @@ class Store:
         for table in self._tables(None):
             for row in table.to_pylist():
                 if newest.get(row["unit"]) == k and (wanted is None or row["unit"] in wanted):
-                    yield end_of(row)
+                    yield _end(row)
                 k += 1
 
     def _flush_often(self) -> None:
@@ -192,7 +195,7 @@ class Store:
 
         with (
             whole(self.folder / part.name) as draft,
-            pq.ParquetWriter(draft, schema(), compression="zstd", write_page_checksum=True) as writer,
+            pq.ParquetWriter(draft, _schema(), compression="zstd", write_page_checksum=True) as writer,
         ):
             for table in tables:
                 writer.write_table(table, row_group_size=self._settings.rows)
@@ -234,4 +237,77 @@ def _put_aside(part: Path) -> str:
 def _table(ends: Sequence[UnitResult | FailedUnit]) -> Any:
     import pyarrow as pa
 
-    return pa.Table.from_pylist([row_of(end) for end in ends], schema=schema())
+    return pa.Table.from_pylist([_row(end) for end in ends], schema=_schema())
+
+
+@cache
+def _schema() -> Any:
+    """The columns, for pyarrow."""
+    import pyarrow as pa
+
+    text, number = pa.string(), pa.float64()
+    parameter = [("symbol", text), ("value", number), ("unit", text), ("stderr", number), ("low", number),
+                 ("high", number), ("status", text)]  # fmt: skip
+    trace = [("file", text), ("test", text), ("misfit", number)]
+    return pa.schema(
+        [
+            ("unit", text),
+            ("digest", text),
+            ("why", text),
+            ("symbols", pa.list_(text)),
+            ("estimate", pa.list_(number)),
+            ("information", pa.list_(number)),
+            ("parameters", pa.list_(pa.struct(parameter))),
+            ("traces", pa.list_(pa.struct(trace))),
+            ("chi2_per_dof", number),
+            ("converged", pa.bool_()),
+            ("reason", text),
+            ("synthetic", pa.bool_()),
+            ("seconds", number),
+            ("warnings", pa.list_(text)),
+            ("widening", pa.list_(number)),
+        ]
+    )
+
+
+def _row(end: UnitResult | FailedUnit) -> dict[str, Any]:
+    """One unit's row."""
+    if isinstance(end, FailedUnit):
+        return {"unit": end.unit, "digest": end.digest, "why": end.why}
+    return {
+        "unit": end.unit,
+        "digest": end.digest,
+        "why": None,
+        "symbols": end.own.symbols,
+        "estimate": end.own.estimate,
+        "information": end.own.information.ravel(),
+        "parameters": [{"symbol": symbol, **vars(each)} for symbol, each in end.parameters.items()],
+        "traces": [vars(each) for each in end.traces],
+        **{name: getattr(end, name) for name in _ALIKE},
+        "warnings": end.warnings,
+        "widening": [end.widening[symbol] for symbol in end.own.symbols] if end.widening else None,
+    }
+
+
+def _end(row: Mapping[str, Any]) -> UnitResult | FailedUnit:
+    """What `_row` made a row of."""
+    if row["why"] is not None:
+        return FailedUnit(row["unit"], row["why"], row["digest"])
+    estimate = np.array(row["estimate"], dtype=float)
+    information = np.array(row["information"], dtype=float).reshape(estimate.size, estimate.size)
+    return UnitResult(
+        own=UnitEstimate(row["unit"], tuple(row["symbols"]), estimate, information),
+        parameters={each["symbol"]: _parameter(each) for each in row["parameters"]},
+        traces=tuple(TraceMisfit(**each) for each in row["traces"]),
+        digest=row["digest"],
+        warnings=tuple(row["warnings"]),
+        widening=dict(zip(row["symbols"], row["widening"], strict=True)) if row["widening"] else {},
+        **{name: row[name] for name in _ALIKE},
+    )
+
+
+_ALIKE = ("chi2_per_dof", "converged", "reason", "synthetic", "seconds")
+
+
+def _parameter(held: Mapping[str, Any]) -> UnitParameter:
+    return UnitParameter(**{name: value for name, value in held.items() if name != "symbol"})

@@ -1,4 +1,4 @@
-"""What the engine asks of a fit: the digest of all that decides a unit's result, and the result."""
+"""What the engine wants of a fit, and what client and workers say to each other; knows nothing of Dask."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import abc
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from ... import __version__
 from ...files import plain
@@ -46,3 +46,52 @@ def digest_of(files: Mapping[str, str], **decides: Any) -> str:
     """
     held = {"version": __version__, "files": dict(sorted(files.items())), **plain(decides)}
     return hashlib.sha256(json.dumps(held, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
+
+
+class Order(NamedTuple):
+    """A unit to work on.
+
+    Args:
+        unit: its name.
+        known: digest of the result that is stored; "" where there is none.
+    """
+
+    unit: str
+    known: str
+
+
+class Trouble(NamedTuple):
+    """A unit got no result for a reason that may lie with its worker: no room on the disk, no memory.
+
+    Args:
+        why: as a person must read it.
+    """
+
+    why: str
+
+
+class Portion(NamedTuple):
+    """What came of some orders.
+
+    Args:
+        worker: address of who did it.
+        seconds: that it took.
+        ends: of the first orders, one each; None where the stored result still holds. Orders without an end were not
+            begun, because those before took longer than expected.
+    """
+
+    worker: str
+    seconds: float
+    ends: tuple[UnitResult | FailedUnit | Trouble | None, ...]
+
+
+class Lost(NamedTuple):
+    """Nothing came back of some orders.
+
+    Args:
+        why: what to say of a unit that was alone.
+        deaths: workers that it cost; an existing scheduler may have tried several before it said so.
+    """
+
+    why: str
+    deaths: int = 1

@@ -5,7 +5,9 @@ Loaded in every worker, and by Dask before anything else of the package: it impo
 
 from __future__ import annotations
 
+import ctypes
 import os
+import signal
 import threading
 import time
 import traceback
@@ -13,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from distributed import WorkerPlugin, get_worker
@@ -21,15 +24,14 @@ from distributed.protocol import pickle
 from ... import __version__
 from ...errors import MeasurementError
 from ..unit import FailedUnit, UnitResult
-from .order import Order, Portion, Trouble
 from .settings import EngineSettings
-from .time_limit import TimeLimit, TimeLimitExceeded
-from .work import AbstractWork
+from .work import AbstractWork, Order, Portion, Trouble
 
 # a worker is a process for one core: more threads would only take time from its neighbours. PJRT_NPROC is XLA's own
 ONE_CORE = {"ETCFIT_CORES": "1", "PJRT_NPROC": "1"}
 # so that the client, which hands out the work, never waits for a core behind those that do it
 _BEHIND = 3
+_TICK = 0.1  # s between two looks at the clock of a time limit
 
 
 class FleetWorkerPlugin(WorkerPlugin):
@@ -73,48 +75,37 @@ def do_portion(name: str, orders: Sequence[Order], settings: EngineSettings) -> 
     """The task: orders one after the other, until the time of a portion is up."""
     worker: Any = get_worker()
     work = worker.plugins[name].ready()
-    start, ended = time.monotonic(), []
+    start = time.monotonic()
+    ends: list[UnitResult | FailedUnit | Trouble | None] = []
     for order in orders:
-        ended.append(_one(work, order, settings))
+        ends.append(_end(work, order, settings))
         if time.monotonic() - start > settings.portion:
             break
-    return Portion(
-        worker.address,
-        time.monotonic() - start,
-        tuple(end for end in ended if isinstance(end, (UnitResult, FailedUnit))),
-        tuple(end for end in ended if isinstance(end, str)),
-        tuple(end for end in ended if isinstance(end, Trouble)),
-        tuple(orders[len(ended) :]),
-    )
+    return Portion(worker.address, time.monotonic() - start, tuple(ends))
 
 
-def _one(work: AbstractWork, order: Order, settings: EngineSettings) -> UnitResult | FailedUnit | Trouble | str:
-    """One unit's end; its name where nothing has changed."""
-    digest = ""
+def _end(work: AbstractWork, order: Order, settings: EngineSettings) -> UnitResult | FailedUnit | Trouble | None:
+    """One unit's end; None where nothing has changed."""
+    unit, digest = order.unit, ""
     try:
         with TimeLimit(settings.time_limit, settings.grace):
-            digest = work.digest(order.unit)
-            if digest == order.known:
-                return order.unit
-            return replace(work.fit(order.unit), digest=digest)
+            digest = work.digest(unit)
+            return None if digest == order.known else replace(work.fit(unit), digest=digest)
     except TimeLimitExceeded:
-        return FailedUnit(order.unit, f"{order.unit}: stopped, it took longer than {settings.time_limit:g} s. "
+        return FailedUnit(unit, f"{unit}: stopped, it took longer than {settings.time_limit:g} s. "
                           "Allow more time, or shorten its traces.")  # fmt: skip
     except MeasurementError as error:
-        return FailedUnit(order.unit, str(error), digest)
+        return FailedUnit(unit, str(error), digest)
     except (OSError, MemoryError) as error:  # of this machine, perhaps, and not of the unit: no digest, no verdict
-        return Trouble(order, f"{order.unit}: {_said(error)}.")
+        return Trouble(f"{unit}: {_said(error)}.")
     except Exception as error:
-        return FailedUnit(order.unit, f"{order.unit}: {_said(error)} ({_where(error)}).", digest)
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"in {Path(frame.filename).name}:{frame.lineno}"
+        return FailedUnit(unit, f"{unit}: {_said(error)} ({where}).", digest)
 
 
 def _said(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-
-
-def _where(error: BaseException) -> str:
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"in {Path(frame.filename).name}:{frame.lineno}"
 
 
 @cache
@@ -129,3 +120,67 @@ def _print_into(log: Path) -> None:
     for stream in (1, 2):
         os.dup2(handle, stream)
     os.close(handle)
+
+
+class TimeLimitExceeded(BaseException):
+    """Raised in the thread that took too long; a BaseException, so that no `except Exception` on its way keeps it."""
+
+
+class TimeLimit:
+    """with TimeLimit(seconds, grace): raises TimeLimitExceeded in this thread once it took longer.
+
+    Python raises it between two of its own instructions. Compiled code that does not come back within the grace is
+    ended with its process, for nothing else can stop it; the engine then tries the unit once more.
+
+    Args:
+        seconds: that the block may take.
+        grace: s it has after that to come back to Python.
+    """
+
+    def __init__(self, seconds: float, grace: float) -> None:
+        self._seconds, self._grace = seconds, grace
+
+    def __enter__(self) -> None:
+        self._thread = threading.get_ident()
+        self._stop = time.monotonic() + self._seconds
+        self._end = self._stop + self._grace
+        _watch(self)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
+        with _LOCK:
+            _WATCHED.discard(self)
+            _set_async(self._thread, None)  # one that was set and has not been raised yet
+
+    def look(self, now: float) -> None:
+        """Called by the watching thread, which holds the lock."""
+        if now >= self._end:
+            os.kill(os.getpid(), signal.SIGKILL)
+        if now >= self._stop:
+            self._stop = self._end
+            _set_async(self._thread, TimeLimitExceeded)
+
+
+# one thread looks after all limits of the process, for a thread a limit would cost more than a tiny unit
+_LOCK = threading.Lock()
+_WATCHED: set[TimeLimit] = set()
+_WATCHMEN: list[threading.Thread] = []
+
+
+def _watch(limit: TimeLimit) -> None:
+    with _LOCK:
+        _WATCHED.add(limit)
+        if not _WATCHMEN:
+            _WATCHMEN.append(threading.Thread(target=_look_always, name="etcfit time limit", daemon=True))
+            _WATCHMEN[0].start()
+
+
+def _look_always() -> None:
+    while True:
+        time.sleep(_TICK)
+        with _LOCK:
+            for limit in _WATCHED:
+                limit.look(time.monotonic())
+
+
+def _set_async(thread: int, error: type[BaseException] | None) -> None:
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(error) if error else None)

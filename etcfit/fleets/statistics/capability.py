@@ -24,24 +24,6 @@ GRID = 401  # quantiles of each distribution
 
 
 @dataclass(frozen=True)
-class Spec:
-    """What must hold of each unit, SI.
-
-    Args:
-        low, high: either may be None, not both.
-    """
-
-    low: float | None
-    high: float | None
-
-    def __post_init__(self) -> None:
-        if self.low is None and self.high is None:
-            raise ValueError("a specification without a limit: low, high or both must be there.")
-        if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ValueError(f"low = {self.low:g} must be below high = {self.high:g}.")
-
-
-@dataclass(frozen=True)
 class Line:
     """What is known of one quantity over the units, SI.
 
@@ -58,7 +40,7 @@ class Line:
     sd_interval: tuple[float, float]
 
     @classmethod
-    def of(cls, found: Population, symbol: str) -> Line:
+    def from_population(cls, found: Population, symbol: str) -> Line:
         """A symbol of the population."""
         k = found.symbols.index(symbol)
         low, high = (float(v) for v in found.sd_interval[k])
@@ -66,7 +48,7 @@ class Line:
                    (low, high))  # fmt: skip
 
     @classmethod
-    def of_values(cls, value: np.ndarray, stderr: np.ndarray, settings: FleetSettings = DEFAULT) -> Line:
+    def from_values(cls, value: np.ndarray, stderr: np.ndarray, settings: FleetSettings = DEFAULT) -> Line:
         """A figure of the line: one value a unit, shape (N,), with its standard error, shape (N,); 0 where exact."""
         seen = np.isfinite(value) & np.isfinite(stderr)
         value, stderr = value[seen], stderr[seen]
@@ -74,7 +56,7 @@ class Line:
         information = 1.0 / np.maximum(stderr, max(least, 1e-150)) ** 2
         names = tuple(f"{u}" for u in range(len(value)))
         stack = Stack(names, ("figure",), value[:, None], information[:, None, None])
-        return cls.of(population(stack, settings=settings), "figure")
+        return cls.from_population(population(stack, settings=settings), "figure")
 
 
 @dataclass(frozen=True)
@@ -82,32 +64,31 @@ class Capability:
     """Of one quantity; None where there is none.
 
     Args:
-        low, high: the specification, SI.
+        low, high: the specification, SI; infinite where a side is open.
         mean, sd: of the line, SI.
         cp, cpk: indices; infinite where units are not seen to differ.
-        cp_interval, cpk_interval: lower and upper bound.
         outside: share of units expected outside.
-        outside_interval: lower and upper bound.
+        cp_ci95, cpk_ci95, outside_ci95: lower and upper bound of each, at the level of the settings.
     """
 
-    low: float | None
-    high: float | None
+    low: float
+    high: float
     mean: float
     sd: float
     cp: float | None
-    cp_interval: tuple[float, float] | None
+    cp_ci95: tuple[float, float] | None
     cpk: float
-    cpk_interval: tuple[float, float]
+    cpk_ci95: tuple[float, float]
     outside: float
-    outside_interval: tuple[float, float]
+    outside_ci95: tuple[float, float]
 
 
-def capability(line: Line, spec: Spec, level: float = DEFAULT.population.level) -> Capability:
+def capability(line: Line, low: float, high: float, level: float = DEFAULT.population.level) -> Capability:
     """Judge a line.
 
     Args:
         line: mean and spread.
-        spec: limits, SI.
+        low, high: limits, SI; -inf and inf where a side is open.
         level: coverage of the intervals.
     Raises:
         ValueError: the line's symbol is shared, or its mean or spread has no interval.
@@ -116,14 +97,13 @@ def capability(line: Line, spec: Spec, level: float = DEFAULT.population.level) 
         raise ValueError(
             "capability needs a mean and a spread with intervals: two units or more, and no shared symbol."
         )
-    low, high = -np.inf if spec.low is None else spec.low, np.inf if spec.high is None else spec.high
     q = (np.arange(GRID) + 0.5) / GRID
     mean = line.mean + line.stderr * stats.t.ppf(q, line.degrees)[:, None]
     sd = _sd_quantiles(line, q, level)[None, :]
-    both = spec.low is not None and spec.high is not None
+    both = np.isfinite(high - low)
     wide = line.sd_interval[::-1]
     return Capability(
-        spec.low, spec.high, line.mean, line.sd,
+        low, high, line.mean, line.sd,
         _ratio(high - low, 6.0 * line.sd) if both else None,
         (_ratio(high - low, 6.0 * wide[0]), _ratio(high - low, 6.0 * wide[1])) if both else None,
         _ratio(min(high - line.mean, line.mean - low), 3.0 * line.sd),

@@ -1,4 +1,4 @@
-"""Control charts: whether a line is where it was, unit by unit in the order of date or serial.
+"""Control charts and drift: whether a line is where it was, unit by unit in the order of date or serial.
 
     individuals: centre +- w sqrt(sd^2 + stderr_u^2)
     CUSUM: z_u = (x_u - centre) / sqrt(sd^2 + stderr_u^2),   high_u = max(0, high_u-1 + z_u - k),
@@ -18,13 +18,23 @@ by unit, neighbours' median instead of the mean moving range, so that one odd un
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+from scipy import stats
 
-from .scaled import MEDIAN_CHI2
-from .settings import DEFAULT, ChartSettings
+from .distances import holm
+from .settings import DEFAULT
+from .stack import MEDIAN_CHI2
+
+WIDTH = 3.0  # w: of the control limits, standard deviations on either side
+ALLOWANCE = 0.5  # k of the CUSUM, standard deviations: half the shift that it is to find
+DECISION = 5.0  # h of the CUSUM, standard deviations: with k = 0.5 a false alarm every 470 units
+CLIP = 3.0  # scores are clipped to so many standard deviations before a change is sought: odd units are no drift
+FEWEST = 8  # units without which no drift is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,34 +42,30 @@ class Chart:
     """Of one symbol, N units in order, SI.
 
     Args:
+        units: their names.
+        value, stderr: their own, shape (N,).
         centre: weighed median.
         sd: short-term, between units, own uncertainty taken off.
         lower, upper: limits of each unit, shape (N,).
-        outside: units beyond them, shape (N,).
-        cusum_high, cusum_low: in standard deviations, shape (N,).
-        decision: h.
-        run_length: units until a false alarm of the CUSUM, on average.
-        alarms: units at which a sum exceeds h, shape (N,).
+        cusum_high, cusum_low: in standard deviations, shape (N,); an alarm where one exceeds `DECISION`.
     """
 
+    units: tuple[str, ...]
+    value: Float[np.ndarray, " N"]
+    stderr: Float[np.ndarray, " N"]
     centre: float
     sd: float
     lower: Float[np.ndarray, " N"]
     upper: Float[np.ndarray, " N"]
-    outside: Bool[np.ndarray, " N"]
     cusum_high: Float[np.ndarray, " N"]
     cusum_low: Float[np.ndarray, " N"]
-    decision: float
-    run_length: float
-    alarms: Bool[np.ndarray, " N"]
 
 
-def chart(
-    value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"], settings: ChartSettings = DEFAULT.charts
-) -> Chart:
+def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> Chart:
     """Units in order, all finite.
 
     Args:
+        units: their names.
         value: SI.
         stderr: of each unit's own, 0 where exact.
     Raises:
@@ -71,12 +77,8 @@ def chart(
     width = np.sqrt(sd**2 + stderr**2)
     centre = weighed_median(value, 1.0 / np.maximum(width, 1e-150) ** 2)
     z = (value - centre) / np.maximum(width, 1e-150)
-    high, low = _sums(z, settings.allowance), _sums(-z, settings.allowance)
-    lower, upper = centre - settings.width * width, centre + settings.width * width
-    alarms = (high > settings.decision) | (low > settings.decision)
-    length = run_length(settings.allowance, settings.decision)
-    outside = (value < lower) | (value > upper)
-    return Chart(centre, sd, lower, upper, outside, high, low, settings.decision, length, alarms)
+    limits = centre - WIDTH * width, centre + WIDTH * width
+    return Chart(units, value, stderr, centre, sd, *limits, _sums(z, ALLOWANCE), _sums(-z, ALLOWANCE))
 
 
 def short_term(value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> float:
@@ -99,7 +101,7 @@ def weighed_median(value: Float[np.ndarray, " N"], weight: Float[np.ndarray, " N
     return float(np.interp(0.5, share, value[order]))
 
 
-def run_length(k: float, h: float) -> float:
+def run_length(k: float = ALLOWANCE, h: float = DECISION) -> float:
     """Units until a false alarm of the two-sided CUSUM, on average: see above."""
     b = 2.0 * k * (h + 1.166)
     return float((np.exp(b) - b - 1.0) / (4.0 * k**2))
@@ -109,3 +111,116 @@ def _sums(z: np.ndarray, k: float) -> np.ndarray:
     """max(0, previous + z - k) is the running sum less its lowest value so far."""
     total = np.concatenate([[0.0], np.cumsum(z - k)])
     return (total - np.minimum.accumulate(total))[1:]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Of one symbol.
+
+    Args:
+        symbol: its name.
+        since: place in the order of the first unit after the change; of a trend the first unit of all.
+        size: SI: after less before; of a trend over all units.
+        size_sd: the same in short-term standard deviations between units; infinite where units do not differ.
+        p: of no change, for all symbols at once.
+        kind: "step" or "trend".
+    """
+
+    symbol: str
+    since: int
+    size: float
+    size_sd: float
+    p: float
+    kind: str
+
+
+class _Change(NamedTuple):
+    p: float
+    since: int
+    size: float
+    kind: str
+
+
+def drifts(
+    series: Mapping[str, tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]], level: float = DEFAULT.drift_level
+) -> tuple[Drift, ...]:
+    """Whether a line changed: by a step since one unit, or by a trend over all of them.
+
+        step:  T_k^2 = (n - 2) B_k / (S - B_k) of the best k,   trend: t of the slope over the units' order
+
+    on scores weighed by 1 / (sd^2 + stderr_u^2), S their sum of squares about the mean and B_k what two means explain
+    of it. Scores beyond some standard deviations are clipped: an odd unit is no drift. The chance that the largest of
+    all |T_k| is as large without any change is that of an Ornstein-Uhlenbeck process to be as far out at any of its
+    instants,
+
+        P = 2 sum_k b phi(b) D_k nu(b sqrt(2 D_k)) + 2 Phi(-b),   D_k = n / (2 k (n - k)),   nu(x) = exp(-0.583 x)
+
+    with b the normal score of T_k. A symbol's p is twice the smaller of both, then Holm over the symbols.
+
+    Source: Siegmund 1985, Sequential Analysis, ch. IV, for nu; Csorgo and Horvath 1997, sec. 1.3. Differs from source:
+    T is made normal through Student's t, so that few units do not raise false alarms.
+
+    Args:
+        series: value and standard error by symbol, SI, units in order; a place without a finite value is passed over.
+        level: p up to which a change is reported.
+    Returns:
+        surest first.
+    """
+    seen: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
+    for symbol, (value, stderr) in series.items():
+        place = np.flatnonzero(np.isfinite(value) & np.isfinite(stderr))
+        if len(place) >= FEWEST:
+            seen[symbol] = place, value[place], stderr[place]
+    if not seen:
+        return ()
+    changes = [_change(value, stderr) for _, value, stderr in seen.values()]
+    out = []
+    for (symbol, (place, value, stderr)), c, p in zip(
+        seen.items(), changes, holm(np.array([c.p for c in changes])), strict=True
+    ):
+        sd = short_term(value, stderr)
+        if p <= level:
+            far = c.size / sd if sd > 0.0 else float(np.copysign(np.inf, c.size))
+            out.append(Drift(symbol, int(place[c.since]), c.size, far, float(p), c.kind))
+    return tuple(sorted(out, key=lambda d: d.p))
+
+
+def _change(value: np.ndarray, stderr: np.ndarray) -> _Change:
+    """The likelier of step and trend."""
+    rough = np.maximum(np.hypot(1.4826 * np.median(np.abs(value - np.median(value))), stderr), 1e-150)
+    centre = weighed_median(value, rough**-2)
+    width = np.maximum(np.hypot(short_term(value, stderr), stderr), 1e-150)
+    reach = CLIP * np.maximum(rough, width)
+    x, w = np.clip(value - centre, -reach, reach), width**-2 / np.max(width**-2)
+    x = x - np.sum(w * x) / np.sum(w)
+    whole = float(np.sum(w * x**2))
+    if whole <= 0.0:
+        return _Change(1.0, 0, 0.0, "step")
+    best = min(_step(x, w, whole), _trend(x, w, whole), key=lambda c: c.p)
+    return best._replace(p=min(1.0, 2.0 * best.p))
+
+
+def _step(x: np.ndarray, w: np.ndarray, whole: float) -> _Change:
+    n = len(x)
+    before, sums = np.cumsum(w)[:-1], np.cumsum(w * x)[:-1]
+    after = np.sum(w) - before
+    explained = sums**2 * (1.0 / before + 1.0 / after)
+    # the best step at all, and at least two units on either side: one is an odd unit
+    k = 1 + int(np.argmax(explained[1:-1])) if n > 4 else int(np.argmax(explained))
+    t = np.sqrt((n - 2) * explained[k] / max(whole - explained[k], 1e-14 * whole))
+    b = float(stats.norm.isf(max(stats.t.sf(t, n - 2), 1e-300)))
+    share = before / np.sum(w)
+    gap = np.diff(0.5 * np.log(share / (1.0 - share)))
+    rate = b * stats.norm.pdf(b) * np.sum(gap * np.exp(-0.583 * b * np.sqrt(2.0 * gap)))
+    p = min(1.0, max(2.0 * rate, 0.0) + 2.0 * float(stats.norm.sf(b)))
+    return _Change(p, k + 1, float(-sums[k] / after[k] - sums[k] / before[k]), "step")
+
+
+def _trend(x: np.ndarray, w: np.ndarray, whole: float) -> _Change:
+    n = len(x)
+    order = np.arange(n) - np.sum(w * np.arange(n)) / np.sum(w)
+    square = float(np.sum(w * order**2))
+    slope = float(np.sum(w * order * x)) / square
+    left = max(whole - slope**2 * square, 1e-14 * whole)
+    t = abs(slope) * np.sqrt(square * (n - 2) / left)
+    return _Change(max(2.0 * float(stats.t.sf(t, n - 2)), 1e-300), 0, slope * (n - 1), "trend")

@@ -24,17 +24,7 @@ from scipy.optimize import minimize
 LEAST = 1e-6  # of a variance ratio; below it counts as none
 
 
-@dataclass(frozen=True)
-class Labels:
-    """Who measured what, for N measurements; None where it is not said.
-
-    Args:
-        part, rig, operator: of each.
-    """
-
-    part: tuple[str | None, ...]
-    rig: tuple[str | None, ...]
-    operator: tuple[str | None, ...]
+Names = Sequence[str | None]
 
 
 @dataclass(frozen=True)
@@ -66,18 +56,18 @@ class Gauge:
     untold: tuple[str, ...]
 
 
-def gauge(value: Float[np.ndarray, " N"], labels: Labels) -> Gauge | None:
+def gauge(value: Float[np.ndarray, " N"], parts: Names, rigs: Names, operators: Names) -> Gauge | None:
     """Of one symbol; None where no part was measured twice, or all measurements are of one part.
 
     Args:
         value: SI, shape (N,); what is not finite is left out.
-        labels: of each.
+        parts, rigs, operators: of each of N measurements; None where it is not said.
     """
-    used = [m for m, part in enumerate(labels.part) if part is not None and np.isfinite(value[m])]
-    part = _columns([labels.part[m] for m in used])
+    used = [m for m, part in enumerate(parts) if part is not None and np.isfinite(value[m])]
+    part = _columns([parts[m] for m in used])
     if len(used) < 3 or part.shape[1] < 2 or part.shape[1] == len(used):
         return None
-    sources, untold = _told(part, [labels.rig[m] for m in used], [labels.operator[m] for m in used])
+    sources, untold = _sources(part, [rigs[m] for m in used], [operators[m] for m in used])
     y = np.asarray(value, dtype=float)[used]
     found = _components((y - y.mean()) / (y.std() or 1.0), [part, *sources.values()]) * (y.std() ** 2)
     sd = dict(zip(("e", "part", *sources), map(float, np.sqrt(found)), strict=True))
@@ -85,22 +75,27 @@ def gauge(value: Float[np.ndarray, " N"], labels: Labels) -> Gauge | None:
     measuring = float(np.hypot(sd["e"], reproducibility or 0.0))
     total = float(np.hypot(measuring, sd["part"]))
     return Gauge(
-        float(sd["e"]), sd.get("rig"), sd.get("operator"), reproducibility,
-        float(sd["part"]), total, 100.0 * measuring / total if total else 0.0,
-        int(min(1.41 * sd["part"] / measuring, 1e6)) if measuring else 1_000_000,
-        part.shape[1], len(used), untold,
-    )  # fmt: skip
+        repeatability=sd["e"],
+        rig=sd.get("rig"),
+        operator=sd.get("operator"),
+        reproducibility=reproducibility,
+        part=sd["part"],
+        total=total,
+        rr_percent=100.0 * measuring / total if total else 0.0,
+        ndc=int(min(1.41 * sd["part"] / measuring, 1e6)) if measuring else 1_000_000,
+        parts=part.shape[1],
+        measurements=len(used),
+        untold=untold,
+    )
 
 
-def _columns(names: Sequence[str | None]) -> np.ndarray:
+def _columns(names: Names) -> np.ndarray:
     """One column a level, shape (N, L); a missing name is a level of nobody, zero."""
     levels = sorted({n for n in names if n is not None})
     return np.array([[n == level for level in levels] for n in names], dtype=float).reshape(len(names), len(levels))
 
 
-def _told(
-    part: np.ndarray, rigs: Sequence[str | None], operators: Sequence[str | None]
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _sources(part: np.ndarray, rigs: Names, operators: Names) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The sources whose levels differ within a part, and why others are not among them."""
     sources: dict[str, np.ndarray] = {}
     untold, known = [], part

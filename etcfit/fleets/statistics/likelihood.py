@@ -7,7 +7,7 @@
 
 The last term makes it restricted (REML): the spread is not estimated low because the mean was taken from the same few
 units. A prior of nu uncorrelated units' worth, -nu log|R| of the correlation matrix R, keeps correlations off +-1 where
-units are few, and is lost in the data where they are many. What standard deviations take of it says `spread_view`.
+units are few, and is lost in the data where they are many. What standard deviations take of it says `View`.
 
 Source: Laird and Ware 1982 (Biometrics 38), eqs. 3.2-3.5; Harville 1977 (JASA 72). Differs from source: information
 instead of design matrices; the prior is that of Lewandowski, Kurowicka and Joe 2009; Fisher scoring instead of EM,
@@ -17,14 +17,89 @@ which takes thousands of steps where a spread is near zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import minimize
 
-from .scaled import Scaled
 from .settings import PopulationSettings
-from .spread import Spread
+from .stack import Scaled
+
+ENOUGH = 4.0  # units for each symbol that differs from which on all standard deviations are estimated together
+STEPS = 200  # quasi-Newton steps at most
+TOLERANCE = 1e-6  # fall of minus twice the log likelihood still promised that ends them
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A covariance between units as numbers that may take any value: standard deviations and correlations.
+
+        Omega = D C C^T D,   D = diag(d),   row j of C = (a_j1, ..., a_j,j-1, 1, 0, ...) / norm
+
+    |d_j| is a standard deviation and C C^T the correlation matrix, whatever a is: no bound is ever hit, d_j = 0 is an
+    ordinary point, and a profile over one standard deviation is an ordinary fit with d_j held. Shared symbols have no
+    d.
+
+    Args:
+        own: whether a symbol differs between units, shape (P,).
+        d: of those Q that do, shape (Q,).
+        a: the strictly lower triangle, row by row, shape (Q (Q - 1) / 2,).
+    """
+
+    own: Bool[np.ndarray, " P"]
+    d: Float[np.ndarray, " Q"]
+    a: Float[np.ndarray, " A"]
+
+    @property
+    def vector(self) -> Float[np.ndarray, " K"]:
+        """(d, a)."""
+        return np.concatenate([self.d, self.a])
+
+    def at(self, vector: Float[np.ndarray, " K"]) -> Spread:
+        """Of the same symbols."""
+        return Spread(self.own, vector[: len(self.d)], vector[len(self.d) :])
+
+    @property
+    def uncorrelated(self) -> Spread:
+        """With the same standard deviations."""
+        return Spread(self.own, self.d, np.zeros_like(self.a))
+
+    @cached_property
+    def rows(self) -> Float[np.ndarray, "Q Q"]:
+        """C: rows of length one."""
+        full = np.eye(len(self.d))
+        full[np.tril_indices(len(self.d), -1)] = self.a
+        return full / np.sqrt(np.sum(full**2, axis=1, keepdims=True))
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "P P"]:
+        """Omega, with zeros for shared symbols."""
+        out = np.zeros((len(self.own), len(self.own)))
+        root = self.d[:, None] * self.rows
+        out[np.ix_(self.own, self.own)] = root @ root.T
+        return out
+
+    @property
+    def slopes(self) -> Float[np.ndarray, "K Q Q"]:
+        """dOmega / d(d, a) of the symbols that differ."""
+        size = len(self.d)
+        rows = self.rows
+        out = np.zeros((size + len(self.a), size, size))
+        turned = rows @ (self.d[:, None] * rows).T  # row j: c_j^T L^T
+        for j in range(size):
+            out[j, j] += turned[j]
+            out[j, :, j] += turned[j]
+        row, column = np.tril_indices(size, -1)
+        norm = 1.0 / np.diag(rows)  # of row j before it was scaled, as its last entry was 1
+        for k, (j, m) in enumerate(zip(row, column, strict=True)):
+            change = -rows[j] * rows[j, m] / norm[j]
+            change[m] += 1.0 / norm[j]
+            effect = self.d[j] * change @ (self.d[:, None] * rows).T
+            out[size + k, j] += effect
+            out[size + k, :, j] += effect
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +171,7 @@ def slope(at: Weighed, spread: Spread, prior: float) -> tuple[np.ndarray, np.nda
     return gradient, 0.5 * (hessian + hessian.T)
 
 
-def maximised(
-    data: Scaled, start: Spread, settings: PopulationSettings, held: Bool[np.ndarray, " K"], prior: float = 0.0
-) -> Spread:
+def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: float = 0.0) -> Spread:
     """The covariance of highest restricted likelihood: quasi-Newton in coordinates whose expected Hessian is one.
 
     With many units the expected Hessian is the true one, and a step or two is enough; with few, BFGS learns the rest.
@@ -106,7 +179,6 @@ def maximised(
     Args:
         data: units.
         start: with d > 0 in what shall move: at nought the slope is always nought.
-        settings: steps, tolerance.
         held: entries of (d, a) that stay.
         prior: of the correlations, units' worth.
     """
@@ -127,13 +199,39 @@ def maximised(
         here = weigh(data, tried, prior)
         return here.value, np.linalg.solve(root, slope(here, tried, prior)[0][free])
 
-    nearly = float(np.sqrt(2.0 * settings.tolerance / len(free)))
-    options = {"gtol": nearly, "maxiter": settings.steps}
-    return upright(spread(minimize(value, np.zeros(len(free)), jac=True, method="BFGS", options=options).x))
+    nearly = float(np.sqrt(2.0 * TOLERANCE / len(free)))
+    options = {"gtol": nearly, "maxiter": STEPS}
+    found = spread(minimize(value, np.zeros(len(free)), jac=True, method="BFGS", options=options).x)
+    # the same covariance with no d below nought: a pair of signs is a correlation's sign
+    sign = np.where(found.d < 0.0, -1.0, 1.0)
+    row, column = np.tril_indices(len(found.d), -1)
+    return Spread(found.own, np.abs(found.d), found.a * sign[row] * sign[column])
 
 
-def upright(spread: Spread) -> Spread:
-    """The same covariance with no d below nought: a pair of signs is a correlation's sign."""
-    sign = np.where(spread.d < 0.0, -1.0, 1.0)
-    row, column = np.tril_indices(len(spread.d), -1)
-    return Spread(spread.own, np.abs(spread.d), spread.a * sign[row] * sign[column])
+class View(NamedTuple):
+    """What standard deviations between units are estimated from: all symbols together, or each for itself.
+
+    Together they are told best: a unit's errors are correlated, and so are the units. But of P symbols P (P - 1) / 2
+    correlations are to be told besides. Few units tell none, and a prior that keeps them off +-1 draws the standard
+    deviations with it: where units are fewer than `ENOUGH` a symbol each symbol is taken for itself, with its marginal
+    errors. Where they are more, one unit's worth of prior will do, and draws by a unit's share.
+
+    Args:
+        data: units as they are looked at.
+        start: where the search starts.
+        held: entries of (d, a) that it leaves alone.
+        prior: of the correlations, units' worth.
+    """
+
+    data: Scaled
+    start: Spread
+    held: Bool[np.ndarray, " K"]
+    prior: float
+
+
+def spread_view(data: Scaled, start: Spread, settings: PopulationSettings) -> View:
+    """How to look at these units, from a spread."""
+    correlations = np.arange(len(start.vector)) >= len(start.d)
+    if len(data.x) >= ENOUGH * len(start.d) or np.any(data.tells.sum(axis=0) < 2):
+        return View(data, start, np.zeros_like(correlations), settings.uncorrelated)
+    return View(data.marginal, start.uncorrelated, correlations, 0.0)

@@ -1,4 +1,4 @@
-"""Which units are unlike the others, by what, and how sure that is.
+"""Which units are unlike the others, by what, and how sure that is; and which have an effect that the model declares.
 
 Two grounds that know nothing of each other: the unit's parameters are far from the population (`distances`), or its
 model leaves more of its traces unexplained than the others' do (`misfits`). A unit's p is twice the smaller of the two
@@ -15,19 +15,40 @@ the unit's own data tell.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
+from scipy import stats
 
+from ...model.effects import EFFECT_BY_NAME
 from ..unit import UnitResult
-from .distances import Distances, distances
-from .misfits import Misfits, TraceScore, misfits
-from .multiplicity import LEAST, adjusted, found
+from .distances import LEAST, MANY, TAIL, adjusted, distances, rejected
 from .population import Population
-from .scaled import Scaled, scaled
-from .settings import DEFAULT, FleetSettings, OddSettings
-from .stack import Stack
+from .settings import DEFAULT
+from .stack import Scaled, Stack, scaled
+
+NAMED = 3.0  # score of a symbol or trace, standard deviations, from which on it is named
+SHOWN = 3  # symbols and traces that the one line names at most
+LEAST_SCATTER = 0.03  # of misfits, standard deviation of their logarithm: what differs by less is alike
+COMMON = 0.5  # share of the units that must have a file for its name to be the line's
+
+
+@dataclass(frozen=True)
+class TraceScore:
+    """A trace against those like it.
+
+    Args:
+        file: below the unit's folder.
+        misfit: root mean square of its whitened residual.
+        z: of log misfit, robust standard deviations above the median.
+    """
+
+    file: str
+    misfit: float
+    z: float
 
 
 @dataclass(frozen=True)
@@ -62,7 +83,7 @@ class OddUnit:
 
 
 def odd_units(
-    stack: Stack, of: Population, results: Sequence[UnitResult] = (), settings: FleetSettings = DEFAULT
+    stack: Stack, of: Population, results: Sequence[UnitResult] = (), rate: float = DEFAULT.odd_rate
 ) -> tuple[OddUnit, ...]:
     """The odd units, most odd first.
 
@@ -70,42 +91,36 @@ def odd_units(
         stack: units.
         of: the population of these units.
         results: in the order of the stack, for misfits; none, and only parameters are judged.
+        rate: of false ones among those found.
     Raises:
         ValueError: results of other units than the stack's.
     """
     if results and tuple(each.unit for each in results) != stack.units:
         raise ValueError("results: the same units in the same order as in the stack are needed.")
-    data = scaled(stack.marginal(of.symbols), settings.population.null)
+    data = scaled(stack.marginal(of.symbols))
     s, inside = data.scale, np.isin(stack.units, of.units)
     mean = (of.mean - data.centre) / s
     omega, c = of.covariance / np.outer(s, s), of.mean_covariance / np.outer(s, s)
-    far = distances(data, mean, omega, c, inside, settings.odd)
-    left = misfits(results, settings.odd) if results else None
+    far = distances(data, mean, omega, c, inside)
+    left = misfits(results) if results else None
     p = np.minimum(1.0, 2.0 * np.minimum(far.p, left.p)) if left else far.p
-    rate, odd = adjusted(p), found(p, settings.odd.rate)
+    rates, odd = adjusted(p), rejected(p, rate)
     level = float(np.max(p[odd])) if np.any(odd) else 0.0
-    order = sorted(np.flatnonzero(odd), key=lambda u: (p[u], -far.squared[u]))
-    return tuple(_odd(data, mean, omega + c * (not inside[u]), far, left, int(u), p[u], rate[u], level, settings.odd)
-                 for u in order)  # fmt: skip
-
-
-def _odd(
-    data: Scaled, mean: np.ndarray, between: np.ndarray, far: Distances, left: Misfits | None, u: int, p: float,
-    rate: float, level: float, settings: OddSettings,
-) -> OddUnit:  # fmt: skip
-    z, drives = _scores(data, mean, between, u, far.scale)
-    names = [name for name, tells in zip(data.stack.symbols, data.tells[u], strict=True) if tells]
-    by_distance = far.p[u] <= max(level, LEAST)
-    order = np.argsort(-np.abs(drives), kind="stable")
-    strong = [k for k in order if abs(drives[k]) >= settings.named] or list(order[:1])
-    symbols = tuple(names[k] for k in strong) if by_distance else ()
-    traces = tuple(t for t in left.traces[u] if t.z >= settings.named) if left else ()
-    misfit = float(left.whole[u]) if left else 0.0
-    scores, driving = dict(zip(names, map(float, z), strict=True)), dict(zip(names, map(float, drives), strict=True))
-    distance = float(np.sqrt(far.squared[u])) / far.scale
-    why = _why(symbols, scores, driving, misfit, traces, settings)
-    return OddUnit(data.stack.units[u], distance, int(far.rank[u]), float(p), float(rate), symbols, scores, driving,
-                   misfit, traces, why)  # fmt: skip
+    out = []
+    for u in sorted(np.flatnonzero(odd), key=lambda u: (p[u], -far.squared[u])):
+        z, drives = _scores(data, mean, omega + c * (not inside[u]), u, far.scale)
+        names = [name for name, tells in zip(data.stack.symbols, data.tells[u], strict=True) if tells]
+        order = np.argsort(-np.abs(drives), kind="stable")
+        strong = [k for k in order if abs(drives[k]) >= NAMED] or list(order[:1])
+        symbols = tuple(names[k] for k in strong) if far.p[u] <= max(level, LEAST) else ()
+        traces = tuple(t for t in left.traces[u] if t.z >= NAMED) if left else ()
+        misfit = float(left.whole[u]) if left else 0.0
+        scores, driving = (dict(zip(names, map(float, each), strict=True)) for each in (z, drives))
+        distance = float(np.sqrt(far.squared[u])) / far.scale
+        why = _why(symbols, scores, driving, misfit, traces)
+        out.append(OddUnit(stack.units[u], distance, int(far.rank[u]), float(p[u]), float(rates[u]), symbols, scores,
+                           driving, misfit, traces, why))  # fmt: skip
+    return tuple(out)
 
 
 def _scores(data: Scaled, mean: np.ndarray, between: np.ndarray, u: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
@@ -123,22 +138,140 @@ def _scores(data: Scaled, mean: np.ndarray, between: np.ndarray, u: int, scale: 
 
 def _why(
     symbols: tuple[str, ...], scores: Mapping[str, float], drives: Mapping[str, float], misfit: float,
-    traces: tuple[TraceScore, ...], settings: OddSettings,
+    traces: tuple[TraceScore, ...],
 ) -> str:  # fmt: skip
+    def shown(said: list[str]) -> str:
+        more = f" and {len(said) - SHOWN} more" if len(said) > SHOWN else ""
+        return ", ".join(said[:SHOWN]) + more
+
     parts = []
-    if symbols:
-        said = [_deviation(s, scores[s], drives[s], settings.named) for s in symbols[: settings.shown]]
-        more = f" and {len(symbols) - settings.shown} more" if len(symbols) > settings.shown else ""
-        parts.append(f"{', '.join(said)}{more} from the fleet")
+    if symbols:  # by itself, or, where that is no more than usual, given what its other parameters are
+        said = [f"{s} {scores[s]:+.1f} sd" if abs(scores[s]) >= NAMED
+                else f"{s} {drives[s]:+.1f} sd for its other parameters" for s in symbols]  # fmt: skip
+        parts.append(f"{shown(said)} from the fleet")
     if traces:
-        said = [f"{t.file} (misfit {t.misfit:.3g}, {t.z:+.0f} sd)" for t in traces[: settings.shown]]
-        more = f" and {len(traces) - settings.shown} more" if len(traces) > settings.shown else ""
-        parts.append(f"its model explains {', '.join(said)}{more} worse than other units'")
-    elif misfit >= settings.named:
+        said = [f"{t.file} (misfit {t.misfit:.3g}, {t.z:+.0f} sd)" for t in traces]
+        parts.append(f"its model explains {shown(said)} worse than other units'")
+    elif misfit >= NAMED:
         parts.append(f"its model explains its traces worse than other units' ({misfit:+.1f} sd)")
     return "; ".join(parts) or "no single symbol or trace, but all together"
 
 
-def _deviation(symbol: str, score: float, drive: float, named: float) -> str:
-    """By itself, or, where that is no more than usual, given what its other parameters are."""
-    return f"{symbol} {score:+.1f} sd" if abs(score) >= named else f"{symbol} {drive:+.1f} sd for its other parameters"
+@dataclass(frozen=True, eq=False)
+class Misfits:
+    """N units.
+
+    Args:
+        whole: z of chi2 per degree of freedom, shape (N,).
+        traces: of each unit, worst first.
+        p: that an ordinary unit is as badly explained, shape (N,).
+    """
+
+    whole: Float[np.ndarray, " N"]
+    traces: tuple[tuple[TraceScore, ...], ...]
+    p: Float[np.ndarray, " N"]
+
+
+def misfits(results: Sequence[UnitResult]) -> Misfits:
+    """Units whose own model does not explain their own traces as well as the other units' models explain theirs.
+
+        z = (log m_u - median log m) / (1.4826 MAD),   m: chi2 per degree of freedom, or the misfit of one trace
+
+    A ground of its own: it needs no covariance, and a defect that no parameter can imitate moves no estimate but the
+    misfit. Traces are compared with those of the same file name, or of the same rig test where names are a unit's own.
+    Only the high side counts: better explained than others is not odd. The two p values of a unit (the whole, the worst
+    trace) are made one by Bonferroni.
+    """
+    whole = _robust_scores(np.array([each.chi2_per_dof for each in results]))
+    traces = _trace_scores(results)
+    worst = np.array([t[0].z if t else 0.0 for t in traces])
+    many = np.array([max(len(t), 1) for t in traces])
+    of_worst = -np.expm1(many * np.log1p(-np.minimum(stats.norm.sf(worst), 1.0 - 1e-16)))
+    return Misfits(whole, traces, np.minimum(1.0, 2.0 * np.minimum(stats.norm.sf(whole), of_worst)))
+
+
+def _robust_scores(value: np.ndarray) -> np.ndarray:
+    """(log value - median) / scale; the scale is the widest of MAD, upper tail, and the least that means anything."""
+    log = np.log(np.maximum(value, 1e-300))
+    middle = float(np.median(log))
+    scale = max(1.4826 * float(np.median(np.abs(log - middle))), LEAST_SCATTER)
+    if len(log) >= MANY:
+        reach = float(np.quantile(log, 0.5 + 0.5 * TAIL)) - middle
+        scale = max(scale, reach / float(stats.norm.ppf(0.5 + 0.5 * TAIL)))
+    return (log - middle) / scale
+
+
+def _trace_scores(results: Sequence[UnitResult]) -> tuple[tuple[TraceScore, ...], ...]:
+    having: dict[str, int] = defaultdict(int)
+    for each in results:
+        for trace in each.traces:
+            having[trace.file] += 1
+    groups: dict[str, list[tuple[int, str, float]]] = defaultdict(list)
+    for u, each in enumerate(results):
+        for trace in each.traces:
+            alike = trace.file if having[trace.file] >= COMMON * len(results) else f"any {trace.test}"
+            groups[alike].append((u, trace.file, trace.misfit))
+    out: list[list[TraceScore]] = [[] for _ in results]
+    for group in groups.values():
+        for (u, file, misfit), z in zip(group, _robust_scores(np.array([m for *_, m in group])), strict=True):
+            out[u].append(TraceScore(file, misfit, float(z)))
+    return tuple(tuple(sorted(t, key=lambda s: -s.z)) for t in out)
+
+
+@dataclass(frozen=True)
+class EffectInFleet:
+    """One effect.
+
+    Args:
+        effect: its name.
+        symbol: the amplitude that stands for its strength.
+        units: that have it.
+        of: units whose data tell.
+        median: of the strength over these, SI.
+        strength: by unit, SI: as estimated, below nought too.
+        p: by unit, of its being absent.
+    """
+
+    effect: str
+    symbol: str
+    units: tuple[str, ...]
+    of: int
+    median: float
+    strength: Mapping[str, float]
+    p: Mapping[str, float]
+
+
+def effects_in(stack: Stack, names: Sequence[str], rate: float = DEFAULT.effect_rate) -> tuple[EffectInFleet, ...]:
+    """Which units have an effect that the model of the line declares, and how strong it is in each.
+
+        w_u = (s_u - off)^T V_u^-1 (s_u - off) ~ chi2 with as many degrees of freedom as amplitudes, if it is absent
+
+    V_u is the block of the unit's own covariance: no other unit makes an effect present. Over the units Benjamini and
+    Hochberg. A unit whose data do not tell the amplitudes is not counted among those judged.
+
+    Args:
+        stack: units. names: of effects, as in rig.toml; one without an off value, or whose amplitude no unit's data
+        tell, is left out. rate: of units falsely said to have it.
+    Raises:
+        ValueError: no effect has such a name.
+    """
+    if unknown := [name for name in names if name not in EFFECT_BY_NAME]:
+        raise ValueError(f"no effect is called {', '.join(unknown)}. There are: {', '.join(EFFECT_BY_NAME)}.")
+    out = []
+    for name in names:
+        off = {s: v for s, v in (EFFECT_BY_NAME[name].off or {}).items() if s in stack.symbols}
+        if not off:
+            continue
+        data = scaled(stack.marginal(tuple(off)))
+        tells = np.all(data.tells, axis=1)
+        if not np.any(tells):
+            continue
+        error = data.x[tells] - (np.array(list(off.values())) - data.centre) / data.scale
+        wald = np.sum(np.einsum("ujk,uk->uj", data.root[tells], error) ** 2, axis=1)
+        p = stats.chi2.sf(wald, len(off))
+        units = [unit for unit, each in zip(stack.units, tells, strict=True) if each]
+        having = tuple(unit for unit, has in zip(units, rejected(p, rate), strict=True) if has)
+        strength = data.stack.estimate[tells, 0]
+        by_unit = (dict(zip(units, map(float, each), strict=True)) for each in (strength, p))
+        out.append(EffectInFleet(name, next(iter(off)), having, len(units), float(np.median(strength)), *by_unit))
+    return tuple(out)

@@ -11,30 +11,25 @@ symbol, each unit's own variance taken off), left out, and the population is est
 those inside and those outside, until the set stays as it is. Leaving out was chosen over t-weights: weights estimate
 the scatter of a heavy-tailed fleet, which is biased low for the ordinary one and needs a guess of the tail, while an
 odd unit of a line is a different thing, to be named and looked at. As only what is far beyond chance is left out
-(`OddSettings.rate`), a healthy fleet keeps all its units and its estimate is the efficient one.
+(`FleetSettings.odd_rate`), a healthy fleet keeps all its units and its estimate is the efficient one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .distances import Distances, distances
-from .likelihood import Weighed, maximised, weigh
-from .mean_interval import mean_intervals
-from .multiplicity import found
-from .scaled import Scaled, scaled
+from .distances import FEWEST, Distances, distances, rejected
+from .intervals import mean_intervals, spread_intervals
+from .likelihood import Spread, maximised, spread_view, weigh, weights
 from .settings import DEFAULT, FleetSettings, PopulationSettings
-from .spread import Spread
-from .spread_interval import spread_intervals
-from .spread_view import spread_view
-from .stack import Stack
+from .stack import NULL, Scaled, Stack, scaled
 
-FEW = 4  # units with fewer of which none can be called odd
+ROUNDS = 10  # times at most that units are left out or taken back, and the population is estimated again
+LEAST_SHARE = 0.7  # of the units that stays in the population, whatever the others are like
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,29 +94,35 @@ def population(stack: Stack, shared: Sequence[str] = (), settings: FleetSettings
         raise ValueError(f"{len(stack.units)} unit: a population needs two or more.")
     if unknown := [s for s in shared if s not in stack.symbols]:
         raise ValueError(f"shared = {unknown}: no unit has it. They have: {', '.join(stack.symbols)}.")
-    left = identifiable_symbols(stack, shared, settings.population.null)
+    left = identifiable_symbols(stack, shared)
     if not left.symbols:
         raise ValueError("no symbol is told by the fleet's data: nothing to make a population of.")
-    own = np.array([s not in shared for s in left.symbols])
-    data = scaled(left, settings.population.null)
-    estimated, kept = _without_odd(data, own, settings)
-    uninformed = tuple(s for s in stack.symbols if s not in left.symbols)
-    return _in_si(data, estimated, kept, uninformed, settings.population)
+    data, own = scaled(left), np.array([s not in shared for s in left.symbols])
+    alone, spread, kept = _without_odd(data, own, settings)
+    part, scale = data.only(kept), data.scale
+    at = weigh(part, spread, 0.0)
+    stderr, degrees, interval = mean_intervals(at, settings.population.level)
+    bounds = np.full((len(scale), 2), np.nan)
+    bounds[own] = spread_intervals(part, alone, settings.population)
+    two = scale[:, None] * scale[None, :]
+    return Population(
+        symbols=left.symbols,
+        mean=data.centre + scale * at.mean,
+        covariance=two * spread.covariance,
+        mean_covariance=two * at.mean_covariance,
+        mean_stderr=scale * stderr,
+        degrees=degrees,
+        mean_interval=data.centre[:, None] + scale[:, None] * interval,
+        sd_interval=scale[:, None] * bounds,
+        shared=~own,
+        informed=data.tells.sum(axis=0),
+        uninformed=tuple(s for s in stack.symbols if s not in left.symbols),
+        units=part.stack.units,
+        left_out=tuple(unit for unit, inside in zip(stack.units, kept, strict=True) if not inside),
+    )
 
 
-class Estimated(NamedTuple):
-    """A spread.
-
-    Args:
-        own: as its standard deviations were estimated, with next to no prior of the correlations.
-        whole: the same standard deviations, and correlations with their prior.
-    """
-
-    own: Spread
-    whole: Spread
-
-
-def identifiable_symbols(stack: Stack, shared: Sequence[str], null: float) -> Stack:
+def identifiable_symbols(stack: Stack, shared: Sequence[str]) -> Stack:
     """The stack of the symbols that all data together identify; the others are marginalised: no value is assumed.
 
     A symbol is identifiable if it is not in the null space of sum F, and, where it differs between units, if two units
@@ -130,93 +131,120 @@ def identifiable_symbols(stack: Stack, shared: Sequence[str], null: float) -> St
     total = stack.information.sum(axis=0)
     size = np.sqrt(np.where((d := np.diag(total)) > 0.0, d, 1.0))
     value, vector = np.linalg.eigh(total / size[:, None] / size[None, :])
-    blind = np.sum(vector[:, value <= null * max(float(value[-1]), 1e-300)] ** 2, axis=1) > 1e-6
+    blind = np.sum(vector[:, value <= NULL * max(float(value[-1]), 1e-300)] ** 2, axis=1) > 1e-6
     having = np.sum(np.einsum("upp->up", stack.information) > 0.0, axis=0)
     good = [s for p, s in enumerate(stack.symbols) if not blind[p] and having[p] >= (1 if s in shared else 2)]
     return stack.marginal(good)
 
 
-def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tuple[Estimated, np.ndarray]:
-    """The spread among the ordinary units, and which they are."""
+def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tuple[Spread, Spread, np.ndarray]:
+    """The spread among the ordinary units, as its standard deviations and as its correlations were estimated, and which
+    units they are."""
     all_units = np.ones(len(data.x), dtype=bool)
     size = int(own.sum())
     robust = np.where(own, data.spread, 0.0)
     zero = np.zeros_like(robust)
-    far = distances(data, zero, np.diag(robust**2), np.diag(zero), all_units, settings.odd)
-    kept = _ordinary(far, settings) if len(data.x) >= FEW else all_units
+    kept = _ordinary(distances(data, zero, np.diag(robust**2), np.diag(zero), all_units), settings.odd_rate)
     start = Spread(own, np.maximum(data.spread[own], 0.1), np.zeros(size * (size - 1) // 2))
-    for _ in range(settings.population.rounds):
+    for _ in range(ROUNDS):
         part = data.only(kept)
-        estimated = _estimated(part, start, settings.population)
-        spread = estimated.whole
+        alone, spread = _estimated(part, start, settings.population)
         at = weigh(part, spread, 0.0)
-        far = distances(data, at.mean, spread.covariance, at.mean_covariance, kept, settings.odd)
-        again = _ordinary(far, settings) if len(data.x) >= FEW else all_units
+        far = distances(data, at.mean, spread.covariance, at.mean_covariance, kept)
+        again = _ordinary(far, settings.odd_rate)
         if np.array_equal(again, kept):
             break
         kept, start = again, spread.at(np.concatenate([np.maximum(spread.d, 0.1), spread.a]))
-    return estimated, kept
+    return alone, spread, kept
 
 
-def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> Estimated:
+def _ordinary(far: Distances, rate: float) -> np.ndarray:
+    """Units that stay: none of those found odd, but never fewer than the share that must, and all of a few."""
+    count = len(far.p)
+    if count < FEWEST:
+        return np.ones(count, dtype=bool)
+    out = ~rejected(far.p, rate)
+    least = int(np.ceil(LEAST_SHARE * count))
+    if out.sum() < least:
+        out = np.zeros(count, dtype=bool)
+        out[np.argsort(-far.p, kind="stable")[:least]] = True
+    return out
+
+
+def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> tuple[Spread, Spread]:
     """Standard deviations with next to no prior of the correlations, then the correlations with these held.
 
     Both at once would let the prior of the correlations, which draws them towards nought, draw on the standard
     deviations too: 20 units of 8 symbols came out with 9 % less spread than they were drawn with.
     """
     view = spread_view(data, start, settings)
-    own = _zeroed(view.data, maximised(view.data, view.start, settings, view.held, view.prior), view.prior)
-    correlations = np.arange(len(start.vector)) < len(start.d)
-    first = own.at(np.concatenate([own.d, start.a]))
-    prior = settings.uncorrelated * len(start.d)
-    return Estimated(own, maximised(data, first, settings, correlations, prior))
-
-
-def _ordinary(far: Distances, settings: FleetSettings) -> np.ndarray:
-    """Units that stay: none of those found, but never fewer than the share that must."""
-    out = ~found(far.p, settings.odd.rate)
-    least = int(np.ceil(settings.population.fewest * len(out)))
-    if out.sum() < least:
-        out = np.zeros(len(out), dtype=bool)
-        out[np.argsort(-far.p, kind="stable")[:least]] = True
-    return out
-
-
-def _zeroed(data: Scaled, spread: Spread, prior: float) -> Spread:
-    """Insignificant standard deviations are set to zero."""
-    value = weigh(data, spread, prior).value
-    for j in np.argsort(spread.d):
-        vector = spread.vector.copy()
+    alone = maximised(view.data, view.start, view.held, view.prior)
+    # insignificant standard deviations are set to zero
+    value = weigh(view.data, alone, view.prior).value
+    for j in np.argsort(alone.d):
+        vector = alone.vector.copy()
         vector[j] = 0.0
-        tried = spread.at(vector)
-        if (there := weigh(data, tried, prior).value) > value + 1e-3:
+        tried = alone.at(vector)
+        if (there := weigh(view.data, tried, view.prior).value) > value + 1e-3:
             break
-        spread, value = tried, there
-    return spread
+        alone, value = tried, there
+    deviations = np.arange(len(start.vector)) < len(start.d)
+    first = alone.at(np.concatenate([alone.d, start.a]))
+    return alone, maximised(data, first, deviations, settings.uncorrelated * len(start.d))
 
 
-def _in_si(
-    data: Scaled, estimated: Estimated, kept: np.ndarray, uninformed: tuple[str, ...], settings: PopulationSettings
-) -> Population:
-    spread = estimated.whole
-    part, scale, symbols = data.only(kept), data.scale, data.stack.symbols
-    at: Weighed = weigh(part, spread, 0.0)
-    stderr, degrees, interval = mean_intervals(at, settings.level)
-    bounds = np.full((len(symbols), 2), np.nan)
-    bounds[spread.own] = spread_intervals(part, estimated.own, settings)
-    two = scale[:, None] * scale[None, :]
-    return Population(
-        symbols,
-        data.centre + scale * at.mean,
-        two * spread.covariance,
-        two * at.mean_covariance,
-        scale * stderr,
-        degrees,
-        data.centre[:, None] + scale[:, None] * interval,
-        scale[:, None] * bounds,
-        ~spread.own,
-        data.tells.sum(axis=0),
-        uninformed,
-        part.stack.units,
-        tuple(unit for unit, inside in zip(data.stack.units, kept, strict=True) if not inside),
-    )
+@dataclass(frozen=True, eq=False)
+class Shrunk:
+    """N units, P symbols of the population, SI.
+
+    Args:
+        units: their names.
+        symbols: of the population.
+        estimate: posterior means, shape (N, P).
+        covariance: given the population, shape (N, P, P).
+        stderr: that of the population's mean included, shape (N, P).
+    """
+
+    units: tuple[str, ...]
+    symbols: tuple[str, ...]
+    estimate: Float[np.ndarray, "N P"]
+    covariance: Float[np.ndarray, "N P P"]
+    stderr: Float[np.ndarray, "N P"]
+
+
+def shrink(stack: Stack, of: Population) -> Shrunk:
+    """Each unit's posterior, the population being its prior: what a unit with few traces is worth.
+
+        mean_u = (F_u + Omega^-1)^-1 (F_u estimate_u + Omega^-1 mu) = mu + Omega W_u (estimate_u - mu)
+        covariance_u = (F_u + Omega^-1)^-1 = Omega - Omega W_u Omega,   W_u = H_u^T (I + H_u Omega H_u^T)^-1 H_u
+
+    The right-hand forms need no Omega^-1: a shared symbol, Omega = 0 there, takes the common value. That mu itself is
+    estimated adds A C A^T with A = I - Omega W_u, C the covariance of mu: all the uncertainty that a shared symbol has.
+
+    An odd unit is none of the population: its shrunk values are pulled to where it does not belong, and its own are
+    those to use.
+
+    Source: Efron and Morris 1973 (JASA 68), eq. 2.1; Lindley and Smith 1972 (JRSS B 34), eq. 12. Differs from source:
+    no.
+
+    Args:
+        stack: units, which may be others than those of the population, too.
+        of: the population.
+    Raises:
+        ValueError: the units lack a symbol of the population.
+    """
+    if missing := [s for s in of.symbols if s not in stack.symbols]:
+        raise ValueError(f"the population has {', '.join(missing)}, which none of these units has.")
+    data = scaled(stack.marginal(of.symbols))
+    s = data.scale
+    omega, c = of.covariance / np.outer(s, s), of.mean_covariance / np.outer(s, s)
+    _, solved = weights(data, omega)
+    gain = omega @ np.swapaxes(data.root, 1, 2) @ solved  # Omega W
+    mean = (of.mean - data.centre) / s
+    estimate = mean + np.einsum("upq,uq->up", gain, data.x - mean)
+    covariance = omega - gain @ omega
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, 1, 2))
+    left = np.eye(len(s)) - gain
+    whole = np.einsum("upp->up", covariance) + np.einsum("upq,qr,upr->up", left, c, left)
+    return Shrunk(stack.units, of.symbols, data.centre + s * estimate, covariance * np.outer(s, s),
+                  s * np.sqrt(np.maximum(whole, 0.0)))  # fmt: skip

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import MeasurementError, UsageError
-from ...rig.registers import without_sign_bit
+from ...rig.columns import without_sign_bit
 from ..sheet import TIME, Column, Sheet
 
 

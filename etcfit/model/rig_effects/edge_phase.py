@@ -18,8 +18,8 @@ class EdgePhase(AbstractRigEffect):
 
     The turn, 0 or 1, is each edge's own: where edges come with the samples, a clock that jitters shows some of them one
     sample later than others. s stays within its interval: beyond it a step would run backwards, and meet stops that
-    were never hit. Whether it lies at an end is decided apart (`estimation.edges_on_samples`). A habit, no mistake: the
-    fit finds it (`estimation.edges_in_step`), no diagnosis tries it.
+    were never hit. Whether it lies at an end is decided apart (`estimation.edges`). A habit, no mistake: the
+    fit finds it (`estimation.edges`), no diagnosis tries it.
 
     Source: GUM (JCGM 100:2008), 4.3, for an instant that is systematic and not drawn anew at each edge.
     """

@@ -36,7 +36,7 @@ def mended(line: str, folder: str | Path, then: str) -> str:
 
 def counted(names: Sequence[str]) -> str:
     """The first names, and how many more there are: "R_a, K_b and 9 more"."""
-    from ...estimation.remedies import listed  # with it comes the model, which `new` and `import` do without
+    from ...estimation.identifiability import listed  # with it comes the model, which `new` and `import` do without
 
     more = len(names) - _NAMED
     return f"{', '.join(names[:_NAMED])} and {more} more" if more > 1 else listed(names)

@@ -17,7 +17,7 @@ from .base import Closing, number_of
 if TYPE_CHECKING:  # an export needs none of what these load
     from ...control.design import Design
     from ...control.linearise import Reduction
-    from ...estimation.fit_state import FitState
+    from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
 
 _TUNE = "msq"  # a format of `etcfit export`

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...diagnosis.likely import likely
+from ...diagnosis.probabilities import likely
 from ...errors import command
 from ...estimation.goodness import Left
-from ...estimation.remedies import listed
-from ...run_folder import read_records
+from ...estimation.identifiability import listed
+from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run
 from ..page.verdict import left_unexplained, residuals

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import command
-from ...rig.finding import ALLOWED_FOR
+from ...rig.base import ALLOWED_FOR
 from .base import Closing, counted, mended, number_of
 
 if TYPE_CHECKING:  # a check needs none of what these load

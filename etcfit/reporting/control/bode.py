@@ -8,8 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ...control.linearise import Reduction
-from ...estimation.fit_state import FitState
-from ...estimation.fitted_model import Fitted
+from ...estimation.fitted_model import FitState, Fitted
 from ...model.linear import TransferFunction
 from .. import style
 

@@ -6,8 +6,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.fleet_verdict import STABLE, OddOne, Share
 from ...control.loop_figures import FIGURES
+from ...control.on_units import STABLE, OddOne, Share
 from ..blocks import headed, plain_table
 from ..numbers import short
 

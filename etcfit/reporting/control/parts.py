@@ -7,8 +7,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.fleet_verdict import Share
-from ...control.parts_verdict import OnParts, PartsVerdict
+from ...control.on_units import OnParts, PartsVerdict, Share
 from ..blocks import headed, plain_table
 from ..numbers import short
 from .fleet import hardest, share_in_words, some_of

@@ -19,10 +19,9 @@ from matplotlib.figure import Figure
 from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED, TAIL
 from ...control.design import Design
 from ...control.judged import Tuned
-from ...control.loop_figures import OF_THE_PAPER, Requirements
-from ...control.parts_verdict import OnParts
-from ...control.pid.judge import judge
-from ...control.pid.setpoint import Level, Stretch
+from ...control.loop_figures import OF_THE_PAPER, Requirements, judge
+from ...control.on_units import OnParts
+from ...control.setpoint import Level, Stretch
 from ...model.ecu import Notation
 from .. import style
 from ..numbers import short

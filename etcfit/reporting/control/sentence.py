@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ...estimation.fit_state import SOUND, FitState
-from ...estimation.remedies import listed
+from ...estimation.fitted_model import SOUND, FitState
+from ...estimation.identifiability import listed
 from ..numbers import short
 from .words import hardest, missed_margins
 

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...control.frequency import FrequencyResponse, Order, Point, Ratio, phases
-from ...control.frequency.point import DRIVE, POSITION, SETPOINT
+from ...control.frequency.response import DRIVE, POSITION, SETPOINT
 from ...rig.base import RigConfig
 from .. import style
 

@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from ...control.pid import Gains, Task
 from ...control.supply_table import SupplyTable
 from ...model.ecus import Scheduling
-from ...run_folder import supply_table_json
+from ...run_folder.design import supply_table_json
 from ..blocks import headed, plain_table, sentences
 from ..numbers import short
 

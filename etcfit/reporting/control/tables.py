@@ -11,16 +11,15 @@ from rich.text import Text
 
 from ...control.design import Design
 from ...control.frequency import FrequencyResponse, Ratio, phases
-from ...control.frequency.point import POSITION
+from ...control.frequency.response import POSITION
 from ...control.judged import Tuned
-from ...control.linearise import Reduction
+from ...control.linearise import SYMBOLS, UNITS, Reduction
 from ...control.loop_figures import FIGURES, LoopFigures, Requirements
-from ...control.motor_constants import SYMBOLS, UNITS
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
 from ...model.feed_forward import Term, listed
-from ...run_folder import written_for
+from ...run_folder.design import written_for
 from ..blocks import headed, plain_table, rig_title, sentences
 from ..compromise import cautioned
 from ..numbers import Digits, short

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from ...control.design import Design
 from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, LoopFigures, Requirements
-from ...run_folder import design_json
+from ...run_folder.design import design_json
 from ..blocks import headed, plain_table
 from ..numbers import short
 from .fleet import of_models

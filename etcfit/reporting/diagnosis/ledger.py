@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...diagnosis.findings import Diagnosis
-from ...estimation.remedies import listed
+from ...estimation.identifiability import listed
 from ...problem.prediction_error import PredictionError
 from ..numbers import short
 from ..pool import Pool

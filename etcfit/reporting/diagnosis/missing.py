@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Diagnosis, Share
-from ...estimation.remedies import listed
+from ...estimation.identifiability import listed
 from .. import style
 from ..numbers import short
 from .samples import Bins, Samples, curve_rms, ways

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Diagnosis
-from ...estimation.remedies import listed
+from ...estimation.identifiability import listed
 from ...problem.prediction_error import PredictionError, rows
 from ...problem.trace import Trace
 from .. import style

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport
-from ...estimation.remedies import listed
+from ...estimation.identifiability import listed
 from .. import style
 from ..numbers import short
 from ..pool import Pool

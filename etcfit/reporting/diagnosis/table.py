@@ -8,8 +8,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried, Statement
-from ...diagnosis.likely import in_words
-from ...diagnosis.probabilities import CALIBRATED
+from ...diagnosis.probabilities import CALIBRATED, in_words
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ..blocks import headed, plain_table, rig_title, sentences, spaced

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...files import plain
-from ...fleets.members import ZERO_CELSIUS
+from ...fleets.config import ZERO_CELSIUS
 from ..standalone import packed
 from .columns import Columns, SymbolColumns
 from .words import Content, title

@@ -6,7 +6,7 @@ Its data are those of the models in RUN, so it is made from their saved state, n
 from __future__ import annotations
 
 from ...files import whole
-from ...run_folder import RunFolder
+from ...run_folder.folder import RunFolder
 from ..page import Page
 from .content import content
 from .printed_model import simulation

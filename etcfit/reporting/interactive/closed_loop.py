@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...control.linearise import stops
-from ...control.pid.setpoint import trapezoid
+from ...control.setpoint import trapezoid
 from ...control.settings import LoopSettings
 from ...estimation.result import FitResult
 from ...model.ecu import Ecu

@@ -6,7 +6,8 @@ from typing import Any
 
 from ... import __version__
 from ...files import plain
-from ...run_folder import RunFolder, require
+from ...run_folder.folder import RunFolder
+from ...run_folder.manifest import require
 from ..page.contents import read_run
 from ..page.verdict import left_unexplained, model
 from .closed_loop import loop_json

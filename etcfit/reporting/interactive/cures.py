@@ -10,7 +10,7 @@ from ...estimation.contradiction import Contradiction
 from ...estimation.goodness import Left
 from ...estimation.result import FitResult
 from ...problem.trace import Trace
-from ...rig.finding import ALLOWED_FOR, Finding
+from ...rig.base import ALLOWED_FOR, Finding
 from ..numbers import short
 from .lights import Light
 

@@ -18,8 +18,7 @@ from typing import Any
 
 import jax
 
-from ...control.pid.ecu import Memory, tick
-from ...control.pid.gains import Gains
+from ...control.pid.ecu import Gains, Memory, tick
 from ...control.pid.loop import lagging
 from ...estimation.result import FitResult
 from ...kernels.graph import Graph

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ...problem.prediction_error import PredictionError
-from ...run_folder import require
+from ...run_folder.manifest import require
 from ...run_folder.reading import object_in
 
 _STAGE = {"fit": "fit", "diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",

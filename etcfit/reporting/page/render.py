@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
-from ...diagnosis.likely import in_words
-from ...diagnosis.probabilities import CALIBRATED
+from ...diagnosis.probabilities import CALIBRATED, in_words
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import environment
 from .car_log import to_record

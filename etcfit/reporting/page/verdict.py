@@ -12,10 +12,10 @@ from ...diagnosis.probabilities import UNEXPLAINED
 from ...estimation import explained
 from ...estimation.contradiction import digits_apart
 from ...estimation.goodness import STRAYS, Left
+from ...estimation.identifiability import listed
 from ...estimation.joint_fit import MISFIT
-from ...estimation.remedies import listed
 from ...problem.prediction_error import pooled
-from ...rig.finding import ALLOWED_FOR
+from ...rig.base import ALLOWED_FOR
 from ..control.sentence import sentence
 from ..numbers import is_share, short
 from .contents import Contents, rows_of

@@ -11,7 +11,7 @@ from ...posterior.predictive import Band
 from ...posterior.profile import Profile
 from ...posterior.sampling import Posterior
 from ...posterior.truth import truths
-from ...run_folder import readings_of
+from ...run_folder.fit import readings_of
 from ...run_folder.posterior import disagree
 from ..drawing import Job
 from ..pictures import file_name

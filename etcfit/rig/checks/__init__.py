@@ -1,53 +1,43 @@
-"""What the records tell of the rig's own mistakes before any fit; a newcomer adds one file here and its class below."""
+"""What the records tell of the rig's own mistakes before any fit; a newcomer adds one function here and its line below.
+
+A detector is a function from `Records` to findings, called as the kind of mistake that it finds. Thresholds are
+constants at the top of its file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from ...errors import MeasurementError
-from ..base import Measurement, RigConfig
-from ..finding import Finding
-from .base import AbstractDetector, Records
-from .channel_offset import ChannelOffset
-from .channel_sign import ChannelSign
-from .coasting_bridge import CoastingBridge
-from .gear_ratio import GearRatio
-from .hum import Hum
-from .lost_samples import LostSamples
-from .saturation import Saturation
-from .series_resistance import SeriesResistance
-from .slow_current import SlowCurrent
-from .slow_log import SlowLog
-from .supply_current import SupplyCurrent
-from .swapped_columns import SwappedColumns
-from .switched_voltage import SwitchedVoltage
-from .synchronous_edges import SynchronousEdges
-from .time_scale import TimeScale
-from .unit_scale import UnitScale
-from .unsigned_current import UnsignedCurrent
+from ..base import Finding, Measurement, RigConfig
+from .base import Detector, Records
+from .bridge import coasting_bridge, supply_current, switched_voltage, unsigned_current
+from .clock import hum, lost_samples, time_scale
+from .constants import gear_ratio, series_resistance, unit_scale
+from .edges import synchronous_edges
+from .lags import slow_current, slow_log
+from .levels import channel_offset, saturation
+from .signs import channel_sign, swapped_columns
 
 # the one registration; what stands first explains what a later one would find in the same test
-DETECTORS: tuple[AbstractDetector, ...] = tuple(
-    detector()
-    for detector in (
-        SwitchedVoltage,
-        SupplyCurrent,
-        UnsignedCurrent,
-        SlowCurrent,
-        SwappedColumns,
-        ChannelSign,
-        UnitScale,
-        ChannelOffset,
-        Saturation,
-        GearRatio,
-        TimeScale,
-        SeriesResistance,
-        LostSamples,
-        Hum,
-        SlowLog,
-        CoastingBridge,
-        SynchronousEdges,
-    )
+DETECTORS: tuple[Detector, ...] = (
+    Detector(switched_voltage, explains=True),
+    Detector(supply_current, explains=True),
+    Detector(unsigned_current, explains=True),
+    Detector(slow_current, explains=True),
+    Detector(swapped_columns, explains=True),
+    Detector(channel_sign, explains=True),
+    Detector(unit_scale, explains=True),
+    Detector(channel_offset, explains=True),
+    Detector(saturation, explains=True),
+    Detector(gear_ratio),
+    Detector(time_scale),
+    Detector(series_resistance),
+    Detector(lost_samples),
+    Detector(hum),
+    Detector(slow_log),
+    Detector(coasting_bridge),
+    Detector(synchronous_edges),
 )
 
 
@@ -69,26 +59,18 @@ def refuse(folder: str, found: Iterable[Finding]) -> None:
                                "No motor does this, so no fit takes it.", first.mend)  # fmt: skip
 
 
-def findings(
-    config: RigConfig, traces: Iterable[Measurement], detectors: Iterable[AbstractDetector] = DETECTORS
-) -> tuple[Finding, ...]:
+def findings(config: RigConfig, traces: Iterable[Measurement]) -> tuple[Finding, ...]:
     """What every detector finds in these traces, held out ones too.
 
-    Args:
-        config: rig.toml.
-        traces: as read.
-        detectors: which; each with its own thresholds.
+    Where a finding explains, the circuit of its test is read wrong: of the test that it names or, of what lies in every
+    test, of all tests that logged its channel.
     """
     records, out = Records(config, tuple(traces)), []
-    for detector in detectors:
+    for detector in DETECTORS:
         found = tuple(detector.find(records))
-        records = records.without(_blamed(found, records)) if detector.explains else records
         out += found
+        if detector.explains:
+            channels = {f.channel for f in found if f.test is None}
+            having = {trace.test for trace in records.traces if channels & {*trace.channels}}
+            records = records.without(having | {f.test for f in found if f.test is not None})
     return tuple(out)
-
-
-def _blamed(found: Iterable[Finding], records: Records) -> set[str]:
-    """Tests whose circuit is read wrong: those named, or, of what lies in every test, those that logged the channel."""
-    everywhere = {f.channel for f in found if f.test is None}
-    having = {trace.test for trace in records.traces if everywhere & {*trace.channels}}
-    return having | {f.test for f in found if f.test is not None}

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import abc
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple, TypeVar
 
-from ...ranges import check_ranges
-from ..base import Channel, Measurement, RigConfig
-from ..finding import Finding
+from ..base import Channel, Finding, Measurement, RigConfig
 from ..units import NUMBER
-from .circuit import Circuit, read_circuit
+from .circuit import Circuit, OtherCurrent, other_current, read_circuit
 from .line import Spectrum, spectrum
-from .other_current import OtherCurrent, other_current
 
-MAINS = 50.0  # Hz, the lower of the two
+LOWER_MAINS = 50.0  # Hz
+COMMANDS = ("setpoint", "duty")  # channels of no sensor: they rest wherever they like, and carry no noise
 _ALIKE = 2.0  # factor within which a reading of one trace is that of its test turned round
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +24,6 @@ class Records:
     """All traces of a rig, held out ones too, and what several detectors read off them.
 
     Args:
-        config: rig.toml.
-        traces: as read.
         blamed: tests whose circuit is known to be read wrong, because of a mistake found before.
     """
 
@@ -34,9 +31,10 @@ class Records:
     traces: tuple[Measurement, ...]
     blamed: frozenset[str] = frozenset()
 
-    def without(self, tests: Iterable[str | None]) -> Records:
+    def without(self, tests: Iterable[str]) -> Records:
         """As one that does not trust the circuit of these tests."""
-        return replace(self, blamed=self.blamed | {test for test in tests if test is not None})
+        blamed = self.blamed | {*tests}
+        return self if blamed == self.blamed else replace(self, blamed=blamed)
 
     @cached_property
     def tests(self) -> Mapping[str, tuple[Measurement, ...]]:
@@ -47,32 +45,25 @@ class Records:
     @cached_property
     def circuits(self) -> Mapping[str, Circuit]:
         """The circuit by rig test, where it shows."""
-        sound = {name: traces for name, traces in self.tests.items() if name not in self.blamed}
-        read = {name: read_circuit(traces, self.config) for name, traces in sound.items()}
-        return {name: circuit for name, circuit in read.items() if circuit is not None}
+        sound = (name for name in self.tests if name not in self.blamed)
+        return _present({name: read_circuit(self.tests[name], self.config) for name in sound})
 
     @cached_property
     def currents(self) -> Mapping[str, OtherCurrent]:
         """The current of each rig test in each of its readings, where windows tell them apart."""
-        read = {name: other_current(traces, self.config) for name, traces in self.tests.items()}
-        return {name: found for name, found in read.items() if found is not None and name not in self.blamed}
+        sound = (name for name in self.tests if name not in self.blamed)
+        return _present({name: other_current(self.tests[name], self.config) for name in sound})
 
     @cached_property
     def circuit_of(self) -> Mapping[str, Circuit]:
         """The circuit by file, where it shows."""
-        read = {t.file: read_circuit((t,), self.config) for t in self.traces if t.test not in self.blamed}
-        return {file: circuit for file, circuit in read.items() if circuit is not None}
+        return _present({t.file: read_circuit((t,), self.config) for t in self.traces if t.test not in self.blamed})
 
     @cached_property
-    def _spectra(self) -> dict[tuple[str, str], Spectrum | None]:
-        return {}
-
-    def spectrum(self, trace: Measurement, channel: str) -> Spectrum | None:
-        """Of one channel about the frequencies of the mains, worked out once."""
-        key = trace.file, channel
-        if key not in self._spectra:
-            self._spectra[key] = spectrum(trace.channels[channel], MAINS)
-        return self._spectra[key]
+    def spectra(self) -> Mapping[tuple[str, str], Spectrum]:
+        """By file and measured channel, about the frequencies of the mains; without those that cannot tell."""
+        logged = [(t.file, name, c) for t in self.traces for name, c in t.channels.items() if name not in COMMANDS]
+        return _present({(file, name): spectrum(channel, LOWER_MAINS) for file, name, channel in logged})
 
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
         """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test.
@@ -101,29 +92,39 @@ class Signs(NamedTuple):
     k: int
 
 
-class AbstractDetector(abc.ABC):
+@dataclass(frozen=True)
+class Detector:
     """Finds one kind of mistake or habit of the rig before any fit.
 
-    A detector is a frozen dataclass: its thresholds are its fields, with defaults and ranges (`ranges.py`), and so a
-    part of the policy that can be read, changed and written down.
-
-    Raises:
-        ValueError: a threshold lies outside its range.
+    Args:
+        find: every finding, the surest first; the function's name is the kind.
+        explains: a finding makes the circuit of its test wrong: no later detector reads it.
     """
 
-    kind: ClassVar[str]
-    explains: ClassVar[bool] = False  # what is found makes the circuit of its test wrong: no later detector reads it
+    find: Callable[[Records], Iterator[Finding]]
+    explains: bool = False
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
+    @property
+    def kind(self) -> str:
+        """Name of the mistake."""
+        return self.find.__name__
 
-    @abc.abstractmethod
-    def find(self, records: Records) -> Iterator[Finding]:
-        """Every find, the surest first.
 
-        Args:
-            records: all traces.
-        """
+def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Finding) -> Finding:
+    """The finding with its place in front of its sentence: every trace of a rig test, or these files of it.
+
+    Args:
+        files: that show it.
+        traces: all of the test.
+    """
+    test, shown = traces[0].test, list(files)
+    if len(shown) < len(traces):
+        more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""
+        where = f"{', '.join(shown[:3])}{more}"
+    else:
+        where = f"every trace of {test}" if len(traces) > 1 else shown[0]
+    alone = shown[0] if len(shown) == 1 and len(traces) > 1 else None
+    return replace(finding, found=f"In {where} {finding.found}", test=test, file=alone)
 
 
 def column(channel: Channel, factor: float = 1.0) -> str:
@@ -140,13 +141,5 @@ def scaled_unit(unit: str, factor: float) -> str:
     return unit if abs(factor - 1.0) < 1e-9 else f"{factor:.6g} {unit}"
 
 
-def everywhere(files: list[str], traces: tuple[Measurement, ...]) -> str | None:
-    """The one file that shows it, or None where more than one does."""
-    return files[0] if len(files) == 1 and len(traces) > 1 else None
-
-
-def in_files(test: str, files: list[str], traces: tuple[Measurement, ...]) -> str:
-    """Words for where: every trace of a test, or these."""
-    if len(files) == len(traces):
-        return f"in every trace of {test}" if len(traces) > 1 else f"in {files[0]}"
-    return f"in {', '.join(files[:3])}" + (f" and {len(files) - 3} more" if len(files) > 3 else "")
+def _present(values: Mapping[Key, Value | None]) -> dict[Key, Value]:
+    return {name: value for name, value in values.items() if value is not None}

@@ -8,12 +8,24 @@ with the gear apart theta is the motor's angle and k its K_b; at the plate k = N
 windows, all else over those without a jump of the voltage, whose instant within a sample nobody knows.
 
 Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
+
+Is the logged current that of the motor, or what another place or another instrument makes of it?
+
+    of the motor       i
+    of the supply      i_s = d i,  d = v / V_s      so   i = i_s V_s / v
+    without its sign   |i|                          so   i = |i| sgn(v - k w)
+
+Each reading is put into the equation, over the same windows, and the right one leaves the least. What is near no
+voltage tells nothing: the duty d is zero there.
+
+Source: Mohan, Undeland and Robbins 2003, ch. 7 (mean current of the source of a bridge). Differs from source: no.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +39,8 @@ FEWEST = 12  # windows that carry a reading
 SEEN = 5.0  # noises that a gain over a window must reach, rms, to say anything
 JUMP, JUMP_SHARE = 8.0, 0.02  # noises, and of the span: a change from sample to sample that is a jump
 ALIKE = 0.97  # correlation at which brushes and resistance cannot be told apart
+NEAR = 0.1  # of the largest voltage: a smaller one tells nothing of another current
+ROUNDS = 3  # in which the sign of the current and k are found together
 
 
 class Value(NamedTuple):
@@ -67,11 +81,6 @@ class Windows:
     def where(self, rows: np.ndarray) -> Windows:
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "heard"})
 
-    @classmethod
-    def joined(cls, parts: Sequence[Windows]) -> Windows:
-        arrays = {f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls) if f.name != "heard"}
-        return cls(**arrays, heard=max(p.heard for p in parts))
-
 
 @dataclass(frozen=True)
 class Circuit:
@@ -94,8 +103,18 @@ class Circuit:
 
 def read_circuit(traces: Sequence[Measurement], config: RigConfig) -> Circuit | None:
     """The circuit that these traces of one rig test show together; None where voltage or motion were not logged."""
-    parts = [each for trace in traces if (each := windows_of(trace, config)) is not None]
-    return _solved(Windows.joined(parts)) if parts else None
+    windows = joined(windows_of(trace, config) for trace in traces)
+    return _solved(windows) if windows is not None else None
+
+
+def joined(parts: Iterable[Windows | None]) -> Windows | None:
+    """All windows of several traces; None where there are none."""
+    there = [part for part in parts if part is not None]
+    if not there:
+        return None
+    names = [f.name for f in fields(Windows) if f.name != "heard"]
+    arrays = {name: np.concatenate([getattr(part, name) for part in there]) for name in names}
+    return Windows(**arrays, heard=max(part.heard for part in there))
 
 
 def windows_of(trace: Measurement, config: RigConfig) -> Windows | None:
@@ -112,38 +131,32 @@ def windows_of(trace: Measurement, config: RigConfig) -> Windows | None:
     return _cut(volts, current, angle)
 
 
-class _Angle(NamedTuple):
-    """Angle at the samples of a channel, rad, and the noise of one."""
-
-    time: np.ndarray
-    value: np.ndarray
-    sigma: float
-
-
-def _angle(trace: Measurement, gear_apart: bool) -> _Angle | None:
+def _angle(trace: Measurement, gear_apart: bool) -> Channel | None:
+    """Of the plate, or of the motor alone by its speed, rad."""
     channel = trace.channels.get("motor_speed" if gear_apart else "position")
-    if channel is None:
-        return None
-    if not gear_apart:
-        return _Angle(channel.time, channel.value, channel.sigma)
+    if channel is None or not gear_apart:
+        return channel
     step = float(np.median(np.diff(channel.time)))
-    return _Angle(channel.time, _integral(channel.time, channel.value), channel.sigma * step * np.sqrt(SAMPLES))
+    turned = _integral(channel.time, channel.value)
+    return replace(channel, value=turned, sigma=channel.sigma * step * np.sqrt(SAMPLES))
 
 
-def _cut(volts: Channel, current: Channel | None, angle: _Angle | None) -> Windows | None:
+def _cut(volts: Channel, current: Channel | None, angle: Channel | None) -> Windows | None:
     time = volts.time
     count = (time.size - 1) // int(np.clip(time.size // WINDOWS, LEAST_SAMPLES, SAMPLES))
     if count < 2:
         return None
     ends = np.linspace(0, time.size - 1, count + 1).astype(int)
     amperes = np.zeros(time.size) if current is None else on_times(current, time)
-    turned = np.zeros(time.size) if angle is None else np.interp(time, angle.time, angle.value)
+    turned = np.zeros(time.size) if angle is None else on_times(angle, time)
     threshold = 0.0 if current is None else SEEN * current.sigma
     sign = np.sign(amperes) * (np.abs(amperes) > threshold)
-    jumps = np.concatenate(([0.0], np.cumsum(_jumps(volts))))
+    change = np.abs(np.diff(volts.value))
+    jump = change > max(JUMP * volts.sigma, JUMP_SHARE * float(np.ptp(volts.value)))
+    jumps = np.concatenate(([0.0], np.cumsum(jump.astype(float))))
 
-    def gain(of: np.ndarray) -> np.ndarray:
-        return np.diff(of[ends])
+    def gain(value: np.ndarray) -> np.ndarray:
+        return np.diff(value[ends])
 
     whole = Windows(
         volts=gain(_integral(time, volts.value)),
@@ -173,18 +186,11 @@ def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:
     return np.concatenate(([0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(time))))
 
 
-def _jumps(volts: Channel) -> np.ndarray:
-    """1 where the voltage jumps from one sample to the next, shape (n - 1,)."""
-    change = np.abs(np.diff(volts.value))
-    return (change > max(JUMP * volts.sigma, JUMP_SHARE * float(np.ptp(volts.value)))).astype(float)
-
-
 def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Value | None:
     """R of these traces' circuit, the brushes' drop (V) being known from another test; None where it cannot be told."""
-    parts = [each for trace in traces if (each := windows_of(trace, config)) is not None]
-    if not parts:
+    w = joined(windows_of(trace, config) for trace in traces)
+    if w is None:
         return None
-    w = Windows.joined(parts)
     found = _solved(replace(w, volts=w.volts - drop * w.brushes, brushes=np.zeros_like(w.brushes)))
     return found.R if found is not None else None
 
@@ -210,16 +216,12 @@ def values_of(w: Windows) -> dict[str, Value] | None:
     for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
         if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
             columns[name] = gain
-    if "R" in columns and _told_apart(w.amperes, w.brushes):
+    both = np.sqrt(np.sum(w.amperes**2) * np.sum(w.brushes**2))
+    if "R" in columns and both > 0.0 and abs(np.sum(w.amperes * w.brushes)) < ALIKE * both:
         columns["drop"] = w.brushes
     if w.volts.size < max(FEWEST, 3 * len(columns)) or not columns:
         return None
     return _least_squares(columns, w.volts)
-
-
-def _told_apart(amperes: np.ndarray, brushes: np.ndarray) -> bool:
-    both = np.sqrt(np.sum(amperes**2) * np.sum(brushes**2))
-    return bool(both > 0.0 and abs(np.sum(amperes * brushes)) < ALIKE * both)
 
 
 def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[str, Value]:
@@ -235,3 +237,99 @@ def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[st
     return {
         name: Value(float(x), float(e)) for name, x, e in zip(columns, solution / scale, errors / scale, strict=True)
     }
+
+
+@dataclass(frozen=True, eq=False)
+class OtherCurrent:
+    """One rig test, its current read in three ways.
+
+    Args:
+        motor: windows with the current as logged.
+        supply: with that of the motor, were a supply's logged; for a supply of `volts`.
+        volts: of the supply; 1 where nobody knows it, and then R is one of 1 V.
+    """
+
+    motor: Windows
+    supply: Windows
+    volts: float
+
+    @cached_property
+    def sign(self) -> np.ndarray:
+        """Of the motor's current in each window, were it logged without it, shape (n,)."""
+        sign = np.sign(self.motor.volts)
+        for _ in range(ROUNDS):
+            values = values_of(_signed(self.motor, sign)) or {}
+            sign = np.sign(self.motor.volts - (values["k"].value if "k" in values else 0.0) * self.motor.turn)
+        return sign
+
+    @cached_property
+    def unsigned(self) -> Windows:
+        """With that of the motor, were it logged without its sign."""
+        return _signed(self.motor, self.sign)
+
+    def better(self, other: Windows, part: float, rows: np.ndarray | None = None) -> tuple[float, Value] | None:
+        """How many times less another reading leaves, and the R that it shows; None where it shows no motor.
+
+        Args:
+            other: the windows with that reading.
+            part: of the windows that leave less than what is compared.
+            rows: windows in which they are compared; None: in all.
+        """
+        motor = self.motor if np.any(other.brushes) else _signed(self.motor, np.ones(self.motor.volts.size))
+        as_logged, values = values_of(motor), values_of(other)
+        if as_logged is None or values is None or "R" not in values:
+            return None
+        if values["R"].sign(2.0) <= 0 or ("k" in values and values["k"].sign(2.0) < 0):
+            return None
+        there = np.ones(other.volts.size, dtype=bool) if rows is None else rows
+        left = [np.quantile(np.abs(left_by(v, w)[there]), part) for v, w in ((as_logged, motor), (values, other))]
+        return float(left[0] / max(left[1], 1e-12)), values["R"]
+
+
+def _signed(w: Windows, sign: np.ndarray) -> Windows:
+    """Without brushes: a drop with the voltage's sign would explain a held voltage by itself."""
+    return replace(w, amperes=sign * w.amperes, rise=sign * w.rise, brushes=np.zeros_like(w.brushes))
+
+
+def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurrent | None:
+    """The current of one rig test in each reading; None where too few windows tell."""
+    if TEST_BY_NAME[traces[0].test].boundary.terminals_open:
+        return None
+    drives = {t.file: v for t in traces if "current" in t.channels and (v := drive_voltage(t, config)) is not None}
+    having = [t for t in traces if t.file in drives]
+    least = NEAR * max((float(np.max(np.abs(v.value))) for v in drives.values()), default=0.0)
+    if least == 0.0:
+        return None
+    volts = supply_of(having, config) or 1.0
+
+    def divided(i: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return i * volts / np.where(np.abs(v) < least, least, v)
+
+    small = _windows(having, drives, config, lambda i, v: (np.abs(v) < least).astype(float))
+    motor, supply = (_windows(having, drives, config, read) for read in (lambda i, v: i, divided))
+    if small is None or motor is None or supply is None:
+        return None
+    rows = (small.amperes == 0.0) & (small.calm > 0.0)
+    return OtherCurrent(motor.where(rows), supply.where(rows), volts) if rows.sum() >= FEWEST else None
+
+
+def supply_of(traces: Sequence[Measurement], config: RigConfig) -> float | None:
+    """Voltage of the supply, logged or in rig.toml, V; None where nobody knows it."""
+    logged = [float(np.median(t.channels["supply"].value)) for t in traces if "supply" in t.channels]
+    return float(np.median(logged)) if logged else config.supply_V
+
+
+def _windows(
+    traces: Sequence[Measurement],
+    drives: Mapping[str, Channel],
+    config: RigConfig,
+    read: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> Windows | None:
+    """Windows of all traces, with something made of current and voltage in the place of the current."""
+    parts = []
+    for trace in traces:
+        current = trace.channels["current"]
+        value = read(current.value, on_times(drives[trace.file], current.time))
+        changed = replace(trace, channels={**trace.channels, "current": replace(current, value=value)})
+        parts.append(windows_of(changed, config))
+    return joined(parts)

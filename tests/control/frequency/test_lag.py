@@ -100,7 +100,7 @@ def test_a_model_error_keeps_small_intervals_from_telling_too_much() -> None:
     assert answer.best.order == 2
 
 
-@pytest.mark.parametrize("stricter", [{"poor": 0.0}, {"excluded": 0.0}, {"likely": 1.0}, {"fewest_points": 30}])
+@pytest.mark.parametrize("stricter", [{"poor": 0.0}, {"fewest_points": 30}])
 def test_the_settings_decide_when_an_order_is_told(stricter: dict[str, Any]) -> None:
     points = ratios(LAGS[2], PAPER, 0.0, 0.003, 0)
     assert order_of(PAPER, points).told

@@ -15,7 +15,7 @@ from etcfit.control.pid import Gains
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.feedforward import bias_of, hold_curve
 from etcfit.control.pid.linear_loop import respond
-from etcfit.control.pid.setpoint import step, trapezoid
+from etcfit.control.setpoint import step, trapezoid
 from etcfit.control.settings import LoopSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import State

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from etcfit.control.pid import Gains
-from etcfit.control.pid.front import FrontPoint, carried
-from etcfit.control.pid.manual import grids
-from etcfit.control.pid.optimal import Scores, best_of_several, cross_entropy
-from etcfit.control.pid.relay import swing_of
+from etcfit.control.pid.experiments import grids, swing_of
+from etcfit.control.pid.optimal import FrontPoint, Scores, best_of_several, carried, cross_entropy
 from etcfit.control.settings import ManualSettings, OptimumSettings
 
 BEST = np.log((20.0, 300.0, 0.3))

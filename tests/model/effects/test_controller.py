@@ -16,7 +16,7 @@ from etcfit.model.effects import COMMANDING, EFFECTS, AbstractEffect, Contributi
 from etcfit.model.effects.controller import Controller
 from etcfit.model.parameters import parameters_of
 from etcfit.model.throttle import Throttle, followed
-from etcfit.rig.controlled import NOMINAL
+from etcfit.rig.driven import NOMINAL_GAINS
 from etcfit.rig.ecu import GAINS
 
 GAIN = {"K_p": 6.0, "K_i": 40.0, "K_d": 0.12}
@@ -129,4 +129,4 @@ def test_it_is_no_candidate_and_its_memories_are_followed() -> None:
 def test_every_parameter_is_a_gain_or_a_constant_of_the_ecu() -> None:
     symbols = {p.symbol for p in parameters_of(Controller)}
     assert symbols == {*GAINS.values(), *Ecu().constants}
-    assert set(NOMINAL) == set(GAINS.values())
+    assert set(NOMINAL_GAINS) == set(GAINS.values())

@@ -14,7 +14,7 @@ from etcfit.control.judged import Tuned
 from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid import Requirements
 from etcfit.control.pid.base import Task
-from etcfit.control.pid.front import FrontPoint
+from etcfit.control.pid.optimal import FrontPoint
 from etcfit.control.settings import DesignSettings
 from etcfit.reporting.control.front import draw
 from partial import partial

@@ -14,14 +14,15 @@ from matplotlib.image import imread
 import diagnoses
 import results
 from etcfit.api.progress import silent
-from etcfit.api.saving import keep_diagnosis, keep_fit
+from etcfit.api.work import keep_diagnosis, keep_fit
 from etcfit.diagnosis.findings import Diagnosis, SetAside
 from etcfit.reporting import draw_others
 from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
-from etcfit.run_folder import RunFolder, load_diagnosis
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.state import load_diagnosis
 
 
 @pytest.fixture(scope="module")

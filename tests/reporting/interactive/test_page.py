@@ -28,7 +28,8 @@ from etcfit.reporting.interactive.lights import Light, lights
 from etcfit.reporting.interactive.printed_model import simulation
 from etcfit.reporting.interactive.render import SCRIPTS, part
 from etcfit.reporting.pictures import all_traces
-from etcfit.run_folder import RunFolder, save_fit
+from etcfit.run_folder.folder import RunFolder
+from etcfit.run_folder.state import save_fit
 
 LIMIT = 8_000_000
 TWIN = Path(__file__).resolve().parents[3] / "measurements" / "bench_twin"

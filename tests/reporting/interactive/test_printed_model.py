@@ -18,10 +18,10 @@ import pytest
 import results
 import rigs
 from bodies import OPEN, N
+from etcfit.control.loop_figures import judge
 from etcfit.control.pid import Gains
-from etcfit.control.pid.judge import judge
-from etcfit.control.pid.setpoint import trapezoid
-from etcfit.control.pid.sliding import Sliding
+from etcfit.control.pid.feedforward import Sliding
+from etcfit.control.setpoint import trapezoid
 from etcfit.estimation.ready import ready
 from etcfit.estimation.result import FitResult
 from etcfit.files import plain

@@ -1,0 +1,274 @@
+"""A diagnosis and a posterior as a notebook holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from ..diagnosis.findings import Diagnosis
+from ..posterior.sampling import Posterior
+from ..posterior.summary import Marginal
+from ..problem.prediction_error import pooled
+from ..reporting.numbers import Digits, short
+from . import views
+from .fit import Fit
+from .views import candidate_frame, indexed, ledger_frame, numbers
+
+if TYPE_CHECKING:
+    from .plots import DiagnosisPlots, PosteriorPlots
+
+_SHOWN = 30  # rows of the ledger in a notebook
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosed:
+    """What a model lacked: `etcfit.diagnose(fit)`.
+
+    Args:
+        diagnosis: in full.
+    """
+
+    diagnosis: Diagnosis
+
+    @cached_property
+    def before(self) -> Fit:
+        """The fit that was diagnosed."""
+        return Fit(self.diagnosis.before)
+
+    @cached_property
+    def final(self) -> Fit:
+        """The fit of the model with what was found."""
+        return Fit(self.diagnosis.after)
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Effects that were found, in that order."""
+        return self.diagnosis.added
+
+    @property
+    def verdict(self) -> str:
+        """The whole in a few sentences."""
+        return " ".join(self.diagnosis.verdict)
+
+    @property
+    def ties(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that these data cannot tell apart."""
+        return tuple(tie.effects for tie in self.diagnosis.ties)
+
+    @property
+    def unexplained(self) -> str | None:
+        """What no effect explains, in a sentence."""
+        return None if self.diagnosis.unexplained is None else self.diagnosis.unexplained.sentence
+
+    @property
+    def ledger(self) -> pd.DataFrame:
+        """Free-running error before and after, one row a file and channel, fitted and held out."""
+        return ledger_frame(self.diagnosis)
+
+    @property
+    def candidates(self) -> pd.DataFrame:
+        """Every effect that was tried, one row a round and effect."""
+        return candidate_frame(self.diagnosis)
+
+    @property
+    def plot(self) -> DiagnosisPlots:
+        """Pictures: `plot.ledger()`, `plot.missing_torque()`, `plot.trace(file)`, ..."""
+        from .plots import DiagnosisPlots
+
+        return DiagnosisPlots(self.diagnosis)
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit diagnose` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.diagnosis.table import diagnosis_table
+
+        return render(diagnosis_table(self.diagnosis), width)
+
+    def save(self, run: str | Path) -> Path:
+        """Write the diagnosis, and the fit that it began from, to a run folder, whole.
+
+        Args:
+            run: made if absent.
+        """
+        from ..run_folder.folder import RunFolder
+        from .work import keep_diagnosis, keep_fit
+
+        folder = RunFolder(run)
+        keep_fit(folder, self.diagnosis.before)
+        keep_diagnosis(folder, self.diagnosis)
+        return Path(run)
+
+    @property
+    def _errors(self) -> list[str]:
+        """How far both models are off on average, fitted and held out."""
+        was, now = self.diagnosis.before, self.diagnosis.after
+        pairs = {"fitted": (was.score_fit, now.score_fit), "held out": (was.score_holdout, now.score_holdout)}
+        return [f"{name}: rms error {short(pooled(a))} -> {short(pooled(b))} sigma"
+                for name, (a, b) in pairs.items() if a and b]  # fmt: skip
+
+    @property
+    def _alarm(self) -> str:
+        return "" if self.final.converged else f"THE FINAL FIT DID NOT CONVERGE, NOT CONVERGED: {self.final.reason}"
+
+    def __repr__(self) -> str:
+        return views.block(
+            f"Diagnosis of {views.name_of(self.diagnosis.after.rig.config)}: "
+            f"{len(self.diagnosis.rounds)} rounds, found {', '.join(self.added) or 'nothing'}",
+            self._alarm,
+            *self._errors,
+            self.verdict,
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(r["file"], r["channel"], "held out" if r["held_out"] else "fitted",
+                 short(r["before"]), short(r["after"]), r["unit"],
+                 short(r["before_in_sigma"]), short(r["after_in_sigma"]))
+                for r in self.ledger.reset_index().to_dict("records")]  # fmt: skip
+        rows.sort(key=lambda row: row[2] != "held out")
+        head = ("file", "channel", "", "before", "after", "unit", "before/sigma", "after/sigma")
+        more = f"... and {len(rows) - _SHOWN} more, see .ledger" if len(rows) > _SHOWN else ""
+        return views.card(
+            self.diagnosis.after.rig.config,
+            f"Eqs. 1-2 lack {', '.join(self.added)}" if self.added else "no effect added",
+            views.paragraph(self.verdict),
+            views.table(head, rows[:_SHOWN]),
+            views.paragraph(more),
+            views.folded("Warnings", self.final.warnings),
+            alarm=self._alarm,
+        )
+
+
+_CHAIN_HEAD = ("", "mean", "sd", "95 % interval", "unit", "status", "ESS", "R-hat")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Sampled:
+    """How sure: `etcfit.sample(fit)`.
+
+    Args:
+        posterior: every step of the chain.
+    """
+
+    posterior: Posterior
+
+    @cached_property
+    def fit(self) -> Fit:
+        """The fit it belongs to."""
+        return Fit(self.posterior.fit)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the chain is long enough to be called a posterior; `reason` says why (not)."""
+        return self.posterior.convergence.converged
+
+    @property
+    def reason(self) -> str:
+        return self.posterior.convergence.reason
+
+    @property
+    def parameters(self) -> pd.DataFrame:
+        """What moves, combinations among it, indexed by symbol: mean, sd, median, low, high (SI, 95 %), unit, status,
+        ess (independent draws), r_hat.
+
+        NaN where the status is "not identifiable": those draws show what was believed, not what was seen.
+        """
+        rows = self.posterior.marginals
+        keys = ("mean", "sd", "median", "low", "high")
+        figures = {key: numbers(None if _lost(m) else getattr(m, key) for m in rows.values()) for key in keys}
+        units = pd.Series([self.posterior.described[s][0] for s in rows], dtype="str")
+        status = pd.Series([m.status for m in rows.values()], dtype="str")
+        chain = {key: numbers(getattr(m, key) for m in rows.values()) for key in ("ess", "r_hat")}
+        return indexed(figures | {"unit": units, "status": status} | chain, list(rows))
+
+    @property
+    def draws(self) -> pd.DataFrame:
+        """Every draw after the burn-in, SI: a column a symbol, a row for each ensemble, step and walker."""
+        draws = self.posterior.draws
+        shape = next(iter(draws.values())).shape
+        index = pd.MultiIndex.from_product([range(n) for n in shape], names=["ensemble", "step", "walker"])
+        return pd.DataFrame({s: np.asarray(each).ravel() for s, each in draws.items()}, index=index)
+
+    @property
+    def plot(self) -> PosteriorPlots:
+        """Pictures: `plot.corner()`, `plot.intervals()`."""
+        from .plots import PosteriorPlots
+
+        return PosteriorPlots(self.posterior)
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit sample` prints, for `print`; without the profiles."""
+        from ..reporting.blocks import render
+        from ..reporting.posterior.table import posterior_table
+
+        return render(posterior_table(self.posterior, {}), width)
+
+    def save(self, run: str | Path, quiet: bool = False) -> Path:
+        """Write posterior.json, posterior.nc and the pictures to a run folder; profiles are computed for it.
+
+        Args:
+            run: made if absent.
+            quiet: show no progress.
+        Raises:
+            UsageError: another model lies in RUN.
+        """
+        from ..posterior.profile import profiles
+        from ..run_folder.folder import RunFolder
+        from .progress import working
+        from .work import keep_posterior
+
+        folder = RunFolder(run)
+        folder.refuse_other_model(self.posterior.fit)
+        with working(quiet) as report:
+            keep_posterior(folder, self.posterior, profiles(self.posterior, report), {}, report)
+        return Path(run)
+
+    @property
+    def _alarm(self) -> str:
+        return "" if self.converged else f"NOT CONVERGED, no posterior yet: {self.reason}"
+
+    @property
+    def _size(self) -> str:
+        here, chain = self.posterior.convergence, self.posterior.chain
+        return (f"{len(chain.ensembles)} ensembles, {here.steps} steps, {here.burn} of them burn-in, "
+                f"{short(here.effective)} effective samples")  # fmt: skip
+
+    def __repr__(self) -> str:
+        unit = {s: u for s, (u, _) in self.posterior.described.items()}
+        rows = self.posterior.marginals
+        lost = [s for s, m in rows.items() if _lost(m)]
+        return views.block(
+            f"Posterior of {views.name_of(self.posterior.fit.rig.config)}: {self._size}",
+            self._alarm,
+            f"not identifiable: {', '.join(lost)}" if lost else "",
+            "; ".join(f"{s} {_figures(m)[0]} ± {_figures(m)[1]} {unit[s]}" for s, m in rows.items() if not _lost(m)),
+        )
+
+    def _repr_html_(self) -> str:
+        unit = {s: u for s, (u, _) in self.posterior.described.items()}
+        rows = [[views.Cell(text, _lost(m)) for text in (s, *_figures(m), unit[s], m.status, short(m.ess),
+                                                         f"{m.r_hat:.3f}")]
+                for s, m in self.posterior.marginals.items()]  # fmt: skip
+        return views.card(
+            self.posterior.fit.rig.config,
+            "posterior",
+            views.paragraph(self._size),
+            views.table(_CHAIN_HEAD, rows),
+            alarm=self._alarm,
+        )
+
+
+def _lost(m: Marginal) -> bool:
+    return m.status == "not identifiable"
+
+
+def _figures(m: Marginal) -> tuple[str, str, str]:
+    """Mean, sd and interval."""
+    if _lost(m):
+        return "-", "-", "-"
+    digits = Digits.of(m.mean, m.sd)
+    return digits(m.mean), digits(m.sd), digits.span(m.low, m.high)

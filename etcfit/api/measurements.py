@@ -1,0 +1,391 @@
+"""What is said of measurements without a fit, as a notebook holds it: check, advice, next tests, logs from the car."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..car_log import Study, record_next
+from ..car_log.steps import Step
+from ..car_log.study import verdict
+from ..errors import UsageError
+from ..experiment.advice import Advice, Option
+from ..experiment.campaign import Campaign, remark
+from ..experiment.check import CheckResult
+from ..reporting.numbers import short
+from ..rig.base import RigConfig
+from . import views
+from .views import indexed, numbers, texts
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Checked:
+    """What is in a measurement folder, and what it can identify: `etcfit.check(rig)`.
+
+    Args:
+        result: in full.
+    """
+
+    result: CheckResult
+
+    @property
+    def traces(self) -> pd.DataFrame:
+        """Indexed by file: test, held_out, samples, duration (s), rate (Hz), gaps, channels."""
+        every = self.result.traces
+        columns = {
+            "test": texts(t.test for t in every),
+            "held_out": np.array([t.held_out for t in every], dtype=bool),
+            "samples": np.array([t.clock.samples for t in every], dtype=np.int64),
+            "duration": numbers(t.clock.duration for t in every),
+            "rate": numbers(t.clock.rate for t in every),
+            "gaps": np.array([t.clock.gaps for t in every], dtype=np.int64),
+            "channels": texts(", ".join(c.name for c in t.channels) for t in every),
+        }
+        return indexed(columns, [t.file for t in every], "file")
+
+    @property
+    def findings(self) -> pd.DataFrame:
+        """Mistakes and habits of the rig itself, indexed by kind: test, file, channel ("" where it is none in
+        particular), size, unit, chance, found, mend, and sure: physics rules the data out, and `fit` refuses them.
+        """
+        every = self.result.rig.findings
+        columns = {key: texts(getattr(f, key) or "" for f in every) for key in ("test", "file", "channel")}
+        columns |= {key: numbers(getattr(f, key) for f in every) for key in ("size", "chance")}
+        columns |= {key: texts(getattr(f, key) for f in every) for key in ("unit", "found", "mend")}
+        columns |= {"sure": np.array([f.sure for f in every], dtype=bool)}
+        order = ("test", "file", "channel", "size", "unit", "chance", "found", "mend", "sure")
+        return indexed({key: columns[key] for key in order}, [f.kind for f in every], "kind")
+
+    @property
+    def not_identifiable(self) -> tuple[str, ...]:
+        """Symbols that these data cannot determine; () where nothing can be fitted, see `why_not`."""
+        return () if self.result.identifiability is None else self.result.identifiability.lost
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        """What these data cannot tell, or hardly, and what would: a sentence each."""
+        return self.result.directions
+
+    @property
+    def why_not(self) -> str:
+        """Why nothing can be fitted, or ""."""
+        return self.result.why_not
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know."""
+        return self.result.warnings
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit check` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.check_table import check_table
+
+        return render(check_table(self.result), width)
+
+    @property
+    def _verdict(self) -> str:
+        return f"not identifiable: {', '.join(self.not_identifiable) or 'none'}"
+
+    @property
+    def _alarm(self) -> str:
+        return f"NOTHING CAN BE FITTED: {self.why_not}" if self.why_not else ""
+
+    def __repr__(self) -> str:
+        tests = ", ".join(dict.fromkeys(t.test for t in self.result.traces))
+        return views.block(
+            f"Check of {views.name_of(self.result.rig.config)}: {len(self.result.traces)} traces ({tests})",
+            self._alarm or self._verdict,
+            views.count_of(self.warnings),
+            *self.directions,
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [(t.file, str(t.clock.samples), short(t.clock.duration), short(t.clock.rate),
+                 ", ".join(c.name for c in t.channels), "held out" if t.held_out else "")
+                for t in self.result.traces]  # fmt: skip
+        return views.card(
+            self.result.rig.config,
+            "what these traces can identify",
+            "" if self._alarm else views.paragraph(self._verdict),
+            views.table(("file", "samples", "duration s", "rate Hz", "channels", ""), rows),
+            views.folded("Mistakes and habits of the rig", [str(f) for f in self.result.rig.findings]),
+            views.folded("What these data cannot tell, or hardly", self.directions),
+            views.folded("Warnings", [w for w in self.warnings if w not in map(str, self.result.rig.findings)]),
+            alarm=self._alarm,
+        )
+
+
+_ADVICE_HEAD = ("test", "how", "mean", "separates")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Advised:
+    """What one more trace of each rig test would tell: `etcfit.advise(rig)`.
+
+    Args:
+        advice: in full.
+    """
+
+    advice: Advice
+
+    @property
+    def options(self) -> pd.DataFrame:
+        """One more trace each, best first, indexed by rig test: how it is made, again (it repeats a trace that is
+        there), mean (geometric, of the widths), separates (the pair that it tells apart best, or ""), remark (what was
+        assumed)."""
+        every = self.advice.options
+        columns = {
+            "how": texts(option.says for option in every),
+            "again": np.array([option.again for option in every], dtype=bool),
+            "mean": numbers(option.mean for option in every),
+            "separates": texts(_pair(option) for option in every),
+            "remark": texts(option.remark for option in every),
+        }
+        return indexed(columns, [option.test for option in every], "test")
+
+    @property
+    def widths(self) -> pd.DataFrame:
+        """Width of each parameter's interval after it, as a share of what it is now; rows as in `options`."""
+        every = self.advice.options
+        columns = {
+            symbol: numbers(float(option.shrinks[k]) for option in every)
+            for k, symbol in enumerate(self.advice.symbols)
+        }
+        return indexed(columns, [option.test for option in every], "test")
+
+    @property
+    def stderr(self) -> pd.Series:
+        """Standard errors now, relative: of a factor, where a parameter is positive; by symbol."""
+        return pd.Series(self.advice.sd, index=pd.Index(self.advice.symbols, name="symbol"), name="stderr")
+
+    @property
+    def not_judged(self) -> dict[str, str]:
+        """Rig tests that no trace can be simulated of, with the reason."""
+        return dict(self.advice.not_judged)
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit check --advise` prints, for `print`."""
+        from ..reporting.advice import advice_table
+        from ..reporting.blocks import render
+
+        return render(advice_table(self.advice), width)
+
+    def save(self, run: str | Path) -> Path:
+        """Write advice.json.
+
+        Args:
+            run: the folder; made if absent.
+        """
+        from ..run_folder.plan import save_advice
+
+        save_advice(Path(run), self.advice)
+        return Path(run)
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        return [(o.test, o.says, f"{o.mean:.2f}", _pair(o)) for o in self.advice.options]
+
+    def __repr__(self) -> str:
+        lines = [f"{test}, {how}: {mean}" for test, how, mean, _ in self._rows()]
+        name = views.name_of(self.advice.rig.config)
+        return views.block(f"One more trace for {name}, best first; mean width of an interval after it", *lines)
+
+    def _repr_html_(self) -> str:
+        return views.card(
+            self.advice.rig.config,
+            "what one more trace would tell; mean: width of an interval after it, as a share of now",
+            views.table(_ADVICE_HEAD, self._rows()),
+            views.folded("Not judged", [f"{test}: {why}." for test, why in self.advice.not_judged]),
+        )
+
+
+def _pair(option: Option) -> str:
+    return "" if option.separates is None else " and ".join(option.separates.symbols)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Planned:
+    """The next tests, as files to play: `etcfit.plan(fit)`.
+
+    Args:
+        campaign: in full.
+    """
+
+    campaign: Campaign
+
+    @property
+    def tests(self) -> pd.DataFrame:
+        """In the order in which they are made, indexed by file: test, how, seconds, current (largest, A), temperature
+        (of the winding, highest, degC), pause (s, after it), remark (what was assumed)."""
+        every, ambient = self.campaign.tests, self.campaign.settings.ambient
+        columns = {
+            "test": texts(t.candidate.plan.test for t in every),
+            "how": texts(t.candidate.plan.says for t in every),
+            "seconds": numbers(t.candidate.seconds for t in every),
+            "current": numbers(float(np.abs(t.forecast.shown.get("current", np.zeros(1))).max()) for t in every),
+            "temperature": numbers(ambient + float(t.forecast.warmth.max()) for t in every),
+            "pause": numbers(t.pause for t in every),
+            "remark": texts(remark(t, self.campaign.setting) for t in every),
+        }
+        return indexed(columns, [t.file for t in every], "file")
+
+    @property
+    def stderr(self) -> pd.DataFrame:
+        """Relative standard errors by symbol: now, expected (after all tests)."""
+        columns = {"now": self.campaign.now, "expected": self.campaign.expected}
+        return indexed(columns, list(self.campaign.symbols), "symbol")
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit plan` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.plan_sheet import plan_table
+
+        return render(plan_table(self.campaign), width)
+
+    def save(self, plan: str | Path) -> Path:
+        """Write plan.json, the files to play, the procedure sheet and the folder for the records, whole or not at all.
+
+        Args:
+            plan: the folder; must not exist, or be empty.
+        Raises:
+            UsageError: it holds something already.
+        """
+        from ..datasets.base import whole_folder, write_files
+        from ..files import write_json
+        from ..reporting.plan_sheet import write_sheet
+        from ..run_folder.plan import plan_json, play_files, waiting_folder
+
+        to = Path(plan)
+        with whole_folder(to) as draft:
+            write_files(draft, play_files(self.campaign) | waiting_folder(self.campaign))
+            write_json(draft / "plan.json", "plan", plan_json(self.campaign))
+            write_sheet(draft, self.campaign)
+        return to
+
+    def _rows(self) -> list[tuple[str, str]]:
+        return [(test.file, test.candidate.plan.says) for test in self.campaign.tests]
+
+    def __repr__(self) -> str:
+        name = views.name_of(self.campaign.rig.config)
+        return views.block(f"The next tests for {name}", *(f"{file}: {how}" for file, how in self._rows()))
+
+    def _repr_html_(self) -> str:
+        return views.card(self.campaign.rig.config, "the next tests", views.table(("record as", "how"), self._rows()))
+
+
+_LOG_HEAD = ("log", "seconds", "share between", "dominant Hz", "RMSE %", "lag ms", "verdict")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Driven:
+    """Operating range, spectrum, tracking and verdict of logs from the car: `etcfit.drive(folder)`.
+
+    Args:
+        config: of the rig, or what stands for it where no rig.toml lies beside the logs.
+        studies: a log each.
+    """
+
+    config: RigConfig
+    studies: tuple[Study, ...]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
+        lag_s, lag_stderr, demand_pct_s; NaN where a log does not tell.
+        """
+        every = self.studies
+        columns = {
+            "seconds": numbers(float(np.ptp(s.log.position.time)) for s in every),
+            "share_between": numbers(s.usage.between for s in every),
+            "dominant_hz": numbers(None if s.spectrum is None else s.spectrum.dominant for s in every),
+            "half_hz": numbers(None if s.spectrum is None else s.spectrum.half for s in every),
+            "rmse_pct": numbers(None if s.tracking is None else s.tracking.rmse for s in every),
+            "rmse_stderr": numbers(None if s.tracking is None else s.tracking.stderr for s in every),
+            "lag_s": numbers(None if s.tracking is None else s.tracking.lag for s in every),
+            "lag_stderr": numbers(None if s.tracking is None else s.tracking.lag_stderr for s in every),
+            "demand_pct_s": numbers(None if s.tracking is None else s.tracking.demand for s in every),
+        }
+        return indexed(columns, [s.log.name for s in every], "log")
+
+    @cached_property
+    def verdict(self) -> str:
+        """What changed from the first log to the second, where there are two; else ""."""
+        return verdict(*self.studies) if len(self.studies) == 2 else ""
+
+    @property
+    def good_enough(self) -> dict[str, str]:
+        """For each log whether it is good enough, and why not."""
+        return {each.log.name: each.verdict.says for each in self.studies}
+
+    @property
+    def judgements(self) -> pd.DataFrame:
+        """A row a threshold, indexed by log and name: value, limit, unit, word ("good", "not good", "cannot be said"),
+        where, source (of the threshold), at_least.
+        """
+        rows = [{"log": s.log.name} | asdict(j) for s in self.studies for j in s.verdict.judgements]
+        return pd.DataFrame(rows).set_index(["log", "name"])
+
+    @property
+    def steps(self) -> pd.DataFrame:
+        """Every step of the setpoint, indexed by log: begin, held (s), before, after, overshoot (% of the step),
+        settling, lag (s), error, rms, band (% of travel); see `car_log.steps.Step`.
+        """
+        rows = [{"log": s.log.name} | asdict(step) for s in self.studies for step in s.steps]
+        names = ["log", *(field.name for field in fields(Step))]
+        return pd.DataFrame(rows, columns=names).set_index("log")
+
+    @property
+    def sensors(self) -> pd.DataFrame:
+        """What to type into an ECU for both sensors, indexed by log: ecu, name, value, unit."""
+        pairs = [(s.log.name, s.sensors) for s in self.studies if s.sensors is not None]
+        rows = [{"log": name} | asdict(setting) for name, pair in pairs for setting in pair.table]
+        return pd.DataFrame(rows, columns=["log", "ecu", "name", "value", "unit"]).set_index("log")
+
+    @property
+    def record_next(self) -> pd.DataFrame:
+        """What to record next, indexed by the moves that lack: found, needed, unit, record (what to do), why."""
+        every = record_next([study.log for study in self.studies])
+        return pd.DataFrame([asdict(lack) for lack in every]).set_index("name")
+
+    def plot(self, name: str) -> np.ndarray:
+        """Operating range, spectrum and the busiest seconds of one log; Axes, shape (3,).
+
+        Args:
+            name: of the log, as in `table`.
+        Raises:
+            UsageError: there is no such log.
+        """
+        from .plots import log_panels
+
+        known = {study.log.name: study for study in self.studies}
+        if name not in known:
+            raise UsageError(f"no log is called {name!r}. There are: {', '.join(known)}.")
+        return log_panels(self.config, known[name])
+
+    def summary(self, width: int = 140) -> str:
+        """What `etcfit drive` prints, for `print`."""
+        from ..reporting.blocks import render
+        from ..reporting.car_log import drive_table
+
+        return render(drive_table(self.config, self.studies), width)
+
+    def __repr__(self) -> str:
+        lines = [f"{r[0]}: {r[1]} s, RMSE {r[4]} %, lag {r[5]} ms. {r[6]}" for r in self._rows()]
+        return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        from ..reporting.car_log.tables import in_a_word
+
+        words_of = {each.log.name: in_a_word(each.verdict) for each in self.studies}
+        return [(r["log"], f"{r['seconds']:.0f}", short(r["share_between"]), short(r["dominant_hz"]),
+                 short(r["rmse_pct"]), short(1e3 * r["lag_s"]), words_of[r["log"]])
+                for r in self.table.reset_index().to_dict("records")]  # fmt: skip
+
+    def _repr_html_(self) -> str:
+        return views.card(
+            self.config, "logs from the car", views.table(_LOG_HEAD, self._rows()), views.paragraph(self.verdict)
+        )

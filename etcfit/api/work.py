@@ -1,0 +1,350 @@
+"""What verbs and stages do alike: from a fit to its linear plant, to gains, to the files of another program; and what
+each step leaves in a run folder, files and pictures together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ..errors import UsageError, command
+from ..files import held
+from ..run_folder.folder import RunFolder
+from ..run_folder.manifest import FLEET, NOT_CONVERGED
+from .progress import Report, silent
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..car_log.log import Series
+    from ..control.design import Design
+    from ..control.frequency import FrequencyResponse
+    from ..control.linearise import Reduction
+    from ..control.request import DesignRequest
+    from ..control.settings import DesignSettings, FrequencySettings
+    from ..diagnosis.findings import Diagnosis
+    from ..estimation.fitted_model import Fitted, FleetModel
+    from ..estimation.result import FitResult
+    from ..exporting import ExportSettings, Format
+    from ..model.ecu import Ecu
+    from ..model.ecus import EcuProfile
+    from ..posterior.profile import Profile
+    from ..posterior.sampling import Posterior
+    from ..reporting.page import Page
+    from ..rig.base import RigConfig
+    from .progress import Report
+
+
+class Plant(NamedTuple):
+    """The linear plant of a fit.
+
+    Args:
+        reduction: about a plate held at a share of its travel.
+        response: what the sine traces say; None where the rig has none.
+    """
+
+    reduction: Reduction
+    response: FrequencyResponse | None
+
+
+def plant_of(
+    result: FitResult,
+    input_unit: str,
+    output_unit: str,
+    share: float,
+    report: Report,
+    settings: FrequencySettings | None = None,
+) -> Plant:
+    """Linearise a fitted model, and fit the rig's sine traces where it has some.
+
+    Args:
+        result: the fit.
+        input_unit, output_unit, share: as `control.linearise.reduce` takes them.
+        report: progress.
+        settings: which sine traces count; the defaults where None.
+    """
+    from ..control.frequency import frequency_response
+    from ..control.linearise import motor_constants, reduce, stops
+    from ..control.settings import FrequencySettings
+    from ..rig.driven import Sine
+
+    report("linearising", 0.3)
+    fitted, sines = result.fitted(), tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)
+    reduction = reduce(fitted, input_unit, output_unit, share)
+    reduction = replace(reduction, constants=motor_constants(fitted, *stops(fitted), share))
+    if not sines:
+        return Plant(reduction, None)
+    report("fitting sines", 0.6)
+    return Plant(reduction, frequency_response(fitted, sines, settings or FrequencySettings()))
+
+
+def design_of(
+    fitted: Fitted,
+    asked: DesignRequest,
+    drawn: np.ndarray | None,
+    report: Report,
+    settings: DesignSettings | None = None,
+) -> Design:
+    """Gains by every rule for an ECU that reads the position by an ADC over its travel.
+
+    Args:
+        fitted: the model.
+        asked: what gains are asked for.
+        drawn: coordinates of further models, shape (D, P), or None.
+        report: progress.
+        settings: draws, and the budgets of simulation and rules; the defaults where None.
+    Raises:
+        MeasurementError: the log cannot be read, or has no setpoint.
+        UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
+    """
+    from ..control.design import design
+    from ..control.fleet import design_for_parts
+    from ..control.pid import Requirements
+    from ..control.settings import DesignSettings
+
+    computer, make = _computer(fitted, asked)
+    log = None if asked.log is None else setpoint_of(Path(asked.log), fitted.config)
+    given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
+             settings or DesignSettings(), make, log)  # fmt: skip
+    if asked.parts is None:
+        found = design(fitted, *given, present=asked.present)
+    else:
+        from ..run_folder.fleet import parts_of
+
+        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given, present=asked.present)
+    return replace(found, anyway=True) if asked.anyway else found
+
+
+def fleet_design_of(
+    model: FleetModel, asked: DesignRequest, report: Report, settings: DesignSettings | None = None
+) -> Design:
+    """Gains by every rule that nearly all units of a fleet meet the requirements with.
+
+    Args:
+        model: the units.
+        asked, report, settings: see `design_of`; no `parts`.
+    Raises:
+        MeasurementError, UsageError: as `design_of`.
+    """
+    from ..control.fleet import design_for_fleet, future_units
+    from ..control.pid import Requirements
+    from ..control.settings import DesignSettings
+
+    computer, make = _computer(model.nominal, asked)
+    log = None if asked.log is None else setpoint_of(Path(asked.log), model.config)
+    return design_for_fleet(
+        model,
+        computer,
+        Requirements(**asked.limits),
+        asked.rule,
+        future_units(model),
+        asked.feed_forward,
+        report,
+        settings or DesignSettings(),
+        profile=make,
+        log=log,
+        present=asked.present,
+    )
+
+
+def _computer(fitted: Fitted, asked: DesignRequest) -> tuple[Ecu, EcuProfile | None]:
+    """The ECU by what is given of it and what its make fixes."""
+    from ..control.design import ecu_of
+    from ..control.linearise import stops
+    from ..model.ecus import named
+
+    make, ecu = None if asked.profile is None else named(asked.profile), asked.ecu
+    if make is not None:
+        if clash := make.clashes(ecu):
+            raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
+        ecu = make.completed(ecu)
+    lower, upper = stops(fitted)
+    return ecu_of(fitted, **({"resolution": (upper - lower) / 2**asked.adc_bits} | dict(ecu))), make
+
+
+def setpoint_of(path: Path, config: RigConfig) -> Series:
+    """What the ECU asked of the plate in a log from the car, per cent of the travel.
+
+    Raises:
+        MeasurementError: the log cannot be read, or has no setpoint.
+    """
+    from ..car_log.read import read_log
+    from ..errors import MeasurementError
+
+    log = read_log(path, config, "rig.toml")
+    if log.setpoint is None:
+        raise MeasurementError(str(path), "no setpoint among its columns.", "Gains are tried on what a log asks for.",
+                               log.hint)  # fmt: skip
+    return log.setpoint
+
+
+class Exported(NamedTuple):
+    """An export on the disk.
+
+    Args:
+        files: where they are.
+        cannot_hold: what the format leaves out, a sentence each; the files say so too.
+    """
+
+    files: tuple[Path, ...]
+    cannot_hold: tuple[str, ...]
+
+
+def exported(
+    result: FitResult,
+    to: Format,
+    folder: Path,
+    settings: ExportSettings,
+    pid: Mapping[str, Any] | None,
+    run: Path | None,
+    into: Path | None = None,
+    anyway: bool = False,
+) -> Exported:
+    """Write a model in a format.
+
+    Args:
+        result: the fit.
+        to: the format.
+        folder: that takes the files; made if absent.
+        settings: step and operating point.
+        pid: the object of pid.json; None where no gains were designed.
+        run: the run folder, for messages; None where there is none.
+        into: the user's own file of that format, of which a copy is changed; None for a new file.
+        anyway: see `Source`.
+    """
+    from ..errors import command
+    from ..exporting import Source, write
+
+    source = Source(result.fitted(), settings, pid, command("design", run or "RUN"), into, anyway)
+    made = to.export(source)
+    return Exported(write(made, folder), made.cannot_hold)
+
+
+def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:
+    """fit.json, the fit whole, and the picture that sums it up."""
+    from ..reporting import clear_for_fit, draw_fit
+
+    with held(run.path):
+        run.keep_fit(result, lambda _: clear_for_fit(run.path))
+        with _all_is_saved(run):
+            draw_fit(run.path, result, report)
+
+
+def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) -> None:
+    """diagnosis.json, the diagnosis whole with the fit it began from, and the pictures that sum it up."""
+    from ..reporting import clear_for_diagnosis, draw_diagnosis
+
+    with held(run.path):
+        run.keep_diagnosis(found, lambda _: clear_for_diagnosis(run.path, found))
+        with _all_is_saved(run):
+            draw_diagnosis(run.path, found, report)
+
+
+@contextmanager
+def _all_is_saved(run: RunFolder) -> Iterator[None]:
+    """Ctrl-C says what is kept.
+
+    Raises:
+        KeyboardInterrupt: as it came, with a message.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(
+            f"interrupted while pictures were drawn. All results are in {run.path}; "
+            f"`{command('report', run.path)}` draws the pictures that are missing."
+        ) from None
+
+
+def keep_page(run: RunFolder, report: Report = silent) -> Page:
+    """RUN/report.html, and the pictures that it shows.
+
+    Where the models cannot be loaded any more, as when the measurements have changed since, the page shows the pictures
+    that are there, and `missing` says why.
+    """
+    from ..reporting import draw_others
+    from ..reporting.page import write_page
+    from ..reporting.page.contents import read_run
+
+    read_run(run.path)  # says what is wrong with RUN before anything is drawn
+    missing = ""
+    with held(run.path):
+        try:
+            with _all_is_saved(run):
+                draw_others(run, report)
+        except UsageError as error:
+            missing = f"Some pictures cannot be drawn any more: {error}"
+        return replace(write_page(run.path), missing=missing)
+
+
+def keep_posterior(
+    run: RunFolder,
+    posterior: Posterior,
+    profiles: Mapping[str, Profile],
+    settings: Mapping[str, Any],
+    report: Report = silent,
+) -> None:
+    """posterior.json, posterior.nc and pictures."""
+    from ..posterior.predictive import bands
+    from ..reporting import draw_posterior
+    from ..run_folder.posterior import save_posterior
+    from ..run_folder.state import exit_of
+
+    predicted = bands(posterior, report)
+    status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
+    save_posterior(run.path, posterior, profiles, predicted, status, {**asdict(posterior.settings), **settings},
+                   lambda draft: draw_posterior(draft, posterior, profiles, predicted, report))  # fmt: skip
+
+
+def keep_reduction(
+    run: RunFolder,
+    result: FitResult,
+    reduction: Reduction,
+    response: FrequencyResponse | None,
+    pade_order: int,
+    report: Report = silent,
+) -> None:
+    """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
+    from ..reporting import draw_frequency_response, draw_reduction
+    from ..run_folder.plant import save_reduction
+    from ..run_folder.state import exit_of
+
+    fitted = result.fitted()
+
+    def beside(draft: Path) -> None:
+        draw_reduction(draft, fitted, reduction, report)
+        if response is not None:
+            draw_frequency_response(draft, fitted, response, report)
+
+    settings = {
+        "input": reduction.input_unit,
+        "output": reduction.output_unit,
+        "at": reduction.share,
+        "pade_order": pade_order,
+        "frequency": None if response is None else asdict(response.settings),
+    }
+    save_reduction(run.path, fitted, reduction, response, exit_of(result), settings, beside)
+
+
+def keep_design(
+    run: RunFolder, result: FitResult, design: Design, settings: Mapping[str, Any], report: Report = silent
+) -> None:
+    """pid.json and the responses of every rule."""
+    from ..reporting import draw_design
+    from ..run_folder.design import save_design
+    from ..run_folder.state import exit_of
+
+    settings = {**asdict(design.settings), **settings}
+    save_design(
+        run.path, design, exit_of(result), settings, lambda draft: draw_design(draft, design, report),
+        _read_for(settings),
+    )  # fmt: skip
+
+
+def _read_for(settings: Mapping[str, Any]) -> list[Path]:
+    """Files outside of the run folder that gains asked for so were made from."""
+    log, parts = settings.get("log"), settings.get("parts")
+    return [*([Path(log)] if log else []), *([Path(parts) / FLEET] if parts else [])]

@@ -1,0 +1,133 @@
+"""Tuning rules that experiment on the nonlinear model: the paper's manual procedure, and an ECU's relay autotune."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from ...model.ecu import Ecu
+from ...model.linear import MIDDLE
+from ..loop_figures import LoopFigures
+from ..setpoint import step, trapezoid
+from ..settings import ManualSettings
+from .base import Refusal, Task
+from .ecu import Gains, quantised
+from .formulas import Ultimate, from_ultimate
+
+
+def manual(task: Task) -> Gains | Refusal:
+    """P until quick, D until calm, then a little I, turned on the nonlinear model as the paper turned them on the rig.
+
+    1. P alone: the smallest within 5 % of the least tracking error that P alone reaches.
+    2. D: raised until the overshoot is below a quarter of what is allowed, or, where none does that, the calmest.
+    3. I: the smallest that meets the steady-state error without breaking the overshoot; else the one with the least
+       error among those that keep the overshoot; else none.
+
+    Source: the paper, section 4.2. Differs from source: "quick" and "calm" are given numbers; the paper judged by eye.
+    """
+    loop, asked, setpoint = task.loop.first(1), task.requirements, trapezoid()
+    settings = task.settings.manual
+    proportional, integral, derivative = grids(settings)
+
+    def tried(p: np.ndarray, i: np.ndarray, d: np.ndarray) -> LoopFigures:
+        p, i, d = np.broadcast_arrays(p, i, d)
+        return loop.judged(Gains(p, i, d), setpoint).each(lambda figure: np.asarray(figure)[0])
+
+    quick = tried(proportional, np.zeros(1), np.zeros(1)).rmse_pct
+    kp = proportional[np.argmax(quick <= settings.quick * quick.min())]
+    if kp == proportional[-1]:
+        return Refusal(f"P alone tracks best at the largest gain tried, {kp:g} V/rad: raise highest in ManualSettings")
+    calm = tried(kp, np.zeros(1), derivative).overshoot_pct
+    below = calm < settings.calm * asked.overshoot_pct
+    kd = derivative[np.argmax(below)] if below.any() else derivative[np.argmin(calm)]
+    end = tried(kp, integral, kd)
+    keeps = end.overshoot_pct < asked.overshoot_pct
+    exact = keeps & (end.steady_state_error_pct < asked.steady_state_error_pct)
+    if exact.any():
+        return Gains(float(kp), float(integral[np.argmax(exact)]), float(kd))
+    error = np.where(keeps, end.steady_state_error_pct, np.inf)
+    return Gains(float(kp), float(integral[np.argmin(error)]) if keeps.any() else 0.0, float(kd))
+
+
+def grids(settings: ManualSettings) -> Gains:
+    """Values of each gain that are tried, rising, shape (count,) each: V/rad, V/(rad s) and V s/rad."""
+    (p, i, d), (p_end, i_end, d_end), n = settings.lowest, settings.highest, settings.count
+    return Gains(
+        np.geomspace(p, p_end, n),
+        np.concatenate(([0.0], np.geomspace(i, i_end, n - 1))),
+        np.concatenate(([0.0], np.geomspace(d, d_end, n - 1))),
+    )
+
+
+_HYSTERESIS = 0.005  # error at which the relay turns over, share of the travel
+_SWINGS = 0.06, 0.9, 12  # least and largest amplitude, shares of the supply, and how many; the least that swings counts
+_TURNS = 4  # of the swing in the second half of an experiment at least
+_CLEAR = 1.2  # swing over the hysteresis above which it counts
+
+
+class Relay(NamedTuple):
+    """v = bias + d or bias - d.
+
+    Args:
+        swing: d, V.
+        bias: V that hold the plate.
+        hysteresis: rad.
+    """
+
+    swing: Any
+    bias: Any
+    hysteresis: Any
+
+
+def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias: Any) -> Any:
+    """One tick of the relay: it turns over where the error has passed its hysteresis."""
+    error = setpoint - quantised(position, ecu.resolution)
+    side = jnp.where(error > relay.hysteresis, 1.0, jnp.where(error < -relay.hysteresis, -1.0, side))
+    volts = jnp.clip(relay.bias + side * relay.swing, -ecu.limit, ecu.limit)
+    return quantised(volts, ecu.pwm), side
+
+
+def relay(task: Task) -> Gains | Refusal:
+    """K_u = 4 d / (pi sqrt(a^2 - e^2)), P_u the period of the swing, on the nonlinear plant; then Ziegler-Nichols.
+
+    Source: Astrom and Hagglund 1984, Automatica 20(5). Differs from source: the experiment is made on the fitted model
+    with its friction, about the voltage that holds the plate, with the smallest relay that keeps it swinging.
+    """
+    found = experiment(task)
+    return found if isinstance(found, Refusal) else from_ultimate(found)
+
+
+def experiment(task: Task) -> Ultimate | Refusal:
+    """The relay's swing on the nominal plant."""
+    settings = task.settings.relay
+    nominal = task.loop.first(1).in_steps_of(settings.longest_step)
+    ecu, body = nominal.ecu, nominal.body
+    span = _HYSTERESIS * (body.upper - body.lower)
+    _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))
+    swings = np.geomspace(*_SWINGS) * ecu.supply
+    relays = Relay(jnp.asarray(swings), jnp.full(swings.shape, float(hold[0])), jnp.full(swings.shape, span))
+    path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, settings.hold, lead=0.0))
+    for swing, angle in zip(swings, np.asarray(path.position)[0], strict=True):
+        swung = swing_of(angle[angle.size // 2 :], ecu.period, _TURNS)
+        if swung is not None and swung[0] > _CLEAR * span:
+            amplitude, period = swung
+            return Ultimate(4.0 * swing / (math.pi * math.sqrt(amplitude**2 - span**2)), period)
+    return Refusal("no relay within the supply keeps the plate swinging")
+
+
+def swing_of(angle: np.ndarray, period: float, turns: int) -> tuple[float, float] | None:
+    """Amplitude (rad) and period (s) of an oscillation, None where it turns less often.
+
+    Args:
+        angle: rad, at even instants, shape (K,).
+        period: between them, s.
+        turns: rises through the middle at least.
+    """
+    middle = angle - 0.5 * (angle.max() + angle.min())
+    rises = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
+    if rises.size < turns:
+        return None
+    return 0.5 * float(np.ptp(angle)), float(np.mean(np.diff(rises))) * period

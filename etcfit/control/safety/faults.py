@@ -1,0 +1,253 @@
+"""Jam, failing sensor, sagging supply: what they do to a plate under its PID, and the check proposed against them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...model.linear import MIDDLE
+from ..pid.base import Task
+from ..pid.conditions import Conditions, corners, scattered, under
+from ..pid.ecu import Gains
+from ..pid.loop import Loop
+from ..setpoint import Setpoint
+from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of_setpoint, together, tried
+
+FAILS_AT = 0.6  # s for which a plate may settle before something fails
+WATCHED = 1.2  # s for which it is watched afterwards
+_THRESHOLDS = 40  # tried for the jam check, evenly spaced in the logarithm
+_CLOCK = 0.01  # to whose whole multiples a timeout is rounded up, s
+_RECOVERED = 0.01  # distance from the setpoint at which a plate is back after a dip, share of the travel
+
+
+@dataclass(frozen=True)
+class JamCheck:
+    """A proposed pair.
+
+    Args:
+        error: beyond which the plate counts as stuck, share of the travel.
+        timeout: after which it does, s.
+        longest: for how long a sound throttle is further off, s.
+        sustained: error that a sound throttle keeps up for the timeout, share of the travel.
+        tells: by scenario, s from a change of the setpoint until a plate that is held where it is is told; None where
+            the setpoint does not ask for enough.
+    """
+
+    error: float
+    timeout: float
+    longest: float
+    sustained: float
+    tells: dict[str, float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """How far off a sound throttle is: over all scenarios, draws and conditions.
+
+    Args:
+        errors: thresholds, shares of the travel, rising, shape (T,).
+        longest: s for which the error was larger without a break, the longest of all, shape (T,).
+        models: how many were tried.
+        largest: error of all, share of the travel.
+    """
+
+    errors: np.ndarray
+    longest: np.ndarray
+    models: int
+    largest: float
+
+
+def envelope(task: Task, gains: Gains) -> Envelope:
+    """Every draw under conditions of its own, and the nominal model at their corners, in every scenario.
+
+    The error is the ECU's own: setpoint less what its sensor shows, noise and lag in it.
+    """
+    ranges, settings, setpoint = task.settings.conditions, task.settings.safety, task.setpoint
+    draws, ends = task.loop.draws, corners(ranges)
+    anywhere = scattered(ranges, draws, np.random.default_rng(ranges.seed))
+    conditions = Conditions(*(np.concatenate(each) for each in zip(anywhere, ends, strict=True)))
+    which = np.concatenate((np.arange(draws), np.zeros(ends.supply.size, dtype=int)))
+    loop = under(task.loop.taking(which), conditions, ranges)
+    time = setpoint.instants(task.ecu.period)
+    asked = setpoint.at(time)
+    seen = tried(loop, together([of_setpoint(loop, gains, asked)]), float(asked[0]))
+    error = (asked - loop.share(seen.shown[:, 0]))[:, time >= setpoint.judged_from]
+    errors = np.geomspace(settings.least, settings.most, _THRESHOLDS)
+    longest = task.ecu.period * np.array([np.max(longest_above(error, level)) for level in errors])
+    return Envelope(errors, longest, loop.draws, float(np.max(np.abs(error))))
+
+
+def proposed(found: Envelope, task: Task) -> JamCheck | None:
+    """The least threshold whose timeout, with a reserve, is short enough; None where none is."""
+    settings, period = task.settings.safety, task.ecu.period
+    needed = np.maximum(settings.reserve * found.longest, period)
+    timeouts = _CLOCK * np.ceil(needed / _CLOCK - 1e-9)
+    fit = np.flatnonzero(timeouts <= settings.within + 1e-9)
+    if not fit.size:
+        return None
+    k = int(fit[0])
+    error, timeout = float(found.errors[k]), float(timeouts[k])
+    lasting = np.flatnonzero(found.longest >= timeout)
+    sustained = float(found.errors[lasting[-1]]) if lasting.size else 0.0
+    tells = {name: detection_time(task.setpoint, name, error, timeout, period) for name in task.setpoint.scenarios}
+    return JamCheck(error, timeout, float(found.longest[k]), sustained, tells)
+
+
+def detection_time(setpoint: Setpoint, scenario: str, error: float, timeout: float, period: float) -> float | None:
+    """Detection time of a plate that has been stuck since the first change of a scenario, s; None if never."""
+    levels = setpoint.only(scenario)
+    if not levels:
+        return None
+    time = setpoint.instants(period)
+    since = (time >= levels[0].begins - 0.5 * period) & (time < levels[-1].ends - 0.5 * period)
+    off = np.abs(setpoint.at(time[since]) - levels[0].before) > error
+    trips = np.flatnonzero(period * lasted(off) > timeout + 1e-9)
+    return float(period * trips[0]) if trips.size else None
+
+
+@dataclass(frozen=True)
+class Runaway:
+    """A sensor that fails while a quarter of the travel is asked for; the worst of all models.
+
+    Args:
+        fault: in words.
+        asked: setpoint since then, share of the travel.
+        opens: widest opening that no check stops, share of the travel.
+        jam_after: s until the jam check has told it in every model; None where in one it does not.
+        jam_opens: widest opening with that check, share of the travel.
+        apart_after, apart_opens: likewise with the check of two sensors against each other beside it.
+    """
+
+    fault: str
+    asked: float
+    opens: float
+    jam_after: float | None
+    jam_opens: float
+    apart_after: float | None
+    apart_opens: float
+
+
+def faults(task: Task) -> Iterator[tuple[str, SensorFault, float]]:
+    """Each in words, and the setpoint asked for as of then."""
+    settings, body = task.settings.safety, task.loop.body
+    travel = body.upper - body.lower
+    for step in settings.frozen:
+        stuck = SensorFault(FAILS_AT, kept=0.0, frozen=1.0)
+        yield f"frozen, {100.0 * step:g} % more asked for", stuck, MIDDLE + step
+    yield "shows the closed stop", SensorFault(FAILS_AT, kept=0.0, shift=body.lower), MIDDLE
+    yield "shows the open stop", SensorFault(FAILS_AT, kept=0.0, shift=body.upper), MIDDLE
+    low = SensorFault(FAILS_AT, shift=-settings.offset * travel)
+    yield f"one of two reads {100.0 * settings.offset:g} % too little", low, MIDDLE
+
+
+def guards_of(task: Task, check: JamCheck | None) -> tuple[Guards, Guards, Guards]:
+    """None, the jam check, and beside it that of two sensors."""
+    settings, travel = task.settings.safety, task.loop.body.upper - task.loop.body.lower
+    jam = Guards() if check is None else Guards(check.error * travel, check.timeout)
+    return Guards(), jam, jam._replace(apart=settings.apart * travel, apart_for=settings.apart_for)
+
+
+def sensor_trials(loop: Loop, task: Task, gains: Gains, check: JamCheck | None, ticks: int) -> list[Trial]:
+    """Each fault under each set of checks."""
+    settings = task.settings.safety
+    time = task.ecu.period * np.arange(ticks)
+    supply = settings.supply / task.ecu.supply
+    return [
+        of_setpoint(loop, gains, np.where(time < FAILS_AT - 1e-9, MIDDLE, asked), fault, guards, supply)
+        for _, fault, asked in faults(task)
+        for guards in guards_of(task, check)
+    ]
+
+
+def runaways(loop: Loop, task: Task, seen: Seen) -> tuple[Runaway, ...]:
+    """What became of the trials."""
+    begin = math.ceil(task.settings.safety.lead / task.ecu.period - 1e-9)
+    position = loop.share(seen.position)
+    widest = np.max(position[..., begin:], axis=(0, 2))
+    after = _after(seen.tripped[..., begin:], task.ecu.period)
+    return tuple(
+        Runaway(fault, asked, float(widest[k]), after[k + 1], float(widest[k + 1]), after[k + 2], float(widest[k + 2]))
+        for k, (fault, _, asked) in zip(range(0, widest.size, 3), faults(task), strict=True)
+    )
+
+
+def _after(tripped: np.ndarray, period: float) -> list[float | None]:
+    """s until a check has told in every model, by trial."""
+    when = np.where(np.any(tripped > 0.0, axis=-1), np.argmax(tripped > 0.0, axis=-1), -1)
+    return [None if np.any(each < 0) else float(period * np.max(each)) for each in when.T]
+
+
+@dataclass(frozen=True)
+class Sag:
+    """A sag of the supply while an opening is held; the worst of all models.
+
+    Args:
+        name: "dip" or "crank".
+        opening: held, share of the travel.
+        closes: by how much the plate falls, share of the travel.
+        opens: by how much it then overshoots, likewise.
+        back_after: s from the supply's return until the plate stays near its setpoint; None for not while watched.
+        wound: largest change of the integral, share of the ECU's supply.
+        false_trip: whether the proposed jam check would take it for a jam; None where none is proposed.
+    """
+
+    name: str
+    opening: float
+    closes: float
+    opens: float
+    back_after: float | None
+    wound: float
+    false_trip: bool | None
+
+
+def profiles(task: Task, ticks: int) -> Iterator[tuple[str, np.ndarray, float]]:
+    """Each sag: its name, the supply over the ECU's own at each tick, when it is over (s)."""
+    settings, ecu = task.settings.safety, task.ecu
+    time = ecu.period * np.arange(ticks) + 1e-9
+    for name, volts, spans in (("dip", (settings.dip,), (settings.dip_for,)),
+                               ("crank", settings.crank, settings.crank_for)):  # fmt: skip
+        ends = FAILS_AT + np.cumsum((0.0, *spans))
+        levels = np.array([ecu.supply, *np.minimum(volts, ecu.supply), ecu.supply])
+        yield name, levels[np.searchsorted(ends, time, side="right")] / ecu.supply, float(ends[-1])
+
+
+def sag_trials(loop: Loop, task: Task, gains: Gains, ticks: int) -> list[Trial]:
+    """Each sag at each opening."""
+    return [
+        of_setpoint(loop, gains, np.full(ticks, opening), supply=supply)
+        for _, supply, _ in profiles(task, ticks)
+        for opening in task.settings.safety.openings
+    ]
+
+
+def sags(loop: Loop, task: Task, seen: Seen, check: JamCheck | None) -> tuple[Sag, ...]:
+    """What became of the trials."""
+    names = [(name, over, opening) for name, _, over in profiles(task, seen.position.shape[-1])
+             for opening in task.settings.safety.openings]  # fmt: skip
+    return tuple(_sag(loop, task, Seen(*(v[:, k] for v in seen)), *named, check) for k, named in enumerate(names))
+
+
+def _sag(loop: Loop, task: Task, seen: Seen, name: str, over: float, opening: float, check: JamCheck | None) -> Sag:
+    """Of one trial on every model, shape (D, K)."""
+    period = task.ecu.period
+    begin, end = (math.ceil(instant / period - 1e-9) for instant in (FAILS_AT, over))
+    off = loop.share(seen.position) - loop.share(seen.position[:, begin])[:, None]
+    shown = opening - loop.share(seen.shown[:, begin:])
+    far = np.abs(opening - loop.share(seen.position[:, end:])) > _RECOVERED
+    last = far.shape[-1] - np.argmax(far[:, ::-1], axis=-1)
+    back = np.where(far.any(axis=-1), last, 0)
+    wound = np.max(np.abs(seen.integral[:, begin:] - seen.integral[:, begin][:, None])) / task.ecu.supply
+    trips = None if check is None else bool(
+        np.any(period * longest_above(shown, check.error) > check.timeout + 1e-9))  # fmt: skip
+    return Sag(
+        name,
+        opening,
+        float(np.max(-off[:, begin:])),
+        float(np.max(off[:, begin:])),
+        None if np.any(back == far.shape[-1]) else float(period * np.max(back)),
+        float(wound),
+        trips,
+    )

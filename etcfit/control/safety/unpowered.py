@@ -1,0 +1,148 @@
+"""What the plate does without a PID: how the springs bring it back, and what holding it costs in current and heat."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from ...model.effects.winding_heating import WindingHeating
+from ...model.linear import holding_against
+from ...model.throttle import Throttle
+from ..motion import Bands, Experiment, Motion, Watching, moved
+from ..pid.base import Task
+from ..pid.conditions import default_position
+from ..pid.loop import Body, Loop
+
+RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
+FALLS = 2.0  # s for which a plate without a current is watched
+_FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
+
+
+@dataclass(frozen=True)
+class Return:
+    """From one opening; the worst of all models.
+
+    Args:
+        opening: at which the current is cut, share of the travel.
+        cut_s: s until the plate stays near its limp-home position, or the closed stop where it has none, terminals
+            open; None for not while watched.
+        shorted_s: likewise with shorted terminals, which brake it.
+        rests: where it comes to rest on open terminals, share of the travel: least and largest.
+    """
+
+    opening: float
+    cut_s: float | None
+    shorted_s: float | None
+    rests: tuple[float, float]
+
+
+def falls(
+    throttles: Throttle, angles: np.ndarray, homes: np.ndarray, circuit: float, body: Body, near: float, how: Watching
+) -> Motion:
+    """Every model let go from an angle of its own, its terminals open (`circuit` 0) or shorted (1).
+
+    Args:
+        throttles: parameters of shape (D,).
+        angles: from which, rad, shape (D,).
+        homes: where its springs bring it, rad, shape (D,).
+        circuit: 0 or 1.
+        body: gear ratio and stops.
+        near: the plate is back within this share of the travel of its home: the one band of the motion.
+        how: how closely and how long it is watched.
+    """
+    reach = near * (body.upper - body.lower)
+    none = np.zeros(angles.size)
+    bands = Bands((homes - reach)[:, None], (homes + reach)[:, None])
+    return moved(throttles, Experiment(angles, none, none + circuit), bands, body, how)
+
+
+def returns(loop: Loop, task: Task) -> tuple[Return, ...]:
+    """From rest at each opening, the bridge open as of then."""
+    openings = np.array([0.0, *task.settings.safety.openings])
+    home = loop.angle(default_position(loop) or 0.0)
+    which, angles = (each.ravel() for each in np.meshgrid(np.arange(loop.draws), loop.angle(openings), indexing="ij"))
+    throttles = jax.tree.map(lambda leaf: np.asarray(leaf)[which], loop.throttles)
+    homes, shape = np.full(angles.size, home), (loop.draws, openings.size)
+    cut, shorted = (falls(throttles, angles, homes, circuit, loop.body, RETURNED, _FALL) for circuit in (0.0, 1.0))
+    rests = loop.share(cut.angle).reshape(shape)
+    worst = [np.max(each.stays.reshape(shape), axis=0).tolist() for each in (cut, shorted)]
+    ends = zip(np.min(rests, axis=0).tolist(), np.max(rests, axis=0).tolist(), strict=True)
+    return tuple(
+        Return(opening, _known(after_cut), _known(after_short), rest)
+        for opening, after_cut, after_short, rest in zip(openings.tolist(), *worst, ends, strict=True)
+    )
+
+
+def _known(seconds: float) -> float | None:
+    return seconds if np.isfinite(seconds) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Holding:
+    """Holding a plate still, nominal model at the temperature of the bench.
+
+    Args:
+        shares: of the travel, shape (S,).
+        current: A in the middle of the dry friction, shape (S,).
+        closing, opening: A at which it is about to close and to open, shape (S,).
+        watts: heat of the winding in the middle of the dry friction, shape (S,).
+        rise: K by which the winding is warmer in the long run, shape (S,); None where its heating is not known.
+        stall_A, stall_W: current and heat at the full duty against a stop.
+        longest: s of that from the bench's temperature to what the winding may reach; infinite where it never does;
+            None where its heating is not known.
+    """
+
+    shares: np.ndarray
+    current: np.ndarray
+    closing: np.ndarray
+    opening: np.ndarray
+    watts: np.ndarray
+    rise: np.ndarray | None
+    stall_A: float
+    stall_W: float
+    longest: float | None
+
+
+@jax.jit
+def _currents(throttle: Throttle, angles: Any, share: Any, body: Any) -> Any:
+    return jax.vmap(lambda theta: holding_against(throttle, theta, share, *body)[0])(angles)
+
+
+def holding(loop: Loop, task: Task) -> Holding:
+    """Over the whole travel, and at the ECU's largest duty."""
+    settings, throttle = task.settings.safety, loop.nominal
+    shares = np.linspace(0.0, 1.0, settings.places)
+    angles = loop.angle(shares)
+    closing, current, opening = (np.asarray(_currents(throttle, angles, side, loop.body)) for side in (-1.0, 0.0, 1.0))
+    ohm, volts = float(np.asarray(throttle.parameter("R_a"))), float(task.ecu.limit)
+    heating = next((each for each in throttle.effects if isinstance(each, WindingHeating)), None)
+    stall = volts / ohm
+    if heating is None or float(heating.r_h) <= 0.0:
+        return Holding(shares, current, closing, opening, ohm * current**2, None, stall, ohm * stall**2, None)
+    grows, slow, copper = float(heating.r_h), float(heating.tau_h), task.settings.conditions.copper
+    warmth = grows / (ohm * copper)  # K of each A2 s
+    rise = warmth * slow * current**2
+    longest = _until(settings.insulation - task.settings.conditions.bench, volts, ohm, warmth, copper, slow)
+    return Holding(shares, current, closing, opening, ohm * current**2, rise, stall, ohm * stall**2, longest)
+
+
+def _until(most: float, volts: float, ohm: float, warmth: float, copper: float, slow: float) -> float:
+    """s until a winding under a constant voltage is so many K warmer; infinite where it never is.
+
+    dD/dt = warmth i^2 - D / slow,    i = V / (R (1 + copper D)): `model.effects.winding_heating`.
+    """
+
+    from scipy.integrate import solve_ivp
+
+    def rate(_: float, warmer: np.ndarray) -> np.ndarray:
+        return warmth * (volts / (ohm * (1.0 + copper * warmer))) ** 2 - warmer / slow
+
+    def there(_: float, warmer: np.ndarray) -> float:
+        return float(warmer[0] - most)
+
+    there.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+    found = solve_ivp(rate, (0.0, 50.0 * slow), [0.0], events=there, rtol=1e-8)
+    return float(found.t_events[0][0]) if found.t_events[0].size else np.inf

@@ -1,0 +1,325 @@
+"""Edges of the voltage that are in step with the samples, seen by a model that is near its data.
+
+Where one clock drives output and logger, no edge comes at an instant of its own: all of a rig test share one place
+between two samples, and a fit that takes each as independent and uniform is biased by what they share. The model is
+simulated with every edge at the begin, the middle and the end of its interval; what the current did after each edge
+tells where it came. Where those places agree within a test their phase becomes a parameter (`EdgePhase`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from ..model.rig_effects import EdgePhase, Place
+from ..problem.instants import SHARES, place
+from ..problem.problem import EstimationProblem
+from ..problem.trace import Trace
+from ..rig.base import Fixed, Measurement, Rig, Start
+from ..rig.checks.edges import apart, arc_chance, on_circle
+from .levenberg_marquardt import local
+from .rounds import Reached
+from .settings import EdgesInStepSettings
+
+_AFTER, _BEFORE = 60, 8  # samples of the current that may tell of an edge, at most
+_FAINT = 0.1  # of what the instant of an edge changes at most, below which a sample tells nothing more of it
+
+
+class EdgePlace(NamedTuple):
+    """Where an edge came, as the model sees it.
+
+    Args:
+        interval: between which times of its trace.
+        share: of that interval.
+        sd: standard deviation of the share.
+    """
+
+    interval: int
+    share: float
+    sd: float
+
+
+class Clocked(NamedTuple):
+    """A rig whose output and logger share a clock.
+
+    Args:
+        rig: with the tests named whose edges are in step with the samples, each edge's turn and where the phases start.
+        places: of every edge, by file.
+    """
+
+    rig: Rig
+    places: Mapping[str, Sequence[EdgePlace]]
+
+
+def with_edges_in_step(
+    rig: Rig,
+    problem: EstimationProblem,
+    held_out: Sequence[Trace],
+    x: Float[np.ndarray, " P"],
+    settings: EdgesInStepSettings,
+) -> Clocked | None:
+    """The rig as its edges show it; None where they do not show that output and logger share a clock.
+
+    Args:
+        rig: as read; where rig.toml names the effect itself, nothing is looked for.
+        held_out: its other traces: their edges have turns too, and say nothing of the phase.
+    """
+    if any(effect.startswith(EdgePhase.kind) for effect in rig.config.effects):
+        return None
+    places = edge_places(problem, x)
+    tests = dict.fromkeys(t.test.name for t in problem.batch.traces if _jumps(t))
+    shared = {test: common_phase(list(_of(places, problem, test)), settings) for test in tests}
+    alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= settings.agreement}
+    if not any(common.chance <= settings.chance for common in alike.values()):
+        return None
+    places |= edge_places(problem.beside(tuple(held_out), x), x) if held_out else {}
+    turned = tuple(
+        replace(m, edge_turn=turns(m, places.get(m.file, ()), alike[m.test].phase, settings)) if m.test in alike else m
+        for m in rig.measurements
+    )
+    effects = [EdgePhase.at(Place(test)) for test in alike]
+    starts = {s: Start(c.phase) for effect, c in zip(effects, alike.values(), strict=True) for s in effect.off or ()}
+    config = replace(
+        rig.config,
+        effects=(*rig.config.effects, *(effect.name for effect in effects)),
+        parameters={**starts, **rig.config.parameters},
+    )
+    return Clocked(replace(rig, config=config, measurements=turned), places)
+
+
+def edge_places(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> dict[str, tuple[EdgePlace, ...]]:
+    """Every edge of every trace, by file."""
+    seen = (replace(problem, batch=problem.batch.jumping(share)).free_run(x) for share in SHARES)
+    traces = problem.batch.traces
+    return {t.measurement.file: tuple(_read(t, paths)) for t, *paths in zip(traces, *seen, strict=True)}
+
+
+def _jumps(trace: Trace) -> bool:
+    return trace.circuit and trace.input is not None and bool(trace.input.edge.any()) and "current" in trace.channels
+
+
+def _of(places: Mapping[str, Sequence[EdgePlace]], problem: EstimationProblem, test: str) -> Iterator[EdgePlace]:
+    """Those of all traces of one test."""
+    yield from (p for t in problem.batch.traces if t.test.name == test for p in places[t.measurement.file])
+
+
+def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[EdgePlace]:
+    """The edges of a trace from its current, and from what simulations with edges at `SHARES` make of that."""
+    if not _jumps(trace) or trace.input is None:
+        return
+    m = trace.channels.index("current")
+    data, sigma = trace.data[:, m], float(trace.sigma[m])
+    early, middle, late = (path[:, m] for path in paths)
+    edges = np.flatnonzero(trace.input.edge)
+    begins, ends = np.append(-1, edges[:-1]), np.append(edges[1:], data.size - 1)
+    for k, begin, end in zip(edges, begins, ends, strict=True):
+        before = np.arange(max(begin + 1, k + 1 - _BEFORE), k + 1)
+        after = np.arange(k + 1, min(k + 1 + _AFTER, end + 1))
+        before, after = (rows[np.isfinite(data[rows])] for rows in (before, after))
+        told = np.abs(late[after] - early[after])
+        after = after[: after.size - int(np.argmax(told[::-1] > _FAINT * np.max(told, initial=0.0)))]
+        if before.size and after.size > 1:
+            level = float(np.mean(data[before] - middle[before]))
+            paths_after = early[after], middle[after], late[after]
+            share, sd = place((data[after] - level) / sigma, [y / sigma for y in paths_after], before.size)
+            yield EdgePlace(int(k), share, sd)
+
+
+class CommonPhase(NamedTuple):
+    """What the edges of one test share.
+
+    Args:
+        phase: from -border to 1 - border.
+        chance: probability that edges at any instants lie as close together.
+        agreement: probability that edges at this phase lie as far apart.
+    """
+
+    phase: float
+    chance: float
+    agreement: float
+
+
+def common_phase(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> CommonPhase | None:
+    """The phase nearest to all but a few; None where too few edges say anything, or they plainly differ."""
+    sure = [p for p in places if p.sd < settings.error]
+    if len(sure) < 2:
+        return None
+    share, sd = np.array([p.share for p in sure]), np.hypot([p.sd for p in sure], settings.scatter)
+    phase = on_circle(share, 1.0 / sd**2).mean
+    for _ in range(5):  # a few may be off: an edge that came between two others, say
+        off = apart(share, phase)
+        near = np.abs(off) < settings.far * sd
+        if near.sum() < 2:
+            return None
+        phase += float(np.average(off[near], weights=1.0 / sd[near] ** 2))
+    # what acts more than a sample late is no phase: that is a delay
+    within = (share > -settings.border - sd) & (share < 1.0 + settings.border + sd)
+    if np.sum(near & within) < settings.near * share.size:
+        return None
+    agreement = float(chdtrc(near.sum() - 1, np.sum((off / sd)[near] ** 2)))
+    phase %= 1.0
+    phase -= phase > 1.0 - settings.border
+    return CommonPhase(phase, arc_chance(share[near]), agreement)
+
+
+def turns(
+    measurement: Measurement, places: Sequence[EdgePlace], phase: float, settings: EdgesInStepSettings
+) -> Float[np.ndarray, " n-1"]:
+    """Of each edge of a trace the turn that brings the phase nearest to where it came; NaN where it keeps no step."""
+    out = np.full(measurement.time.size - 1, np.nan)
+    inside = abs(phase - 0.5) < 0.5 - settings.border
+    for edge in places:
+        turn = 0.0 if inside else float(np.round(np.clip(edge.share - phase, 0.0, 1.0)))
+        miss = abs(edge.share - np.clip(phase + turn, 0.0, 1.0))
+        keeps = miss < settings.far * np.hypot(edge.sd, settings.scatter)
+        told = inside or edge.sd < settings.error
+        out[edge.interval] = turn if told and keeps else np.nan
+    return out
+
+
+# ---- Edges exactly on the samples: whether the edges of a test lie on a sample or between two is decided, not
+# estimated.
+#
+# A fixed-step simulation, or a loop that writes and samples in one tick, jumps at the sample instants themselves, and
+# the sample there shows the input before the jump (turn 0) or after it (turn 1). The phase is then at the end of its
+# interval: the likelihood has one side, no gradient vanishes, and no interval is right. So this is a question with few
+# answers, by likelihood: on the sample, where chi2 is lowest there, or lower inside by no more than chance,
+#
+#     z = inside / sd < on_sample,    inside = phase from the sample into the interval, sd its standard error
+#
+# and else a free phase. One clock drives all tests: what tests with a sharp phase show holds for all that do not
+# contradict it.
+
+_HAIR = 1e-5  # intervals; so near a sample the likelihood is looked at from inside
+
+Places = Mapping[str, Sequence[EdgePlace]]  # by file
+
+
+class Decided(NamedTuple):
+    """What is known of the edges near the samples.
+
+    Args:
+        rig: with the phases fixed that put the edges of a test on the samples.
+        x: coordinates from which to fit it, of the model before, shape (P,).
+    """
+
+    rig: Rig
+    x: Float[np.ndarray, " P"]
+
+
+class _Phase(NamedTuple):
+    """The phase of one test whose edges come near the samples.
+
+    Args:
+        test: whose.
+        index: of its coordinate.
+        side: sign of phases inside the interval; 0 where edges are seen on both sides of their samples.
+    """
+
+    test: str
+    index: int
+    side: float
+
+
+def with_edges_on_samples(rig: Rig, reached: Reached, places: Places, settings: EdgesInStepSettings) -> Decided | None:
+    """Which tests have their edges on the samples; None where none has, and the fit stands as it is.
+
+    Args:
+        rig: with the tests named whose edges are in step, see `edges_in_step`.
+        reached: the end of its fit.
+        places: of all edges, as seen without a common phase.
+    """
+    near = list(_near_a_sample(reached.problem, reached.x, settings))
+    if not near:
+        return None
+    x, at = reached.x.copy(), [phase.index for phase in near]
+    for phase in near:  # beyond the sample chi2 does not depend on the phase
+        if phase.side and phase.side * x[phase.index] < _HAIR:
+            x[phase.index] = phase.side * _HAIR
+    here = local(reached.problem, x, reached.weighted)
+    best, sd = (x + here.step)[at], np.sqrt(np.diag(here.covariance))[at]
+    inside = np.array([phase.side * b if phase.side else abs(b) for phase, b in zip(near, best, strict=True)])
+    sharp = (sd < settings.scatter) & (inside < settings.on_sample * sd)
+    on = inside < (settings.in_company * sd if sharp.any() else 0.0)
+    missed = ~on & (x[at] != reached.x[at])  # lower inside, and the descent had left the interval
+    if not np.any(on | missed):
+        return None
+    x[at] = np.where(missed, best, x[at])
+    sides = {phase.side for phase, yes in zip(near, sharp, strict=True) if yes}
+    fixed = rig
+    if len(sides) == 1 and 0.0 not in sides:
+        between = {phase.test for phase, yes in zip(near, ~on & (sd < settings.scatter), strict=True) if yes}
+        others = {f: each for f, each in places.items() if f.partition("/")[0] not in between}
+        fixed = _in_company(rig, others, 0.0 if sides == {1.0} else 1.0, settings)
+    return Decided(_on_samples(fixed, [phase.test for phase, yes in zip(near, on, strict=True) if yes]), x)
+
+
+def accepts(places: Sequence[EdgePlace], turn: float, settings: EdgesInStepSettings) -> bool:
+    """True where the edges of a test may all be on the samples: chi2 rises by no more than chance over its minimum for
+    one share of all. Edges that tell too little to have a place of their own tell it together.
+
+    Args:
+        places: of its edges.
+        turn: 0 or 1: the share at which they would be.
+    """
+    share = np.array([p.share for p in places])
+    weight = 1.0 / np.hypot([p.sd for p in places], settings.scatter) ** 2
+    if not weight.sum() > 0.0:
+        return True
+    return abs(float(np.average(share, weights=weight)) - turn) * weight.sum() ** 0.5 < settings.in_company
+
+
+def _in_company(rig: Rig, places: Places, turn: float, settings: EdgesInStepSettings) -> Rig:
+    """The rig with this turn for all edges of all tests that accept it, and their phase on the sample."""
+    files = {m.file: m.test for m in rig.measurements if places.get(m.file)}
+    tests = [test for test in dict.fromkeys(files.values())
+             if accepts([p for f, t in files.items() if t == test for p in places[f]], turn, settings)]  # fmt: skip
+    turned = tuple(
+        replace(m, edge_turn=_all(turn, m, places[m.file], settings)) if files.get(m.file) in tests else m
+        for m in rig.measurements
+    )
+    return _on_samples(replace(rig, measurements=turned), tests)
+
+
+def _all(
+    turn: float, measurement: Measurement, places: Sequence[EdgePlace], settings: EdgesInStepSettings
+) -> Float[np.ndarray, " n-1"]:
+    """This turn for every edge of a trace but those that plainly came elsewhere; NaN where there is none."""
+    out = np.full(measurement.time.size - 1, np.nan)
+    for edge in places:
+        if abs(edge.share - turn) < settings.far * np.hypot(edge.sd, settings.scatter):
+            out[edge.interval] = turn
+    return out
+
+
+def _on_samples(rig: Rig, tests: Sequence[str]) -> Rig:
+    """The rig with the phases of these tests known."""
+    effects = [EdgePhase.at(Place(test)) for test in tests]
+    named = dict.fromkeys((*rig.config.effects, *(effect.name for effect in effects)))
+    known = {symbol: Fixed(0.0) for effect in effects for symbol in effect.off or ()}
+    config = replace(rig.config, effects=tuple(named), parameters={**rig.config.parameters, **known})
+    return replace(rig, config=config)
+
+
+def _near_a_sample(
+    problem: EstimationProblem, x: Float[np.ndarray, " P"], settings: EdgesInStepSettings
+) -> Iterator[_Phase]:
+    """The free phases of the tests whose edges come near the samples."""
+    free = problem.layout.free
+    for test in dict.fromkeys(trace.test.name for trace in problem.batch.traces):
+        symbol = f"{EdgePhase.kind}.{test}"
+        if symbol in free and abs(x[free.index(symbol)]) < settings.border:
+            turns = _turns(problem, test)
+            late, early = bool(np.any(turns > 0.5)), bool(np.any(turns < 0.5))
+            yield _Phase(test, free.index(symbol), float(early) - float(late))
+
+
+def _turns(problem: EstimationProblem, test: str) -> Float[np.ndarray, " edges"]:
+    """Of every edge of a test that is in step, 0 or 1."""
+    inputs = [trace.input for trace in problem.batch.traces if trace.test.name == test]
+    return np.concatenate([s.turn[s.in_step] for s in inputs if s is not None and s.turn is not None] or [np.empty(0)])

@@ -1,0 +1,358 @@
+"""What a production line measures, computed from the fitted models of many units; a new one is an entry of FIGURES."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..control.motion import Bands, Experiment, Motion, Watching, moved
+from ..control.pid.conditions import DRY_FRICTION, scaled
+from ..control.pid.loop import Body
+from ..control.safety.unpowered import falls
+from ..estimation.fitted_model import FleetModel
+from ..model.effects import AbstractEffect, Inputs, State
+from ..model.effects.coulomb_friction import CoulombFriction
+from ..model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity
+from ..model.effects.presliding_friction import PreslidingFriction
+from ..model.linear import holding_against
+from ..model.throttle import Throttle
+
+PerUnit = Float[np.ndarray, " U"]
+
+EARLY, LATE = 0.1, 0.9  # shares of a stroke between which its time is taken: IEEE Std 181-2011
+MIDDLE = 0.5  # share of the travel at which the holding current and its hysteresis are given
+RETURNED = 0.05  # distance from its unpowered position at which a plate is back, share of the travel
+BENCH_SUPPLY = 12.0  # V
+LOW_SUPPLY, HIGH_SUPPLY = 9.0, 14.0  # V, whose opening times are compared: ISO 16750-2, code C
+STEP, LONGEST = 1e-4, 3.0  # s: of the integration, and that a plate is watched
+AT_REST = 0.1  # s without any motion after which a plate is at rest
+
+BENCH = 20.0  # temperature at which the units were measured, degrees Celsius
+COPPER = 0.00393  # growth of the winding's resistance, 1/K, about 20 degrees Celsius: IEC 60028
+# growth of the magnets' flux, 1/K, and of K_b and K_m with it: -0.002 for hard ferrite, -0.001 for sintered NdFeB
+# (Modelica Standard Library 4, Magnetic.FluxTubes.Material.HardMagnetic). Which of them a motor has is ASSUMED: small
+# DC motors of throttles have ferrite
+MAGNET = -0.002
+
+_ANGLES = 201  # angles between which the unpowered position is looked for
+_HALVINGS = 24  # of what lies between two of them
+_SENSOR_ANGLES = 401
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Of all units alike.
+
+    Args:
+        name: such as "hot, 9 V".
+        supply: V.
+        winding: its temperature, and that of the magnets, degrees Celsius.
+        friction: dry friction over that of the bench.
+    """
+
+    name: str
+    supply: float
+    winding: float
+    friction: float = 1.0
+
+    def acting_on(self, throttles: Throttle) -> Throttle:
+        """The units there.
+
+            R = R_a (1 + copper (T - T_bench)),    K_b, K_m times 1 + magnet (T - T_bench),    T_f, ... times friction
+
+        Viscous friction, springs and inductance stay as at the bench; magnets are as warm as the winding, which after
+        a while they nearly are.
+        """
+        warmer = self.winding - BENCH
+        magnet = 1.0 + MAGNET * warmer
+        dry = dict.fromkeys(DRY_FRICTION, self.friction)
+        return scaled(throttles, {"R_a": 1.0 + COPPER * warmer, "K_b": magnet, "K_m": magnet, **dry})
+
+
+AS_MEASURED = Condition("bench", BENCH_SUPPLY, BENCH)
+
+
+@dataclass(frozen=True, eq=False)
+class Station:
+    """U units at one test station of the line: what several figures need is simulated once.
+
+    Args:
+        model: the units.
+        condition: of all of them.
+    """
+
+    model: FleetModel
+    condition: Condition = AS_MEASURED
+
+    @property
+    def count(self) -> int:
+        """U."""
+        return len(self.model.units)
+
+    @cached_property
+    def throttles(self) -> Throttle:
+        """The units under the condition, parameters of shape (U,)."""
+        return self.condition.acting_on(self.model.throttles)
+
+    @cached_property
+    def body(self) -> Body:
+        """Gear ratio and stops, rad; a quarter turn from zero where the rig has no stops."""
+        lower, upper = self.model.config.travel
+        lower = lower if np.isfinite(lower) else 0.0
+        return Body(self.model.config.gear_ratio, lower, upper if np.isfinite(upper) else lower + 0.5 * np.pi)
+
+    def angle(self, share: float) -> float:
+        """rad, of a share of the travel."""
+        return self.body.lower + share * (self.body.upper - self.body.lower)
+
+    def opening(self, supply: float) -> PerUnit:
+        """s from 10 to 90 % of the travel at a supply (V), from rest at the closed stop; infinite for never."""
+        return self._stroke(self.body.lower, supply, Bands(self._marks(), np.full((self.count, 2), np.inf)))
+
+    def closing(self, supply: float) -> PerUnit:
+        """Likewise from the open stop at the supply's reverse."""
+        marks = self.body.upper + self.body.lower - self._marks()
+        return self._stroke(self.body.upper, -supply, Bands(np.full((self.count, 2), -np.inf), marks))
+
+    def _marks(self) -> np.ndarray:
+        return np.tile([self.angle(EARLY), self.angle(LATE)], (self.count, 1))
+
+    def _stroke(self, begin: float, volts: float, bands: Bands) -> PerUnit:
+        what = Experiment(*(np.full(self.count, each) for each in (begin, volts, 1.0)))
+        early, late = moved(self.throttles, what, bands, self.body, Watching(STEP, LONGEST, AT_REST)).first.T
+        return np.where(np.isfinite(late), late - np.where(np.isfinite(early), early, 0.0), np.inf)
+
+    @cached_property
+    def cut(self) -> Motion:
+        """Let go from the open stop, terminals open."""
+        return self._fall(0.0)
+
+    @cached_property
+    def shorted(self) -> Motion:
+        """Let go from the open stop, terminals shorted."""
+        return self._fall(1.0)
+
+    def _fall(self, circuit: float) -> Motion:
+        angles, how = np.full(self.count, self.body.upper), Watching(STEP, LONGEST, AT_REST)
+        return falls(self.throttles, angles, self.homes, circuit, self.body, RETURNED, how)
+
+    @cached_property
+    def homes(self) -> PerUnit:
+        """Where the springs alone bring the plate, rad: where no current holds it in the middle of its dry friction."""
+        angles = np.linspace(self.body.lower, self.body.upper, _ANGLES)
+        current = np.asarray(_currents(self.slid, angles, self.body))
+        crosses = (current[:, :-1] < 0.0) & (current[:, 1:] >= 0.0)
+        k = np.argmax(crosses, axis=1)
+        low, high = angles[k], angles[k + 1]
+        for _ in range(_HALVINGS):  # a limp-home spring's corner is far narrower than the grid
+            middle = 0.5 * (low + high)
+            opens = self.held(middle, 0.0)[0] < 0.0
+            low, high = np.where(opens, middle, low), np.where(opens, high, middle)
+        pressed = np.where(current[:, 0] < 0.0, self.body.upper, self.body.lower)
+        return np.where(crosses.any(axis=1), 0.5 * (low + high), pressed)
+
+    @cached_property
+    def slid(self) -> Throttle:
+        """The units with every dry contact sliding: one that yields before (T_z) carries all that it can."""
+        effects = self.throttles.effects
+        contacts = [effect for effect in effects if isinstance(effect, PreslidingFriction)]
+        if not contacts:
+            return self.throttles
+        extra = sum(np.asarray(contact.T_z) for contact in contacts)
+
+        def each(effect: AbstractEffect) -> AbstractEffect:
+            if isinstance(effect, PreslidingFriction):
+                return replace(effect, T_z=0.0 * np.asarray(effect.T_z))
+            return replace(effect, T_f=effect.T_f + extra) if isinstance(effect, CoulombFriction) else effect
+
+        return replace(self.throttles, effects=tuple(each(effect) for effect in effects))
+
+    def held(self, angles: PerUnit, share: float) -> tuple[PerUnit, PerUnit]:
+        """Current (A) and voltage (V) at which each plate, at an angle of its own, is about to open (share 1), about
+        to close (-1), or held in the middle of its dry friction (0)."""
+        current, volts = _held(self.slid, angles, share, self.body)
+        return np.asarray(current), np.asarray(volts)
+
+    @cached_property
+    def middle_currents(self) -> tuple[PerUnit, PerUnit]:
+        """A, of a slow ramp that opens and of one that closes, at mid-travel."""
+        angles = np.full(self.count, self.angle(MIDDLE))
+        return self.held(angles, 1.0)[0], self.held(angles, -1.0)[0]
+
+
+@jax.jit
+def _held(throttles: Throttle, angles: Any, share: Any, body: Body) -> Any:
+    return jax.vmap(lambda throttle, theta: holding_against(throttle, theta, share, *body))(throttles, angles)
+
+
+@jax.jit
+def _currents(throttles: Throttle, angles: Any, body: Body) -> Any:
+    """Shape (U, A)."""
+
+    def each(throttle: Throttle) -> Any:
+        return jax.vmap(lambda theta: holding_against(throttle, theta, 0.0, *body)[0])(angles)
+
+    return jax.vmap(each)(throttles)
+
+
+class FigureResult(NamedTuple):
+    """A figure of every unit.
+
+    Args:
+        value: SI, shape (U,); NaN where it cannot be told.
+        why: of the NaN; "" where there is none.
+    """
+
+    value: PerUnit
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a line: a number a unit, computed from its fitted model.
+
+    Args:
+        name: what fleet.json and the limits of fleet.toml call it.
+        unit: SI.
+        meaning: one line.
+        source: of its definition.
+        values: of all units at a station, SI, shape (U,); not finite where a unit has none.
+        why: a unit has none.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    source: str
+    values: Callable[[Station], PerUnit]
+    why: str
+
+    def measure(self, station: Station) -> FigureResult:
+        """Of every unit at a station."""
+        value = self.values(station)
+        known = np.isfinite(value)
+        return FigureResult(np.where(known, value, np.nan), "" if known.all() else self.why)
+
+
+def _supply_response(station: Station) -> PerUnit:
+    """Opening time at 9 V over that at 14 V, whatever the condition's own supply."""
+    slow, fast = station.opening(LOW_SUPPLY), station.opening(HIGH_SUPPLY)
+    both = np.isfinite(slow) & np.isfinite(fast)
+    return np.where(both, slow, np.nan) / np.where(both, fast, 1.0)
+
+
+def _sensor_linearity(station: Station) -> PerUnit:
+    """max |reading - angle| over the travel, of a sensor calibrated at the stops."""
+    bent = next((each for each in station.throttles.effects if isinstance(each, PositionSensorNonlinearity)), None)
+    if bent is None:
+        return np.full(station.count, np.nan)
+    u = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, *station.body)
+    angles = np.linspace(station.body.lower, station.body.upper, _SENSOR_ANGLES)
+    return np.max(np.abs([np.asarray(bent(State(0.0, theta, 0.0), (), u).position) for theta in angles]), axis=0)
+
+
+# the one registration; tables and pages have this order
+FIGURES: tuple[Figure, ...] = (
+    Figure(
+        "default_position",
+        "rad",
+        "angle at which the plate rests without a current, let go from open",
+        "Deur et al. 2004 (limp-home position); from open, since dry friction keeps a memory of the side",
+        lambda station: np.where(station.cut.still > 0.0, station.cut.angle, np.nan),
+        f"still moving after {LONGEST:g} s",
+    ),
+    Figure(
+        "opening_time",
+        "s",
+        "time from 10 to 90 % of the travel at the full supply, opening",
+        "transition duration, IEEE Std 181-2011, of a step of full duty",
+        lambda station: station.opening(station.condition.supply),
+        "never reaches 90 % of the travel",
+    ),
+    Figure(
+        "closing_time",
+        "s",
+        "time from 90 to 10 % of the travel at the full supply in reverse, closing",
+        "transition duration, IEEE Std 181-2011, of a step of full duty",
+        lambda station: station.closing(station.condition.supply),
+        "never reaches 10 % of the travel",
+    ),
+    Figure(
+        "unpowered_return",
+        "s",
+        "time from full open to within 5 % of the unpowered position, terminals open",
+        "control.safety.unpowered: FMVSS 124 asks it of the driver's control",
+        lambda station: station.cut.stays[:, 0],
+        "rests more than 5 % of the travel from where its springs bring it",
+    ),
+    Figure(
+        "unpowered_return_shorted",
+        "s",
+        "time from full open to within 5 % of the unpowered position, terminals shorted",
+        "control.safety.unpowered",
+        lambda station: station.shorted.stays[:, 0],
+        "not back while watched: dry friction or the motor's brake holds it",
+    ),
+    Figure(
+        "supply_response",
+        "1",
+        "opening time at 9 V over that at 14 V",
+        "this project; 9 to 16 V as of ISO 16750-2, code C",
+        _supply_response,
+        "does not open fully at 9 V",
+    ),
+    Figure(
+        "holding_current",
+        "A",
+        "current that holds the plate at mid-travel, the middle of its hysteresis",
+        "the paper, Eq. 2 at rest",
+        lambda station: 0.5 * (station.middle_currents[0] + station.middle_currents[1]),
+        "no current holds it",
+    ),
+    Figure(
+        "current_hysteresis",
+        "A",
+        "half the difference of the slow opening and closing current at mid-travel",
+        "the paper, Eq. 2 at rest: T_f / (N K_m) of Eqs. 1-2",
+        lambda station: 0.5 * (station.middle_currents[0] - station.middle_currents[1]),
+        "no current moves it",
+    ),
+    Figure(
+        "breakaway_voltage_opening",
+        "V",
+        "voltage at which a slow ramp starts to open the plate from its unpowered position",
+        "the paper, Eqs. 1-2 at rest",
+        lambda station: station.held(station.cut.angle, 1.0)[1],
+        "no voltage moves it",
+    ),
+    Figure(
+        "breakaway_voltage_closing",
+        "V",
+        "voltage of a falling slow ramp at which the plate leaves the open stop",
+        "the paper, Eqs. 1-2 at rest",
+        lambda station: station.held(np.full(station.count, station.body.upper), -1.0)[1],
+        "no voltage moves it",
+    ),
+    Figure(
+        "sensor_linearity",
+        "rad",
+        "largest deviation of the position sensor from the line through the stops",
+        "Fraden 2016, terminal points",
+        _sensor_linearity,
+        "not modelled: the model has no position_sensor_nonlinearity",
+    ),
+)
+
+FIGURE_BY_NAME: Mapping[str, Figure] = {figure.name: figure for figure in FIGURES}
+
+
+def measured(model: FleetModel, condition: Condition = AS_MEASURED) -> dict[str, FigureResult]:
+    """Every figure of every unit under a condition, by the figure's name, in the order of `FIGURES`."""
+    station = Station(model, condition)
+    return {figure.name: figure.measure(station) for figure in FIGURES}

@@ -1,0 +1,216 @@
+"""What a bridge, its supply and the instruments there make of current and voltage.
+
+The supply's current in the place of the motor's: i_s = d i, d = v / V_s. A held winding then shows V/i = R V_s / V,
+less the higher the voltage is, which no winding does, and i_s V_s / v shows the one resistance that it has.
+
+A current without its sign: never below zero while the voltage drives both ways. For both see `circuit.py`.
+
+A voltage channel that samples the PWM itself: nothing or all of the supply, while the current does not follow.
+
+    R^2 of the voltage in   i_(k+1) - i_k = a + b i_k + sum_j c_j v_(k+1-j),   j = 0 ... 4
+
+A voltage that really jumps so drives the current up and down with it. One sampled out of a PWM that is far faster jumps
+at random, or in a slow beat of the two frequencies, and neither the current's steps nor the circuit's equation, v = R i
++ L di/dt + k w over windows of some samples, have to do with it.
+
+A bridge that coasts in its off time: where the current stops within a period, the mean voltage is not duty x supply.
+
+    share = (d omega / d V) / (omega / V)   at settled speeds,   V = duty x supply
+
+With dry and viscous friction omega = (V - V_f)/k, so the share is 1 or more; a drag that grows with the square of speed
+makes it 1/2 at least. A bridge that leaves the terminals open in the off time hands the EMF of the turning motor to
+them as soon as the current has stopped: a light load then soon turns nearly as fast as under the whole supply, and the
+share falls towards 0.
+
+Source: Erickson and Maksimovic 2020, ch. 5 (discontinuous conduction). Differs from source: no converter is calculated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from .. import TEST_BY_NAME
+from ..base import Channel, Finding, Measurement, RigConfig
+from ..signals import Plateau, drive_voltage, on_times, plateaus
+from .base import Records, found_in
+from .circuit import OtherCurrent, Value, left_by, supply_of, values_of, windows_of
+
+# Times less that another reading of the current must leave of the voltage. Where a test shows the current of a supply
+# so, and none shows the opposite as clearly, every current is one of the supply.
+TIMES = 4.0
+VOLTS_SPAN = 1.5  # largest over smallest voltage of the windows, at least
+NEGATIVE = 6  # windows in which the sign is negative, at least
+BELOW = 6.0  # noises by which a current of one sign may lie below zero
+
+PWM_SAMPLES = 40  # of a trace, at least
+WITHIN = 0.06  # of the highest level, how near to a level a sample must lie
+LEVELS_APART = 50.0  # noises
+ON_LEVEL = 0.97  # share of the samples that must lie on a level
+LEAST_JUMPS = 8  # from one level to the other
+LAGS = 4  # samples by which the current may be late
+FOLLOWS = 0.1  # share of the current's steps that the voltage explains, at most
+MISSES = 0.025  # share of the voltage that the circuit's equation must leave in half of the windows
+
+CONCAVE = 0.4  # share, at most
+CONCAVE_ERRORS = 3.0  # standard errors by which it must be lower
+SPEEDS = 4  # settled speeds in one direction, at least
+SPEEDS_SPAN = 1.3  # of their voltages, largest over smallest, at least
+SETTLED = 0.02  # relative change of the speed over the last part of a plateau, at most
+SPEED_NOISES = 20.0  # of a speed sample, that a speed must reach
+
+
+def supply_current(records: Records) -> Iterator[Finding]:
+    """A current of the supply, in every test where none contradicts."""
+    read = {test: current.better(current.supply, 0.9) for test, current in records.currents.items()
+            if _spans(current)}  # fmt: skip
+    shown = {test: found for test, found in read.items() if found is not None and found[0] > TIMES}
+    if any(found is None or found[0] < 1.0 / TIMES for found in read.values()):
+        yield from (_of_supply(records, {test: found}, test) for test, found in shown.items())
+    elif shown:
+        yield _of_supply(records, shown, None if len(records.currents) > 1 else next(iter(shown)))
+
+
+def _spans(current: OtherCurrent) -> bool:
+    low, high = np.quantile(np.abs(current.motor.volts / current.motor.seconds), [0.05, 0.95])
+    return bool(high > VOLTS_SPAN * low)
+
+
+def _of_supply(records: Records, shown: Mapping[str, tuple[float, Value]], place: str | None) -> Finding:
+    test = max(shown, key=lambda name: shown[name][0])
+    times, R = shown[test]
+    traces = [t for t in records.tests[test] if "current" in t.channels]
+    channel, known = traces[0].channels["current"], supply_of(traces, records.config)
+    motor = records.currents[test].motor
+    high, low = np.quantile(np.abs(motor.volts / np.where(motor.amperes == 0.0, np.nan, motor.amperes)), [0.95, 0.05])
+    ohms = f", and R is {R.value:.4g} ohm" if known else ""
+    found = (f"'{channel.header}' is the current of the supply, not of the motor: in {' and '.join(shown)} voltage "
+             f"over current falls as the voltage rises, in {test} from {high:.3g} to {low:.3g} ohm. Divided by the "
+             f"duty it leaves {times:.0f} times less of the voltage unexplained there{ohms}.")  # fmt: skip
+    where = f"of {place}" if place else "of every test that logged it so"
+    unknown = "" if known else " Write [rig] supply_V, the supply's voltage, in rig.toml."
+    mend = (f"Head the column 'supply_current [{channel.unit}]' in each trace {where}, and it is divided by the "
+            f"duty; or log the motor's own current.{unknown}")  # fmt: skip
+    return Finding("supply_current", R.value if known else times, "ohm" if known else "", 0.0, found, mend, place,
+                   channel="current")  # fmt: skip
+
+
+def unsigned_current(records: Records) -> Iterator[Finding]:
+    """A current that leaves far less of the voltage with a sign, in windows in which that sign is negative."""
+    for test, current in records.currents.items():
+        channels = [t.channels["current"] for t in records.tests[test] if "current" in t.channels]
+        rows = current.sign < 0.0
+        one_sign = all(float(np.min(c.value)) >= -BELOW * max(c.sigma, c.quantum) for c in channels)
+        better = current.better(current.unsigned, 0.5, rows) if rows.sum() >= NEGATIVE and one_sign else None
+        if better is not None and better[0] > TIMES:
+            yield Finding(
+                "unsigned_current", int(rows.sum()) / rows.size, "", 0.0,
+                f"In {test} '{channels[0].header}' has lost its sign: it is never below zero, though the voltage "
+                f"drives the motor backwards in {int(rows.sum())} of {rows.size} stretches; with the sign of the "
+                f"voltage less the EMF it leaves {better[0]:.0f} times less of the voltage unexplained there.",
+                "Log the current with a sensor that shows its sign; until then map the column to \"ignore\" under "
+                "[columns], or empty its cells where the current flows backwards.", test, channel="current", sure=True,
+            )  # fmt: skip
+
+
+def switched_voltage(records: Records) -> Iterator[Finding]:
+    """A voltage that shows the switching of a PWM."""
+    for traces in records.tests.values():
+        found = {t.file: jumps for t in traces if (jumps := _pwm_jumps(t, records.config)) is not None}
+        if not found:
+            continue
+        channel, jumps = next(t for t in traces if t.file in found).channels["voltage"], sum(found.values())
+        highest = np.max(np.abs(channel.logged(channel.value)))
+        yield found_in(found, traces, Finding(
+            "switched_voltage", jumps, "jumps", 0.0,
+            f"'{channel.header}' shows the switching of a PWM, sampled now and then: it "
+            f"is nothing or {highest:.3g} {channel.unit}, jumps {jumps} times, and the current does not follow.",
+            "Log the duty and the supply instead ('duty [%]', and 'supply [V]' or [rig] supply_V in rig.toml), or the "
+            "voltage behind a filter that is far slower than the PWM and far faster than the motor.",
+            channel="voltage", sure=True,
+        ))  # fmt: skip
+
+
+def _pwm_jumps(trace: Measurement, config: RigConfig) -> int | None:
+    """Jumps between the levels, where the voltage is that of a PWM; else None."""
+    voltage, current = trace.channels.get("voltage"), trace.channels.get("current")
+    if voltage is None or current is None or voltage.value.size < PWM_SAMPLES:
+        return None
+    size = np.abs(voltage.value)
+    level = float(np.median(size[size > 0.5 * np.max(size)]))
+    high, low = (np.abs(size - at) < WITHIN * level for at in (level, 0.0))
+    if level < LEVELS_APART * voltage.sigma or np.mean(high | low) < ON_LEVEL:
+        return None
+    levels = high[high | low]
+    jumps = int(np.sum(levels[1:] != levels[:-1]))
+    if jumps < LEAST_JUMPS or _explained(voltage, current) > FOLLOWS:
+        return None
+    windows = windows_of(trace, config)
+    values = values_of(windows) if windows is not None else None
+    if windows is None or values is None:
+        return None
+    return jumps if float(np.median(np.abs(left_by(values, windows)))) > MISSES * level else None
+
+
+def _explained(voltage: Channel, current: Channel) -> float:
+    """Share of the steps of the current, beyond what it does by itself, that the voltage about them explains."""
+    i, v = current.value, on_times(voltage, current.time)
+    last = np.column_stack([np.ones(i.size - 1), i[:-1]])[LAGS - 1 :]
+    volts = np.column_stack([v[LAGS - j : v.size - j] for j in range(LAGS + 1)])
+    steps = np.diff(i)[LAGS - 1 :]
+    alone, both = (
+        float(np.sum((steps - rows @ np.linalg.lstsq(rows, steps, rcond=None)[0]) ** 2))
+        for rows in (last, np.column_stack([last, volts]))
+    )
+    return 1.0 - both / max(alone, 1e-300)
+
+
+def coasting_bridge(records: Records) -> Iterator[Finding]:
+    """Settled speeds that hardly grow with the voltage."""
+    for test, traces in records.tests.items():
+        if TEST_BY_NAME[test].boundary.terminals_open:
+            continue
+        speeds = [pair for trace in traces for pair in _speeds(trace, records.config)]
+        for side in (1.0, -1.0):
+            found = _concave(np.array([(v, w) for v, w in speeds if side * v > 0.0 and side * w > 0.0]))
+            if found is not None:
+                share, error, low, high = found
+                yield Finding(
+                    "coasting_bridge", share, "", 0.0,
+                    f"In {test} the settled speed hardly grows with the voltage: from {low:.3g} to {high:.3g} V it "
+                    f"grows by {100.0 * share:.0f} +- {100.0 * error:.0f} % of what is in proportion to it. Friction "
+                    "makes that 100 % or more, the drag of air 50 % at least. A bridge that coasts in its off time "
+                    "makes it so, for its mean voltage is not duty x supply once the current stops within a period of "
+                    "the PWM.",
+                    "Let the bridge short the motor in the off time (switch the inputs, not the enable pin: slow "
+                    "decay), or log the mean voltage at the terminals; a limit of current or speed would look the "
+                    "same.", test,
+                )  # fmt: skip
+                break
+
+
+def _speeds(trace: Measurement, config: RigConfig) -> Iterator[tuple[float, float]]:
+    """Voltage and settled speed of each plateau, V and rad/s; settled: the same before its last 15 %."""
+    drive, speed = drive_voltage(trace, config), trace.channels.get("motor_speed")
+    if drive is None or speed is None:
+        return
+    for plateau in plateaus(drive):
+        earlier = Plateau(plateau.start, plateau.stop - 0.15 * (plateau.stop - plateau.start))
+        late, before = plateau.settled(speed, 0.15), earlier.settled(speed, 0.15)
+        if abs(late) > SPEED_NOISES * speed.sigma and abs(late - before) < SETTLED * abs(late):
+            yield plateau.settled(drive), late
+
+
+def _concave(pairs: np.ndarray) -> tuple[float, float, float, float] | None:
+    """Share, its error, and the span of the voltages; None where the curve is not bent so."""
+    if len(pairs) < SPEEDS:
+        return None
+    v, w = np.abs(pairs).T
+    low, high = float(v.min()), float(v.max())
+    if high < SPEEDS_SPAN * low:
+        return None
+    (slope, _), covariance = np.polyfit(v, w, 1, cov=True)
+    chord = float(np.mean(w) / np.mean(v))
+    share, error = float(slope) / chord, float(np.sqrt(covariance[0, 0])) / chord
+    return (share, error, low, high) if share + CONCAVE_ERRORS * error < CONCAVE else None

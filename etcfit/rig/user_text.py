@@ -1,0 +1,111 @@
+"""Text of a user: names that can be read, and comments and strings of other languages that it cannot end.
+
+Whatever a text holds, it stays inside and is data: one function a language knows what ends a comment, or a string,
+there. Names of rigs, files and folders go into reports, JSON files and exported code: they must be UTF-8 that can be
+seen.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import textwrap
+from collections.abc import Callable, Iterable
+from pathlib import PurePath
+
+from ..errors import MeasurementError, unseen
+
+_C_MARKS = re.compile(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)")
+_HYPHENS = re.compile(r"(?<=-)(?=-)")
+VISIBLE = "A name must hold no control characters and no marks of direction: they hide what is written."
+
+
+def one_line(text: str) -> str:
+    """Printable characters alone: any white space is one space, what nobody sees is its number, as (U+202E)."""
+    return "".join(c if c.isprintable() else f"(U+{ord(c):04X})" for c in " ".join(text.split()))
+
+
+def in_c(text: str) -> str:
+    """A line inside a block comment of C or C++.
+
+    A backslash becomes a slash, for at the end of a line it would join that line with the next one; so would ??/.
+    """
+    return _C_MARKS.sub(" ", one_line(text).replace("\\", "/"))
+
+
+def c_comment(lines: Iterable[str]) -> str:
+    """A block comment of C or C++, a line or more for each."""
+    return f"/*\n{_wrapped(lines, in_c, ' * ')}\n */"
+
+
+def hash_comment(lines: Iterable[str]) -> str:
+    """Comment lines of CSV and TOML."""
+    return _wrapped(lines, one_line, "# ")
+
+
+def toml_string(text: str) -> str:
+    """A text in quotes, as TOML reads it: as JSON writes it, but for one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def python_comment(lines: Iterable[str]) -> str:
+    """Comment lines for the top of a file in Python.
+
+    The first line is a coding line of its own: Python obeys the first that it finds in two lines (PEP 263), and a text
+    could hold one.
+    """
+    return f"# -*- coding: utf-8 -*-\n{hash_comment(lines)}"
+
+
+def matlab_comment(lines: Iterable[str]) -> str:
+    """Comment lines of MATLAB and Octave."""
+    return _wrapped(lines, one_line, "% ")
+
+
+def xml_comment(lines: Iterable[str]) -> str:
+    """The text of a comment of XML, for `xml.etree.ElementTree.Comment`, which escapes nothing."""
+    return f"\n{_wrapped(lines, lambda line: _HYPHENS.sub(' ', one_line(line)), '  ')}\n"
+
+
+def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str, width: int = 110) -> str:
+    """A comment line or more for each, as far in as the line itself."""
+    return "\n".join(_filled(safe(line), mark + " " * (len(line) - len(line.lstrip(" "))), width) for line in lines)
+
+
+def _filled(text: str, mark: str, width: int) -> str:
+    return textwrap.fill(text, width, initial_indent=mark, subsequent_indent=mark) or mark.rstrip()
+
+
+def refuse_foreign_names(folder: str, *names: str) -> None:
+    r"""Refuse a name that is no UTF-8, or holds what nobody sees; Linux allows any bytes.
+
+    Args:
+        folder: where they lie, as the user gave it; its own name counts too.
+        names: of what lies in it.
+    Raises:
+        MeasurementError: at the first, its foreign bytes written as \xe9, its unseen characters as (U+202E).
+    """
+    for path in (folder, *(f"{folder}/{name}" for name in names)):
+        if not _is_utf8(path):
+            raise MeasurementError(escaped(path), "the name is no UTF-8.",
+                                   "Names of files and folders must be UTF-8; reports and JSON files repeat them.",
+                                   "Rename it; plain letters, digits, - and _ are always right.")  # fmt: skip
+        if found := unseen(PurePath(path).name):
+            raise MeasurementError(one_line(path), f"{found} in the name.", VISIBLE, "Rename it.")
+
+
+def escaped(path: str) -> str:
+    """The path with every byte that is no UTF-8 written out."""
+    try:
+        return os.fsencode(path).decode("utf-8", "backslashreplace")
+    except UnicodeEncodeError:  # half a character that no file system made
+        return path.encode("utf-8", "backslashreplace").decode("utf-8")
+
+
+def _is_utf8(path: str) -> bool:
+    try:
+        path.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
