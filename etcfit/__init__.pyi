@@ -46,7 +46,7 @@ from .estimation.settings import FitSettings as FitSettings
 from .experiment.settings import AdviceSettings as AdviceSettings
 from .experiment.settings import CampaignSettings as CampaignSettings
 from .experiment.settings import CheckSettings as CheckSettings
-from .exporting.settings import ExportSettings as ExportSettings
+from .exporting.base import ExportSettings as ExportSettings
 from .fleets.statistics.settings import FleetSettings as FleetSettings
 from .importing.tuning import TuneSettings as TuneSettings
 from .model.ecus import ECUS as ECUS

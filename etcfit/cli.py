@@ -82,13 +82,13 @@ _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses f
 
 
 def _stdout() -> Any:
-    from .reporting.terminal import console
+    from .reporting.blocks import console
 
     return console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
 
 
 def _stderr() -> Any:
-    from .reporting.terminal import console
+    from .reporting.blocks import console
 
     return console(stderr=True, soft_wrap=True, highlight=False)
 
@@ -244,7 +244,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         report("working out what one more trace would tell", 0.3)
         stages.keep_compiled()
         from .experiment.advice import advise
-        from .reporting.advice import advice_table
+        from .reporting.check_table import advice_table
         from .reporting.closing.rig import of_advice
         from .run_folder.plan import save_advice
         from .run_folder.state import fitted_to
@@ -362,7 +362,8 @@ def drive(
         from .car_log import study
         from .car_log.place import logs_at
         from .car_log.study import chosen
-        from .reporting.car_log import drive_table, write_drive
+        from .reporting.car_log import drive_table
+        from .reporting.car_log.writing import write_drive
         from .reporting.closing.rig import of_drive
 
         config, found = logs_at(logs)
@@ -418,7 +419,7 @@ def tune(
         raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
     gains = None if present is None else _three_gains(present)
     if msq is not None:
-        from .exporting.formats.tune import gains_in
+        from .exporting.tune import gains_in
         from .model.ecus import named
 
         with _of_option("--ecu"):
@@ -810,7 +811,7 @@ def fetch(
     with _progress(quiet) as report:
         report(f"fetching {name}", 0.0)
         from .datasets import fetch as fetch_dataset
-        from .reporting.closing.folder import of_fetched
+        from .reporting.closing import of_fetched
 
         folder = fetch_dataset(name, to or Path("measurements") / name, data)
     _say(of_fetched(name, folder))
@@ -825,7 +826,7 @@ def new(
 ) -> None:
     """A rig.toml with every key explained, and a folder for each rig test that says what to record."""
     from .importing.new import new_folder
-    from .reporting.closing.folder import of_new
+    from .reporting.closing import of_new
 
     _say(of_new(new_folder(folder, like)))
 
@@ -868,9 +869,8 @@ def import_(
 ) -> None:
     """Foreign recordings as a measurement folder: columns, units, signs and rig tests guessed, with reasons."""
     from .importing import import_files
-    from .importing.answers import parsed
-    from .importing.doubts import accept_all, refuse
-    from .reporting.closing.folder import of_imported
+    from .importing.answers import accept_all, parsed, refuse
+    from .reporting.closing import of_imported
 
     seconds = None if period is None else _seconds("--period", period)
     answers = parsed(column or (), test or (), [str(file) for file in files], seconds)

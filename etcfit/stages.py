@@ -197,8 +197,8 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     from .api.work import keep_posterior
     from .posterior.profile import profiles
     from .posterior.sampling import sample
+    from .reporting.blocks import cautioned
     from .reporting.closing.control import of_posterior
-    from .reporting.compromise import cautioned
     from .reporting.drawing import begin_helper
     from .reporting.posterior.table import posterior_table
 
@@ -268,7 +268,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     """From logs of a car to gains: RUN/tune.json with its picture, and what fit, diagnosis and design leave."""
     keep_compiled()
     from .api.tuned import tune_logs as tune
-    from .reporting.closing.tune import of_tune
+    from .reporting.closing.control import of_tune
     from .reporting.tune import tune_table
 
     found = tune(files, run, asked, report)
@@ -308,7 +308,7 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
     keep_compiled()
     from .api.fleet_work import work_through
     from .api.fleet_work import workers as place_of
-    from .reporting.closing.fleet import of_fleet
+    from .reporting.closing.control import of_fleet
     from .reporting.fleet import fleet_table
 
     remarks: list[str] = []
@@ -319,7 +319,7 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
 def fleet_report(run: Path, report: Report) -> Done:
     """RUN/fleet.html and its pictures once more, of what lies in RUN."""
     from .api.fleet_work import show
-    from .reporting.closing.fleet import of_fleet
+    from .reporting.closing.control import of_fleet
     from .run_folder.fleet import read_fleet_files
 
     files = read_fleet_files(run)

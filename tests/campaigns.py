@@ -10,7 +10,7 @@ import numpy as np
 from etcfit.experiment.campaign import Campaign, Criterion, PlannedTest
 from etcfit.experiment.candidates import Candidate, candidates
 from etcfit.experiment.limits import Forecast, Winding
-from etcfit.experiment.setting import Setting
+from etcfit.experiment.plan import Setting
 from etcfit.experiment.settings import CampaignSettings
 from etcfit.rig import TEST_BY_NAME
 from etcfit.rig.base import Rig

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from etcfit.estimation.fitted_model import Fitted
-from etcfit.exporting import Export, ExportSettings, Source
-from etcfit.exporting.formats import fmu
+from etcfit.exporting import Export, ExportSettings, Source, fmu
 from etcfit.model.throttle import catalogue
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.rig.base import RigConfig, TpsCalibration

@@ -43,7 +43,6 @@ REGISTRIES = {
     "model/effects": "AbstractEffect",
     "model/rig_effects": "AbstractRigEffect",
     "rig": "AbstractRigTest",
-    "experiment/excitation": "AbstractShape",
 }
 FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy
 

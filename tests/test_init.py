@@ -99,7 +99,7 @@ LIGHT = {
     "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis.table, etcfit.api.work",
     "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.work",
     "export": "import etcfit.exporting, etcfit.api.work, etcfit.reporting.closing.control",
-    "import": "import etcfit.importing.doubts, etcfit.reporting.closing.folder, etcfit.reporting.terminal",
+    "import": "import etcfit.importing.answers, etcfit.reporting.closing, etcfit.reporting.blocks",
     "a named run folder": "from etcfit.stages import opened; opened(__import__('pathlib').Path('measurements'))",
 }
 FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.signal", "scipy.stats", "xarray"}

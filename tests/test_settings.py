@@ -40,11 +40,10 @@ from etcfit.estimation.settings import (
     WhitenessSettings,
 )
 from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
-from etcfit.exporting.settings import ExportSettings
+from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
 from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
 from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
-from etcfit.importing.settings import GuessSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
@@ -54,7 +53,6 @@ KINDS: list[Any] = [
     CampaignSettings,
     CheckSettings,
     PlanSettings,
-    GuessSettings,
     ContradictionSettings,
     EdgesInStepSettings,
     FitSettings,
@@ -200,7 +198,7 @@ def test_a_sweep_rises_from_its_lowest_frequency() -> None:
 @pytest.mark.parametrize(
     "value", [10**400, -(10**400), 10**5000], ids=["401 digits", "negative", "more than are printed"]
 )
-@pytest.mark.parametrize(("kind", "name"), [(SamplingSettings, "still"), (SamplingSettings, "profile_offsets")])
+@pytest.mark.parametrize(("kind", "name"), [(SamplingSettings, "still"), (FitSettings, "late")])
 def test_a_whole_number_that_no_float_can_hold_is_out_of_range(kind: Any, name: str, value: int) -> None:
     with pytest.raises(ValueError, match=rf"{kind.__name__}\.{name} = .*it must be"):
-        kind(**{name: (value,) if name == "profile_offsets" else value})
+        kind(**{name: (value,) if name == "late" else value})

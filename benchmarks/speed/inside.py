@@ -78,12 +78,13 @@ def jacobian(run: str) -> dict[str, float]:
 def logprob(run: str) -> dict[str, float]:
     """A log-probability as the sampler asks for it: halves of two ensembles side by side."""
     from benchmarks.bench_posterior import log_probability
+    from etcfit.posterior.ensemble import LEAST_WALKERS
     from etcfit.posterior.settings import SamplingSettings
     from etcfit.posterior.target import Target
 
-    fit, settings = fit_in(run), SamplingSettings()
-    walkers = max(settings.least_walkers, settings.walkers_per_coordinate * fit.x.size)
-    each = log_probability(Target.of(fit), walkers // 2, 2)
+    fit = fit_in(run)
+    walkers = max(LEAST_WALKERS, SamplingSettings().walkers_per_coordinate * fit.x.size)
+    each = log_probability(Target.from_fit(fit), walkers // 2, 2)
     return {"ms": 1e3 * each.wall, "ms cpu": 1e3 * each.cpu}
 
 

@@ -11,8 +11,7 @@ import numpy as np
 import pandas as pd
 
 from ..diagnosis.findings import Diagnosis
-from ..posterior.sampling import Posterior
-from ..posterior.summary import Marginal
+from ..posterior.sampling import Marginal, Posterior
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import Digits, short
 from . import views

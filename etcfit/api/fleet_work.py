@@ -115,7 +115,8 @@ def show(run: Path, files: FleetFiles, report: Report) -> None:
 
 
 def _draw(draft: Draft, files: FleetFiles, report: Report) -> None:
-    from ..reporting.fleet import draw_fleet, write_fleet_page
+    from ..reporting.fleet import write_fleet_page
+    from ..reporting.fleet.pictures import draw_fleet
 
     report("drawing", 0.5)
     draw_fleet(files.content, files.units, draft.files / _PICTURES)

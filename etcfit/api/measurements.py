@@ -14,7 +14,7 @@ from ..car_log.steps import Step
 from ..car_log.study import verdict
 from ..errors import UsageError
 from ..experiment.advice import Advice, Option
-from ..experiment.campaign import Campaign, remark
+from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
 from ..reporting.numbers import short
 from ..rig.base import RigConfig
@@ -170,8 +170,8 @@ class Advised:
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit check --advise` prints, for `print`."""
-        from ..reporting.advice import advice_table
         from ..reporting.blocks import render
+        from ..reporting.check_table import advice_table
 
         return render(advice_table(self.advice), width)
 
@@ -229,7 +229,7 @@ class Planned:
             "current": numbers(float(np.abs(t.forecast.shown.get("current", np.zeros(1))).max()) for t in every),
             "temperature": numbers(ambient + float(t.forecast.warmth.max()) for t in every),
             "pause": numbers(t.pause for t in every),
-            "remark": texts(remark(t, self.campaign.setting) for t in every),
+            "remark": texts(self.campaign.remark(t) for t in every),
         }
         return indexed(columns, [t.file for t in every], "file")
 

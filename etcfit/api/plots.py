@@ -23,8 +23,8 @@ from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
-from ..reporting import overview, pictures, style
-from ..reporting.control import bode, front, responses, safety, scenarios, sines
+from ..reporting import pictures, style
+from ..reporting.control import bode, front, responses, safety
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.numbers import short
@@ -92,7 +92,7 @@ class FitPlots:
 
     def parameters(self) -> Axes:
         """How well each parameter is known, and how far off reading a graph with a ruler is."""
-        return panel_of(lambda: overview.draw(pictures.parameter_picture(self.result)))
+        return panel_of(lambda: pictures.draw_parameters(pictures.parameter_picture(self.result)))
 
     def test(self, name: str) -> np.ndarray:
         """The graph that the paper reads of one rig test, with the fit drawn into it.
@@ -255,7 +255,7 @@ class ReductionPlots:
         response = self.response
         if response is None or not response.points:
             raise UsageError("no sine trace of this rig says anything: there is no measured response to draw.")
-        return panels_of(lambda: sines.draw(self.fitted.config, response))
+        return panels_of(lambda: bode.draw_sines(self.fitted.config, response))
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,7 +274,7 @@ class DesignPlots:
 
     def scenarios(self) -> np.ndarray:
         """The proposed gains in every scenario, a panel each."""
-        return panels_of(lambda: scenarios.draw(self.design))
+        return panels_of(lambda: responses.draw_scenarios(self.design))
 
     def front(self) -> Axes:
         """Tracking error over the duty's activity: the best gains, and every rule."""
@@ -287,9 +287,9 @@ class DesignPlots:
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:
     """Operating range, spectrum and the busiest seconds of a log from the car."""
-    from ..reporting import car_log
+    from ..reporting.car_log.writing import draw
 
-    return panels_of(lambda: car_log.draw(study, config.synthetic))
+    return panels_of(lambda: draw(study, config.synthetic))
 
 
 @dataclass(frozen=True)
@@ -304,17 +304,17 @@ class FleetPlots:
 
     def population(self) -> np.ndarray:
         """Every unit's parameters with their intervals, and the population."""
-        from ..reporting.fleet.columns import Columns
-        from ..reporting.fleet.drawn import population
+        from ..reporting.fleet import pictures
+        from ..reporting.fleet.page import Columns
 
         content = self.files.content
-        return panels_of(lambda: population.draw(content, Columns.of(content["units"], self.files.units)))
+        return panels_of(lambda: pictures.draw_population(content, Columns.of(content["units"], self.files.units)))
 
     def correlation(self) -> np.ndarray:
         """Which parameters go together from unit to unit."""
-        from ..reporting.fleet.drawn import correlation
+        from ..reporting.fleet import pictures
 
-        return panels_of(lambda: correlation.draw(self.files.content))
+        return panels_of(lambda: pictures.draw_correlation(self.files.content))
 
     def charts(self, *symbols: str) -> np.ndarray:
         """Control chart and cumulative sums, a figure a symbol.
@@ -324,18 +324,18 @@ class FleetPlots:
         Raises:
             UsageError: a symbol has none.
         """
-        from ..reporting.fleet.drawn import charts
+        from ..reporting.fleet import pictures
 
         there = self.files.content["charts"]
         if unknown := [symbol for symbol in symbols if symbol not in there]:
             raise UsageError(f"there is no chart of {unknown[0]}. There are: {', '.join(there) or 'none'}.")
-        drawn = [panels_of(lambda s=s: charts.draw(self.files.content, s)) for s in symbols or there]
+        drawn = [panels_of(lambda s=s: pictures.draw_chart(self.files.content, s)) for s in symbols or there]
         return np.concatenate(drawn) if drawn else np.empty(0, dtype=object)
 
     def odd(self) -> np.ndarray:
         """How far each unit is from the population, and by what the odd ones are."""
-        from ..reporting.fleet.drawn import odd
+        from ..reporting.fleet import pictures
 
         if not self.files.content["odd"]:
             raise UsageError("no unit of this fleet is odd: there is nothing to draw.")
-        return panels_of(lambda: odd.draw(self.files.content))
+        return panels_of(lambda: pictures.draw_odd(self.files.content))

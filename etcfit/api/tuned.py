@@ -174,7 +174,7 @@ def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> 
 def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
     """The logs as the importer reads them, every guess taken."""
     from ..importing import import_files
-    from ..importing.doubts import accept_all
+    from ..importing.answers import accept_all
     from ..rig.reader import read_folder
 
     with TemporaryDirectory() as scratch:

@@ -288,7 +288,7 @@ def keep_posterior(
     report: Report = silent,
 ) -> None:
     """posterior.json, posterior.nc and pictures."""
-    from ..posterior.predictive import bands
+    from ..posterior.sampling import bands
     from ..reporting import draw_posterior
     from ..run_folder.posterior import save_posterior
     from ..run_folder.state import exit_of

@@ -7,21 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..importing.names import FIRST_SENSOR, LOGGED_DUTY, SECOND_SENSOR
 from .log import Series
 
 DUTY, SECOND, VOLTS_1, VOLTS_2 = "duty", "position 2", "sensor 1", "sensor 2"
 
 _HEADER = re.compile(r"(?P<name>.+?)\s*(?:[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])])?\s*")
-
-# in small letters, without what is no letter or number; an injector's duty is none of them
-_DUTY = ("duty", "etbduty", "etbdutycycle", "dbwduty", "dbwdutycycle", "dbwmotorduty", "ethrottleduty",
-         "throttleduty", "ethrottlemotorduty", "throttlemotorduty", "etbmotorduty", "motorduty", "etb1duty",
-         "ethrottle1motordc")  # fmt: skip
-_FIRST = ("tps1", "tps", "tpmain", "tpsmain", "tpsa", "tps1a", "rawtps1primary", "rawtps1", "tps1primary", "tps1pri",
-          "throttleposition1", "throttlepositiona", "etbposition1", "tpsvoltage", "tps1voltage",
-          "tpmainvoltage")  # fmt: skip
-_SECOND = ("tps2", "tpsub", "tpssub", "tpsb", "tps1b", "rawtps1secondary", "tps1secondary", "tps1sec",
-           "throttleposition2", "throttlepositionb", "etbposition2", "tps2voltage", "tpsubvoltage")  # fmt: skip
 
 
 def _plain(name: str) -> str:
@@ -43,8 +34,8 @@ def _named(header: str, names: Sequence[str], units: Sequence[str]) -> tuple[int
 
 def found(header: Sequence[str]) -> dict[str, tuple[int, str]]:
     """Place and unit of each quantity that is there."""
-    wanted = {DUTY: (_DUTY, ("%", "", "1")), SECOND: (_SECOND, ("%", "")), VOLTS_1: (_FIRST, ("v", "mv")),
-              VOLTS_2: (_SECOND, ("v", "mv"))}  # fmt: skip
+    wanted = {DUTY: (LOGGED_DUTY, ("%", "", "1")), SECOND: (SECOND_SENSOR, ("%", "")),
+              VOLTS_1: (FIRST_SENSOR, ("v", "mv")), VOLTS_2: (SECOND_SENSOR, ("v", "mv"))}  # fmt: skip
     out: dict[str, tuple[int, str]] = {}
     for quantity, (names, units) in wanted.items():
         ranked = [(named[0], k, named[1]) for k, text in enumerate(header) if (named := _named(text, names, units))]

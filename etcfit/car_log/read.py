@@ -14,12 +14,10 @@ from ..errors import MeasurementError, UsageError
 from ..importing.answers import IGNORE, Answers, target
 from ..importing.formats import BY_SUFFIX, read_sheets
 from ..importing.formats.base import Source
-from ..importing.makers import is_about, is_engines, is_plates
+from ..importing.names import is_about, is_engines, is_plates
 from ..importing.quantities import one_each, quantity_of, take_by_itself
-from ..importing.registers import signed
 from ..importing.sheet import Column, Sheet
-from ..importing.take import LEFT_OUT, Take
-from ..importing.time_column import time_of
+from ..importing.take import LEFT_OUT, Take, signed, time_of
 from ..rig.base import RigConfig
 from ..rig.config import read_config
 from ..rig.units import UnitError, to_channel

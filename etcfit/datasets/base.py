@@ -20,33 +20,21 @@ VARIABLE = "ETCFIT_DATA"  # names a folder of local copies
 
 @dataclass(frozen=True)
 class Source:
-    """One published file, pinned to a commit and to its content.
+    """One published file, pinned to a commit and to its content."""
 
-    Args:
-        local: path below a folder of local copies.
-        url: public address.
-        sha256: of the content, hexadecimal.
-    """
-
-    local: str
-    url: str
-    sha256: str
+    local: str  # path below a folder of local copies
+    url: str  # public address
+    sha256: str  # of the content, hexadecimal
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A public data set.
+    """A public data set."""
 
-    Args:
-        name: what `etcfit fetch` calls it.
-        title: one line.
-        sources: every published file it is made from.
-        convert: local path -> file, to path in the measurement folder -> text; writes nothing itself.
-    """
-
-    name: str
-    title: str
-    sources: tuple[Source, ...]
+    name: str  # what `etcfit fetch` calls it
+    title: str  # one line
+    sources: tuple[Source, ...]  # every published file it is made from
+    # local path -> file, to path in the measurement folder -> text; writes nothing itself
     convert: Callable[[Mapping[str, Path]], Mapping[str, str]]
 
 
@@ -71,53 +59,33 @@ def obtain(source: Source, data: Path | None = None) -> Path:
     """The file, checked against its SHA-256.
 
     Args:
-        source: which file.
         data: folder of local copies; without it, the one that the environment variable ETCFIT_DATA names.
 
     Raises:
         MeasurementError: the local copy is not the published file, or the download failed.
     """
-    copy = _local_copy(source, data)
-    if copy is None:
-        return _download(source)
-    _check(copy, source)
-    return copy
-
-
-def _local_copy(source: Source, data: Path | None) -> Path | None:
     folder = data or (Path(named) if (named := os.environ.get(VARIABLE)) else None)
     copy = folder / source.local if folder else None
-    return copy if copy and copy.is_file() else None
-
-
-def _check(copy: Path, source: Source) -> None:
-    found = hashlib.sha256(copy.read_bytes()).hexdigest()
-    if found != source.sha256:
-        raise MeasurementError(
-            str(copy),
-            f"its SHA-256 is {found}.",
-            f"It must be {source.sha256}, that of the published file.",
-            f"Delete the copy, or replace it with {source.url}.",
-        )
-
-
-def _download(source: Source) -> Path:
+    if copy and copy.is_file():
+        found = hashlib.sha256(copy.read_bytes()).hexdigest()
+        if found != source.sha256:
+            raise MeasurementError(str(copy), f"its SHA-256 is {found}.",
+                                   f"It must be {source.sha256}, that of the published file.",
+                                   f"Delete the copy, or replace it with {source.url}.")  # fmt: skip
+        return copy
     import pooch
 
     pooch.get_logger().setLevel("WARNING")  # the command line shows its own progress
     try:
         return Path(pooch.retrieve(source.url, known_hash=f"sha256:{source.sha256}", path=pooch.os_cache("etcfit")))
     except (OSError, ValueError) as error:  # no network, no such page; a content that is not the published one
-        raise MeasurementError(
-            source.url,
-            f"the download failed: {error}.",
-            "The published file is required.",
-            f"Try again, or put a copy at FOLDER/{source.local} and name FOLDER with --data or in {VARIABLE}.",
-        ) from error
+        raise MeasurementError(source.url, f"the download failed: {error}.", "The published file is required.",
+                               f"Try again, or put a copy at FOLDER/{source.local} and name FOLDER with --data or in "
+                               f"{VARIABLE}.") from error  # fmt: skip
 
 
 def refuse_to_overwrite(to: Path) -> None:
-    """A folder can be written, and nobody's files are replaced.
+    """Refuse a folder that cannot be written, or has files in it.
 
     Raises:
         UsageError: `to` is a file, or a folder with something in it.
@@ -130,10 +98,8 @@ def refuse_to_overwrite(to: Path) -> None:
 
 @contextmanager
 def whole_folder(to: Path) -> Iterator[Path]:
-    """A draft beside `to`, to be filled, then renamed: a reader sees all of the folder or none of it.
+    """A draft next to `to`, to be filled, then renamed: a reader sees all of the folder or none of it.
 
-    Args:
-        to: the folder; must not exist, or be empty.
     Raises:
         UsageError: it holds something already.
     """
@@ -156,12 +122,7 @@ def write_files(folder: Path, files: Mapping[str, str]) -> None:
 
 
 def write_folder(to: Path, files: Mapping[str, str]) -> Path:
-    """Write every file, or none of them.
-
-    Args:
-        to: the folder; must not exist, or be empty.
-        files: path inside the folder -> text.
-    """
+    """Write every file, or none of them."""
     with whole_folder(to) as draft:
         write_files(draft, files)
     return to

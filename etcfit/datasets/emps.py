@@ -72,7 +72,6 @@ def on_schedule(file: Path, time: np.ndarray) -> None:
     """Refuse a record whose samples are not a period apart.
 
     Args:
-        file: named in the message.
         time: s, shape (n,).
     Raises:
         MeasurementError: it is not the published file.

@@ -26,8 +26,7 @@ from ..problem.trace import Trace
 from ..rig import TESTS
 from ..rig.base import Rig
 from ..rig.paper_readings import read_graphs
-from .plan import PLANS, Plan, channels, sweeps, trace_of
-from .setting import Setting
+from .plan import PLANS, Plan, Setting, remark, sweeps, trace_of
 from .settings import AdviceSettings
 
 
@@ -106,16 +105,15 @@ def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = Adv
     known, x = judged_at(rig, at)
     fitted, _, _ = ready(rig)
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
-    now = informations(problem, x)
-    prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
-    information = information_of(prior_sd, np.zeros((0, x.size))) + sum(now)
-    judge = Judge(known.layout, x, information, settings)
-    values = known.values(x)
+    judge, now = judge_of(problem, known.layout, x, settings)
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
-    planned = list(_planned(problem, x, Setting.of(rig, values, settings.plan), judge))
+    planned = list(_planned(problem, x, Setting.of(rig, known.values(x), settings.plan), judge))
     options = sorted((*again, *planned), key=lambda option: option.mean)
+    unknown = "what the ECU does is not known before it is logged"
     judged = {option.test for option in options}
-    return Advice(rig, known.layout.free, judge.sd, tuple(options), tuple(_not_judged(judged)), settings)
+    not_judged = [(test.name, "no plan for it" if test.name in PLANS else unknown) for test in TESTS
+                  if test.name not in judged]  # fmt: skip
+    return Advice(rig, known.layout.free, judge.sd(), tuple(options), tuple(not_judged), settings)
 
 
 def judged_at(rig: Rig, at: FitResult | None) -> tuple[FreeParameters, np.ndarray]:
@@ -143,13 +141,16 @@ class Judge:
     settings: AdviceSettings = AdviceSettings()
 
     def covariance(self, more: np.ndarray | float = 0.0) -> np.ndarray:
-        """Covariance of the coordinates once further information, shape (P, P), is there."""
+        """Covariance of the coordinates with further information, shape (P, P)."""
         return analyse(self.layout, self.x, self.information + more).covariance
 
-    @property
-    def sd(self) -> np.ndarray:
-        """Relative standard errors now."""
-        return np.sqrt(np.diag(self.covariance())) / self.layout.reach(self.x)
+    def sd(self, more: np.ndarray | float = 0.0) -> np.ndarray:
+        """Relative standard errors with further information, shape (P,)."""
+        return self.relative(self.covariance(more))
+
+    def relative(self, covariance: np.ndarray) -> np.ndarray:
+        """Relative standard errors of a covariance of the coordinates, shape (P,)."""
+        return np.sqrt(np.diag(covariance)) / self.layout.reach(self.x)
 
     def gain(self, more: np.ndarray) -> tuple[np.ndarray, Pair | None]:
         """What further information, shape (P, P), does.
@@ -159,6 +160,15 @@ class Judge:
         """
         before, after = self.covariance(), self.covariance(more)
         return np.sqrt(np.diag(after) / np.diag(before)), separated(self.layout.free, before, after, self.settings)
+
+
+def judge_of(
+    problem: EstimationProblem, layout: Layout, x: np.ndarray, settings: AdviceSettings
+) -> tuple[Judge, list[np.ndarray]]:
+    """What priors and traces of a problem tell, and what each trace does, shape (P, P)."""
+    now = informations(problem, x)
+    prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
+    return Judge(layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now), settings), now
 
 
 def separated(
@@ -183,11 +193,6 @@ def separated(
 def _correlation(covariance: np.ndarray) -> np.ndarray:
     sd = np.sqrt(np.diag(covariance))
     return np.clip(covariance / np.outer(sd, sd), -1.0, 1.0)
-
-
-def batched(traces: Sequence[Trace], most: int) -> Iterator[tuple[Trace, ...]]:
-    """The traces in order, at most `most` at a time."""
-    return (tuple(traces[k : k + most]) for k in range(0, len(traces), most))
 
 
 def informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
@@ -221,7 +226,7 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
     plans = [*absent, *responses]
     traces = tuple(trace_of(plan, setting) for plan in plans)
     options = [
-        Option(plan.test, plan.says, _remark(channels(plan, setting), setting), *judge.gain(more), plan)
+        Option(plan.test, plan.says, remark(plan, setting), *judge.gain(more), plan)
         for plan, more in zip(plans, beside(problem, traces, x), strict=True)
     ]
     yield from options[: len(absent)]
@@ -231,18 +236,7 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
 def beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
     """J_k^T J_k of other traces, shape (P, P) each, batched in the shape of the problem so that what was compiled for
     it serves again."""
-    for some in batched(traces, problem.batch.steps.dt.shape[1]):
+    most = problem.batch.steps.dt.shape[1]
+    for some in (tuple(traces[k : k + most]) for k in range(0, len(traces), most)):
         other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.room).refined(x)
         yield from informations(replace(other, jitter=problem.jitter), x)
-
-
-def _remark(needed: Sequence[str], setting: Setting) -> str:
-    new = [name.replace("_", " ") for name in needed if name in setting.assumed]
-    return f"{', '.join(new)} not logged so far: noise assumed" if new else ""
-
-
-def _not_judged(judged: set[str]) -> Iterator[tuple[str, str]]:
-    for test in TESTS:
-        if test.name not in judged:
-            why = "no plan for it" if test.name in PLANS else "what the ECU does is not known before it is logged"
-            yield test.name, why

@@ -18,20 +18,22 @@ import numpy as np
 
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
-from ..estimation.levenberg_marquardt import information_of
 from ..estimation.ready import ready
 from ..estimation.result import FitResult
-from ..problem import weights
-from ..problem.free_parameters import FreeParameters, Layout
+from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
 from ..rig import TEST_BY_NAME, TESTS
-from ..rig.base import Rig
-from .advice import Judge, beside, informations, judged_at
+from ..rig.base import CHANNELS, Rig
+from .advice import Judge, beside, judge_of, judged_at
 from .candidates import Candidate, candidates
 from .limits import Forecast, Winding, forecasts, passed
-from .plan import channels, trace_of
-from .setting import Setting
+from .plan import Setting, channels, remark, trace_of
 from .settings import AdviceSettings, CampaignSettings
+
+_SLACK = 0.03  # of what a quantity does in a test: what no model promises
+_NOISE = 3.0  # standard deviations of a sample
+_ROOM = 1.25  # of a range over what is expected
+_FINE = 3.0  # steps of a logger may be so many standard deviations of the noise wide: 12 of a uniform error's variance
 
 
 class Criterion(StrEnum):
@@ -117,6 +119,10 @@ class Campaign:
         """Length of all logs, s."""
         return sum(test.candidate.seconds for test in self.tests)
 
+    def remark(self, test: PlannedTest) -> str:
+        """See `plan.remark`."""
+        return remark(test.candidate.plan, self.setting)
+
 
 def plan_campaign(
     rig: Rig,
@@ -140,43 +146,41 @@ def plan_campaign(
         MeasurementError: nothing can be fitted.
         UsageError: no such rig test, no voltage drives this rig, or nothing keeps within the limits.
     """
-    _must_be_tests(without)
+    if unknown := [name for name in without if name not in TEST_BY_NAME]:
+        raise UsageError(f"there is no rig test {unknown[0]}. There are {', '.join(test.name for test in TESTS)}.")
     known, x = judged_at(rig, at)
     fitted, _, _ = ready(rig)
     if any(trace.torque_driven for trace in fitted):
         raise UsageError("this rig is driven by a torque: no voltage can be planned for it.")
     problem = at.problem if at is not None else EstimationProblem.of(rig.config, known, fitted).refined(x)
-    prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
-    information = information_of(prior_sd, np.zeros((0, x.size))) + sum(informations(problem, x))
+    judge, _ = judge_of(problem, known.layout, x, AdviceSettings(plan=settings.plan))
     values = known.values(x)
-    setting = _setting(rig, values, settings, supply)
-    judge = Judge(known.layout, x, information, AdviceSettings(plan=settings.plan))
+    setting = Setting.of(rig, values, settings.plan)
+    setting = setting if supply is None else replace(setting, supply=supply)
 
     every = candidates(setting, settings, {trace.test.name for trace in fitted}, tuple(without))
     models = _models(rig, at, known, x, judge, settings)
     seen = forecasts(every, setting, known, models, problem.room, settings)
     bad = [passed(c, f, setting, settings) for c, f in zip(every, seen, strict=True)]
-    left = [k for k in _largest(every, bad)]
+    left = list(_largest(every, bad))
     if not left:
-        raise UsageError(_nothing(every, bad))
+        nearest = min(range(len(every)), key=lambda k: len(bad[k]))
+        raise UsageError(f"no test keeps within the limits: {every[nearest].plan.says} would have "
+                         f"{'; '.join(bad[nearest])}. Fit the folder first and plan by its RUN, or allow more current "
+                         "or heat.")  # fmt: skip
     told = dict(zip(left, beside(problem, [trace_of(every[k].plan, setting) for k in left], x), strict=True))
-    chosen = _ordered(every, _chosen(every, told, judge, settings, criterion))
-    wide = _widening(at, judge)
-    winding = Winding.of(values, settings)
-    tests = tuple(_tests(every, seen, chosen, told, judge, wide, winding))
+    chosen = sorted(_chosen(every, told, judge, settings, criterion), key=lambda k: _effort(every[k]))
+    # stated standard errors over those of the Fisher information, at least 1
+    wide = 1.0 if at is None else np.maximum(judge.relative(at.taken_as_exact().covariance) / judge.sd(), 1.0)
+    winding, more, tests = Winding.of(values, settings), np.zeros_like(judge.information), []
+    for number, k in enumerate(chosen, 1):
+        before, more = wide * judge.sd(more), more + told[k]
+        pause = winding.pause(float(seen[k].warmth[:, -1].max()))
+        file = f"{every[k].plan.test}/plan_{number}.csv"
+        tests.append(PlannedTest(every[k], seen[k], before, wide * judge.sd(more), pause, file))
     left_out = tuple((every[k].plan.says, "; ".join(why)) for k, why in enumerate(bad) if why)
-    return Campaign(rig, at is not None, known.layout.free, values, setting, tests, left_out, winding, criterion,
-                    settings, () if at is None else tuple(at.state.cautions))  # fmt: skip
-
-
-def _must_be_tests(names: Sequence[str]) -> None:
-    if unknown := [name for name in names if name not in TEST_BY_NAME]:
-        raise UsageError(f"there is no rig test {unknown[0]}. There are {', '.join(test.name for test in TESTS)}.")
-
-
-def _setting(rig: Rig, values: dict[str, float], settings: CampaignSettings, supply: float | None) -> Setting:
-    setting = Setting.of(rig, values, settings.plan)
-    return setting if supply is None else replace(setting, supply=supply)
+    return Campaign(rig, at is not None, known.layout.free, values, setting, tuple(tests), left_out, winding,
+                    criterion, settings, () if at is None else tuple(at.state.cautions))  # fmt: skip
 
 
 def _models(
@@ -201,12 +205,6 @@ def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]], most: i
         yield from members[-most:]
 
 
-def _nothing(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]]) -> str:
-    nearest = min(range(len(every)), key=lambda k: len(bad[k]))
-    return (f"no test keeps within the limits: {every[nearest].plan.says} would have {'; '.join(bad[nearest])}. Fit "
-            "the folder first and plan by its RUN, or allow more current or heat.")  # fmt: skip
-
-
 def _chosen(
     every: Sequence[Candidate],
     told: dict[int, np.ndarray],
@@ -215,12 +213,12 @@ def _chosen(
     criterion: Criterion,
 ) -> list[int]:
     """Indices of the tests, best first."""
-    asked = _relative(judge.layout, judge.x, judge.covariance(sum(told.values()))) < settings.told
+    asked = judge.sd(sum(told.values())) < settings.told
     if not asked.any():
         asked[:] = True
 
     def size(more: np.ndarray | float) -> float:
-        return criterion.of(_relative(judge.layout, judge.x, judge.covariance(more))[asked])
+        return criterion.of(judge.sd(more)[asked])
 
     chosen: list[int] = []
     more = np.zeros_like(judge.information)
@@ -238,53 +236,10 @@ def _chosen(
     return chosen
 
 
-def _relative(layout: Layout, x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.diag(covariance)) / layout.reach(x)
-
-
-def _ordered(every: Sequence[Candidate], chosen: Sequence[int]) -> list[int]:
-    """By what has to be done to the rig: driven plate, open terminals, held plate, gear apart; then as chosen."""
-
-    def effort(k: int) -> int:
-        b = TEST_BY_NAME[every[k].plan.test].boundary
-        return 3 if b.gear_apart else 2 if b.plate_held else 1 if b.terminals_open else 0
-
-    return sorted(chosen, key=effort)
-
-
-def _widening(at: FitResult | None, judge: Judge) -> np.ndarray:
-    """Stated standard errors over those of the Fisher information, at least 1, shape (P,)."""
-    if at is None:
-        return np.ones(judge.x.size)
-    return np.maximum(_relative(judge.layout, judge.x, at.taken_as_exact().covariance) / judge.sd, 1.0)
-
-
-def _tests(
-    every: Sequence[Candidate],
-    seen: Sequence[Forecast],
-    chosen: Sequence[int],
-    told: dict[int, np.ndarray],
-    judge: Judge,
-    wide: np.ndarray,
-    winding: Winding,
-) -> Iterator[PlannedTest]:
-    more = np.zeros_like(judge.information)
-    for number, k in enumerate(chosen, 1):
-        before = wide * _relative(judge.layout, judge.x, judge.covariance(more))
-        more = more + told[k]
-        after = wide * _relative(judge.layout, judge.x, judge.covariance(more))
-        pause = winding.pause(float(seen[k].warmth[:, -1].max()))
-        yield PlannedTest(every[k], seen[k], before, after, pause, f"{every[k].plan.test}/plan_{number}.csv")
-
-
-def remark(test: PlannedTest, s: Setting) -> str:
-    """Channels that this rig has not logged so far and the test needs, or ""."""
-    new = [name.replace("_", " ") for name in channels(test.candidate.plan, s) if name in s.assumed]
-    return f"{', '.join(new)} not logged so far: noise assumed" if new else ""
-
-
-_SLACK = 0.03  # of what a quantity does in a test: what no model promises
-_NOISE = 3.0  # standard deviations of a sample
+def _effort(candidate: Candidate) -> int:
+    """What has to be done to the rig, least first: driven plate, open terminals, held plate, gear apart."""
+    b = TEST_BY_NAME[candidate.plan.test].boundary
+    return 3 if b.gear_apart else 2 if b.plate_held else 1 if b.terminals_open else 0
 
 
 def band(test: PlannedTest, s: Setting, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -292,3 +247,38 @@ def band(test: PlannedTest, s: Setting, name: str) -> tuple[np.ndarray, np.ndarr
     values = test.forecast.shown[name]
     slack = _SLACK * float(np.ptp(values[0])) + _NOISE * s.noise[name]
     return values.min(axis=0) - slack, values.max(axis=0) + slack
+
+
+@dataclass(frozen=True)
+class LoggedColumn:
+    """One column of the record, in the unit of its header.
+
+    Args:
+        header: as it stands in the CSV.
+        low, high: range that the logger needs.
+        resolution: coarsest step that loses nothing; 0 where it does not matter.
+    """
+
+    header: str
+    low: float
+    high: float
+    resolution: float
+
+
+def logger(test: PlannedTest, campaign: Campaign) -> tuple[LoggedColumn, ...]:
+    """How a planned test is to be logged: columns of its record, time first, in the headers that the rig has used."""
+    plan, s = test.candidate.plan, campaign.setting
+    out = [LoggedColumn("time [s]", 0.0, test.candidate.seconds, 0.01 * float(plan.time[1] - plan.time[0]))]
+    drive = () if plan.volts is None else ("voltage",)
+    for name in (*drive, *channels(plan, s)):
+        value = plan.volts if name == "voltage" and plan.volts is not None else test.forecast.shown[name]
+        ends, noise = np.array([value.min(), value.max()]), s.noise[name]
+        spread = 0.5 * np.ptp(ends) * (_ROOM - 1.0) + 5.0 * noise
+        ends, header, scale = ends + np.array([-spread, spread]), f"{name} [{CHANNELS[name]}]", 1.0
+        # as the rig logged it in this test, or else in another
+        every = sorted((m for m in campaign.rig.measurements if name in m.channels), key=lambda m: m.test != plan.test)
+        if every:
+            used = every[0].channels[name]
+            ends, header, scale = np.sort(used.logged(ends)), used.header, abs(used.scale)
+        out.append(LoggedColumn(header, float(ends[0]), float(ends[1]), float(_FINE * noise / scale)))
+    return tuple(out)

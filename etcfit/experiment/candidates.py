@@ -7,20 +7,99 @@ Dry friction holds a plate that is led slowly to the balance itself, so the ramp
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..rig import TEST_BY_NAME
-from .excitation import SHAPES, AbstractShape
-from .plan import PLANS, Plan
-from .setting import Setting
+from .plan import PLANS, Plan, Setting, even_clock
 from .settings import CampaignSettings
 
 FULL = 10_000  # counts of a duty of 1: what is played is a whole number of them
 _LEAD, _STAY, _DOWN, _OUT, _REST = 0.8, 0.2, 0.2, 0.8, 0.2  # s: ramp up, wait, to the balance, ramp down, wait
 _LEAST, _MOST = 1.2, 2.5  # amplitude, times friction and times what takes a slow plate from stop to stop
+_SLOWEST = 0.4  # Hz, of a multisine and of a chirp
+_LINES = 8  # of a multisine
+_SEED = 2015  # of the levels of steps: a plan made twice is the same plan
+
+
+def _multisine(time: np.ndarray, band: float) -> np.ndarray:
+    """Sum of sines, logarithmically spaced up to the band, their phases those of a low peak:
+
+        wave = sum_k sin(2 pi f_k t + phi_k) / peak,    phi_k = -pi k (k - 1) / K
+
+    Source: Schroeder 1970, IEEE Trans. Inf. Theory 16:85. Differs from source: the lines are spaced by ratios.
+    """
+    hertz = np.geomspace(_SLOWEST, band, _LINES)
+    k = np.arange(1, _LINES + 1)
+    sines = np.sin(2.0 * np.pi * np.outer(time, hertz) - np.pi * k * (k - 1) / _LINES).sum(axis=1)
+    return sines / np.abs(sines).max()
+
+
+def _chirp(time: np.ndarray, band: float) -> np.ndarray:
+    """wave = sin(2 pi f_0 (e^(r t) - 1) / r),    r = ln(band / f_0) / T
+
+    Source: Farina 2000 (exponential sweep). Differs from source: no.
+    """
+    rate = np.log(band / _SLOWEST) / time[-1]
+    return np.sin(2.0 * np.pi * _SLOWEST * np.expm1(rate * time) / rate)
+
+
+def _steps(time: np.ndarray, band: float) -> np.ndarray:
+    """Levels above and below the middle in turn, each held for 1 to 3 halves of the band's period.
+
+        wave = +-a_k,    a_k uniform in 0.4 to 1, the largest 1
+
+    Source: amplitude-modulated pseudo-random signals, Nelles 2001, ch. 17. Differs from source: sides alternate, for a
+    plate between two stops must come back.
+    """
+    rng = np.random.default_rng(_SEED)
+    half = 0.5 / band
+    count = int(time[-1] / half) + 2
+    size = rng.uniform(0.4, 1.0, count) * np.where(np.arange(count) % 2, -1.0, 1.0)
+    ends = np.cumsum(half * rng.integers(1, 4, count))
+    wave = size[np.searchsorted(ends, time, side="right")]
+    return wave / np.abs(wave).max()
+
+
+def _ramps(time: np.ndarray, band: float) -> np.ndarray:
+    """A triangle of the band's frequency: 0, 1, -1, 0 along straight lines.
+
+    Slow, it shows spring and dry friction as the paper's static-load test does, without running into the stop.
+    Source: the paper's static-load test. Differs from source: about half travel, in both directions.
+    """
+    return 2.0 / np.pi * np.arcsin(np.sin(2.0 * np.pi * band * time))
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A voltage about the one that balances the spring, as a share of its amplitude.
+
+        v(t) = v_centre + A wave(t),    |wave| <= 1
+
+    Args:
+        name: of it.
+        bands: Hz, the fastest that is in it; each a candidate.
+        wave: of time, evenly spaced from 0, s, shape (n,), and band; dimensionless, shape (n,).
+        says: what it is with this band, in a few words for whoever plays it.
+        test: rig test whose folder takes the record.
+    """
+
+    name: str
+    bands: tuple[float, ...]
+    wave: Callable[[np.ndarray, float], np.ndarray]
+    says: Callable[[float], str]
+    test: str = "response"
+
+
+SHAPES = (
+    Shape("multisine", (3.0, 10.0), _multisine, lambda f: f"multisine, {_LINES} lines {_SLOWEST:g} to {f:g} Hz"),
+    Shape("chirp", (3.0, 10.0), _chirp, lambda f: f"sine sweep {_SLOWEST:g} to {f:g} Hz"),
+    Shape("steps", (2.0, 5.0), _steps, lambda f: f"steps to either side, {0.5 / f:.2g} to {1.5 / f:.2g} s each"),
+    Shape("ramps", (0.33, 1.0), _ramps, lambda f: f"ramps up and down, {f:g} a second"),
+)
+"""A new shape is a function and a line here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +121,10 @@ class Played:
         """Terminal voltage, V, shape (n,)."""
         return self.supply * self.counts / FULL
 
-    @classmethod
-    def of(cls, time: np.ndarray, volts: np.ndarray, supply: float) -> Played:
-        """The nearest counts."""
-        return cls(time, np.rint(FULL * volts / supply).astype(int), supply)
+
+def _played(time: np.ndarray, volts: np.ndarray, supply: float) -> Played:
+    """The nearest counts."""
+    return Played(time, np.rint(FULL * volts / supply).astype(int), supply)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +150,12 @@ class Candidate:
         """How long its log is, s."""
         return float(self.plan.time[-1])
 
+    @property
+    def free_plate(self) -> bool:
+        """Whether the plate can move and somebody might care where."""
+        boundary = TEST_BY_NAME[self.plan.test].boundary
+        return not (boundary.plate_held or boundary.gear_apart or boundary.released)
+
 
 def candidates(s: Setting, settings: CampaignSettings, made: set[str], without: tuple[str, ...]) -> list[Candidate]:
     """Every trace to choose from: shapes, and the rig tests that were not made yet.
@@ -85,7 +170,7 @@ def candidates(s: Setting, settings: CampaignSettings, made: set[str], without: 
     every = [_undone(PLANS[name](s), s, settings) for name in absent]
     for shape in SHAPES:
         if shape.test not in without:
-            every += _of_shape(shape, s, settings)
+            every += _driven(shape, s, settings)
     return every
 
 
@@ -93,13 +178,14 @@ def _undone(plan: Plan, s: Setting, settings: CampaignSettings) -> Candidate:
     """A rig test of the paper's that was not made yet; its own plan says where the plate goes."""
     played = None
     if plan.volts is not None:
-        time = _clock(float(plan.time[-1]), settings.play)
+        time = even_clock(float(plan.time[-1]), settings.play)
         latest = np.clip(np.searchsorted(plan.time, time + 1e-9, side="right") - 1, 0, None)
-        played = Played.of(time, plan.volts[latest], s.supply)
+        played = _played(time, plan.volts[latest], s.supply)
     return Candidate(plan.test, plan, played, None, (plan.test, 0.0, 0.0))
 
 
-def _of_shape(shape: AbstractShape, s: Setting, settings: CampaignSettings) -> Iterator[Candidate]:
+def _driven(shape: Shape, s: Setting, settings: CampaignSettings) -> Iterator[Candidate]:
+    """A shape at each amplitude, band and duration."""
     lower, upper = s.rest, s.open
     centre = s.balance(0.5 * (lower + upper))
     most = s.friction + s.volts(s.values["K_s"] * 0.5 * (upper - lower))
@@ -107,43 +193,19 @@ def _of_shape(shape: AbstractShape, s: Setting, settings: CampaignSettings) -> I
     if room <= 0.0:
         return
     least = min(_LEAST * s.friction, 0.8 * room)
-    for amplitude in np.geomspace(least, max(min(_MOST * most, room), 1.01 * least), settings.levels):
+    freed = min(centre + s.friction, settings.supply * s.supply)
+    begin = s.settings.quiet + _LEAD + _STAY + _DOWN
+    levels = np.array([0.0, 0.0, freed, freed, centre, centre, 0.0, 0.0])
+    for amplitude in map(float, np.geomspace(least, max(min(_MOST * most, room), 1.01 * least), settings.levels)):
         for band in shape.bands:
             for duration in settings.durations:
-                yield _driven(shape, s, settings, centre, float(amplitude), band, duration)
-
-
-def _driven(
-    shape: AbstractShape,
-    s: Setting,
-    settings: CampaignSettings,
-    centre: float,
-    amplitude: float,
-    band: float,
-    duration: float,
-) -> Candidate:
-    wave = shape.wave(_clock(duration, settings.play), band)
-    begin = s.settings.quiet + _LEAD + _STAY + _DOWN
-    end = begin + duration
-    freed = min(centre + s.friction, settings.supply * s.supply)
-    corners = np.cumsum([0.0, s.settings.quiet, _LEAD, _STAY, _DOWN, duration, _OUT, _REST])
-    levels = np.array([0.0, 0.0, freed, freed, centre, centre, 0.0, 0.0])
-    time = _clock(float(corners[-1]), settings.play)
-    volts = np.interp(time, corners, levels)
-    inside = np.searchsorted(time, begin - 1e-9) + np.arange(wave.size)
-    volts[inside] += amplitude * wave
-    played = Played.of(time, volts, s.supply)
-    says = f"{shape.says(band)}, {centre:.2f} ± {amplitude:.2f} V, {duration:g} s"
-    logged = _clock(float(time[-1]), s.rate)
-    plan = Plan(shape.test, says, logged, np.interp(logged, time, played.volts), s.rest)
-    return Candidate(shape.name, plan, played, (begin, end), (shape.name, band, duration))
-
-
-def free_plate(candidate: Candidate) -> bool:
-    """Whether the plate can move and somebody might care where."""
-    boundary = TEST_BY_NAME[candidate.plan.test].boundary
-    return not (boundary.plate_held or boundary.gear_apart or boundary.released)
-
-
-def _clock(duration: float, rate: float) -> np.ndarray:
-    return np.arange(round(duration * rate)) / rate
+                wave = shape.wave(even_clock(duration, settings.play), band)
+                corners = np.cumsum([0.0, s.settings.quiet, _LEAD, _STAY, _DOWN, duration, _OUT, _REST])
+                time = even_clock(float(corners[-1]), settings.play)
+                volts = np.interp(time, corners, levels)
+                volts[np.searchsorted(time, begin - 1e-9) + np.arange(wave.size)] += amplitude * wave
+                played = _played(time, volts, s.supply)
+                says = f"{shape.says(band)}, {centre:.2f} ± {amplitude:.2f} V, {duration:g} s"
+                logged = even_clock(float(time[-1]), s.rate)
+                plan = Plan(shape.test, says, logged, np.interp(logged, time, played.volts), s.rest)
+                yield Candidate(shape.name, plan, played, (begin, begin + duration), (shape.name, band, duration))

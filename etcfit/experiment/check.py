@@ -15,10 +15,11 @@ from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse, listed, sentences
 from ..estimation.levenberg_marquardt import information_of
 from ..estimation.ready import ready, start_values
+from ..importing.shapes import runs
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
-from ..rig.base import Channel, Measurement, Rig
+from ..rig.base import Channel, Rig
 from ..rig.ecu import GAINS
 from ..rig.paper_readings import Readings, read_graphs
 from .settings import CheckSettings
@@ -122,7 +123,11 @@ def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
         MeasurementError: rig.toml asks for what no fit can do.
     """
     free_parameters(rig.config)  # refuses what `fit` refuses; traces that cannot be fitted are shown all the same
-    traces = tuple(_trace(m, settings) for m in rig.measurements)
+    traces = tuple(
+        TraceCheck(m.file, m.test, m.held_out, clock(m.time, settings),
+                   tuple(channel_check(name, c, m.time.size, settings) for name, c in m.channels.items()))
+        for m in rig.measurements
+    )  # fmt: skip
     follows = study_traces(rig)
     try:
         judged = verdict(rig)
@@ -174,10 +179,9 @@ def _were_gains_known(verdict: Foresight) -> tuple[str, ...]:
     unknown = tuple(s for s in GAINS.values() if s in verdict.identifiability.lost)
     keys = {symbol: key for key, symbol in GAINS.items()}
     out = []
-    for group in dict.fromkeys((*((s,) for s in unknown), *((unknown,) if unknown else ()))):
-        told = verdict.knowing(group)
-        names = " and ".join(f"{s} ([ecu] {keys[s]})" for s in group)
-        if told:
+    for group in dict.fromkeys((*((s,) for s in unknown), unknown)) if unknown else ():
+        if told := verdict.knowing(group):
+            names = " and ".join(f"{s} ([ecu] {keys[s]})" for s in group)
             out.append(f"Were {names} known, {listed(told)} would be identifiable too.")
     return tuple(out)
 
@@ -191,7 +195,12 @@ def verdict(rig: Rig) -> Foresight:
     known = free_parameters(rig.config)
     fitted, _, notes = ready(rig)
     readings = read_graphs(rig)
-    x = known.layout.coordinates(start_values(known, _told(known.layout, readings)))
+    told = readings
+    if {*GAINS.values()} & {*known.layout.free}:
+        # A plate read with gains of the ECU that nobody knows is of no size that could be held against any other:
+        # nominal sizes are better, for a gain that is not known tells less than one that is.
+        told = replace(readings, values={s: v for s, v in readings.values.items() if s not in readings.nominal})
+    x = known.layout.coordinates(start_values(known, told))
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     problem = problem.with_integrator_states(x)
     weighted = problem.weighted(problem.kalman(x))
@@ -200,21 +209,6 @@ def verdict(rig: Rig) -> Foresight:
     rows = rows[np.isfinite(rows).all(axis=1)]
     information = information_of(weighted.prior_sd[: x.size], rows)
     return Foresight(known.layout, x, information, readings, notes, fitted)
-
-
-def _told(layout: Layout, readings: Readings) -> Readings:
-    """The readings at which to judge. A plate read with gains of the ECU that nobody knows is of no size that could be
-    held against any other: nominal sizes are better, for a gain that is not known tells less than one that is."""
-    if not {*GAINS.values()} & {*layout.free}:
-        return readings
-    return replace(readings, values={s: v for s, v in readings.values.items() if s not in readings.nominal})
-
-
-def _trace(measurement: Measurement, settings: CheckSettings) -> TraceCheck:
-    rows = measurement.time.size
-    channels = tuple(channel_check(name, c, rows, settings) for name, c in measurement.channels.items())
-    time = clock(measurement.time, settings)
-    return TraceCheck(measurement.file, measurement.test, measurement.held_out, time, channels)
 
 
 def clock(time: np.ndarray, settings: CheckSettings = CheckSettings()) -> Clock:
@@ -255,10 +249,5 @@ def clipped(value: np.ndarray, settings: CheckSettings = CheckSettings()) -> int
     if low == high or elsewhere.sum() < 4 * settings.run or same[elsewhere].mean() > settings.lively:
         return 0
     least = max(settings.run, round(settings.run_share * value.size))
-    return sum(run for run in _runs(extreme & np.concatenate(([False], same))) if run >= least)
-
-
-def _runs(flags: np.ndarray) -> list[int]:
-    """Lengths of the stretches of True, the sample each begins at counted in."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(int)))
-    return [int(stop - start) + 1 for start, stop in zip(edges[::2], edges[1::2], strict=True)]
+    at_rest = runs(extreme & np.concatenate(([False], same)))
+    return sum(stop - start + 1 for start, stop in at_rest if stop - start + 1 >= least)  # each begins a sample before

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
-from ..problem.trace import Trace, prepare
 from ..rig import TEST_BY_NAME
-from ..rig.base import Channel, Measurement
-from .candidates import Candidate, free_plate
-from .plan import Plan
-from .setting import Setting
+from .candidates import Candidate
+from .plan import Setting, trace_of
 from .settings import CampaignSettings
 
 COPPER = 0.0039  # 1/K, growth of its resistance
@@ -78,22 +75,6 @@ class Winding:
         return self.cooling * float(np.log(max(warmth / within, 1.0)))
 
 
-def watched(plan: Plan, s: Setting) -> Trace:
-    """The planned trace with whatever the model can show in it, whether the rig logs it or not."""
-    names = TEST_BY_NAME[plan.test].observes
-    blank = {name: np.full(plan.time.size, plan.angle if name == "position" else 0.0) for name in names}
-    if plan.volts is not None:
-        blank["voltage"] = plan.volts
-    every = {name: Channel(plan.time, v, s.noise[name], False, name, "", 1.0) for name, v in blank.items()
-             if name in s.noise}  # fmt: skip
-    trace = prepare(Measurement(f"{plan.test}/watched", plan.test, plan.time, every), s.config)
-    assert trace is not None, "a plan drives and observes"
-    if plan.release is None:
-        return trace
-    held = replace(trace.start, state=(0.0, plan.angle, 0.0), sd=(0.0, trace.start.sd[1], 0.0))
-    return replace(trace, start=held, release=(plan.release, 1e-3))
-
-
 def forecasts(
     every: Sequence[Candidate],
     s: Setting,
@@ -112,7 +93,8 @@ def forecasts(
         least: shape that the batch has at least, so that what was compiled serves again.
         settings: of the winding's heat.
     """
-    traces = tuple(watched(c.plan, s) for c in every)
+    # whatever the model can show, whether the rig logs it or not
+    traces = tuple(trace_of(c.plan, s, [n for n in TEST_BY_NAME[c.plan.test].observes if n in s.noise]) for c in every)
     problem = EstimationProblem.of(s.config, known, traces, None, least).refined(x[0])
     runs = [problem.free_run(each) for each in x]
     R_a = np.array([float(known.layout.values(each, known.held)["R_a"]) for each in x])
@@ -128,31 +110,23 @@ def forecasts(
 
 def passed(candidate: Candidate, forecast: Forecast, s: Setting, settings: CampaignSettings) -> tuple[str, ...]:
     """Which limits a candidate would pass by any of the models, in words; () where none."""
-    return tuple(_passed(candidate, forecast, s, settings))
-
-
-def _passed(candidate: Candidate, forecast: Forecast, s: Setting, settings: CampaignSettings) -> Iterator[str]:
     if not all(np.isfinite(values).all() for values in forecast.shown.values()):
-        yield "the model runs away"
-        return
+        return ("the model runs away",)
+    out = []
     if candidate.played is not None and (volts := float(np.abs(candidate.played.volts).max())) > s.supply:
-        yield f"{volts:.1f} V of a supply of {s.supply:.1f} V"
+        out.append(f"{volts:.1f} V of a supply of {s.supply:.1f} V")
     amps = float(np.abs(forecast.shown["current"]).max()) if "current" in forecast.shown else 0.0
     if amps > settings.current:
-        yield f"{amps:.1f} A, limit {settings.current:g} A"
+        out.append(f"{amps:.1f} A, limit {settings.current:g} A")
     hot = settings.ambient + float(forecast.warmth.max())
     if hot > settings.temperature:
-        yield f"winding {hot:.0f} degC, limit {settings.temperature:g} degC"
-    if candidate.window is not None and free_plate(candidate) and "position" in forecast.shown:
-        yield from _near_a_stop(candidate.window, forecast, s, settings)
-
-
-def _near_a_stop(
-    window: tuple[float, float], forecast: Forecast, s: Setting, settings: CampaignSettings
-) -> Iterator[str]:
-    margin = settings.margin * (s.open - s.rest)
-    angle, inside = forecast.shown["position"], (forecast.time >= window[0]) & (forecast.time <= window[1])
-    if (low := float(angle[:, inside].min())) < s.rest + margin:
-        yield f"plate down to {np.degrees(low):.0f} deg, where it rests {np.degrees(s.rest):.0f} deg"
-    if (high := float(angle.max())) > s.open - margin:
-        yield f"plate up to {np.degrees(high):.0f} deg, open stop {np.degrees(s.open):.0f} deg"
+        out.append(f"winding {hot:.0f} degC, limit {settings.temperature:g} degC")
+    if candidate.window is not None and candidate.free_plate and "position" in forecast.shown:
+        margin = settings.margin * (s.open - s.rest)
+        (begin, end), angle = candidate.window, forecast.shown["position"]
+        low = float(angle[:, (forecast.time >= begin) & (forecast.time <= end)].min())
+        if low < s.rest + margin:
+            out.append(f"plate down to {np.degrees(low):.0f} deg, where it rests {np.degrees(s.rest):.0f} deg")
+        if (high := float(angle.max())) > s.open - margin:
+            out.append(f"plate up to {np.degrees(high):.0f} deg, open stop {np.degrees(s.open):.0f} deg")
+    return tuple(out)

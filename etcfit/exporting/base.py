@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,11 +13,35 @@ from .. import __version__
 from ..control.linearise import Reduction, reduce, stops
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
+from ..files import whole
 from ..model.effects import AbstractEffect
 from ..model.parameters import Parameter, parameters_of
 from ..model.rig_effects import AbstractRigEffect
 from ..model.throttle import Throttle
-from .settings import ExportSettings
+from ..ranges import check_ranges, real
+from ..rig.user_text import c_comment, in_c, one_line
+
+BODY: Mapping[str, tuple[str, str]] = {
+    "N": ("1", "gear ratio, motor angle over plate angle"),
+    "lower": ("rad", "closed stop"),
+    "upper": ("rad", "open stop"),
+}
+"""Unit and meaning of `Source.body`."""
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """What is left to choose.
+
+    Args:
+        step: of the plant in C and of the FMU, s; the loop in which gains are tried takes the same.
+        share: of the travel, about which the transfer function is taken.
+    """
+
+    step: float = real(5e-4, 1e-6, 0.01)
+    share: float = real(0.25, 0.0, 1.0)
+
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +71,11 @@ class Source:
 
     @property
     def throttle(self) -> Throttle:
-        """The throttle itself."""
         return Throttle.build(self.effects, self.values)
 
     @property
     def body(self) -> Mapping[str, float]:
-        """What of the rig the plant needs: gear ratio N, stops lower and upper (rad)."""
+        """What of the rig the plant needs, see `BODY`."""
         lower, upper = self.travel
         return {"N": self.fitted.config.gear_ratio, "lower": lower, "upper": upper}
 
@@ -96,14 +120,12 @@ class Source:
     @property
     def cautions(self) -> tuple[str, ...]:
         """What a reader of any format must know, a sentence each."""
-        return (*self.fitted.state.cautions, *self._not_told(), *self._left_out())
+        return (*self.fitted.state.cautions, *self._own_cautions())
 
-    def _not_told(self) -> Iterator[str]:
+    def _own_cautions(self) -> Iterator[str]:
         unknown = self.fitted.identifiability.unknown
         if lost := [p.symbol for p in self.parameters if self.fitted.doubt(p.symbol) > unknown]:
             yield f"The data do not tell {', '.join(lost)} alone: these values are where the fit ended, not measured."
-
-    def _left_out(self) -> Iterator[str]:
         types = self.fitted.free_parameters.layout.types
         if rig := [t.name for t in types if issubclass(t, AbstractRigEffect)]:
             yield (f"Left out: {', '.join(rig)}. They stand between throttle and log on the rig that was measured, "
@@ -114,6 +136,12 @@ class Source:
             low, high = self.travel
             yield (f"The rig has no stops on both sides. They are set to {low:.4g} and {high:.4g} rad; "
                    "set them to yours.")  # fmt: skip
+
+    def left_out_by_the_paper(self) -> Iterator[str]:
+        """Effects that a model of Eqs. 1-2 alone does not have, in words."""
+        if lost := [effect.name for effect in self.beyond_the_paper]:
+            yield (f"Effects of the model that have no place here: {', '.join(lost)}. "
+                   "The formats c and fmu hold them.")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -131,7 +159,7 @@ class Export:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: one file in `formats/`, and its name in one tuple there.
+    """A format: its name in one tuple, `FORMATS`.
 
     Args:
         name: of `--to`.
@@ -169,9 +197,30 @@ class Format:
         return self.make(source)
 
 
-def effects_left_out(source: Source) -> tuple[str, ...]:
-    """Effects that a model of Eqs. 1-2 alone does not have, in words."""
-    lost = [effect.name for effect in source.beyond_the_paper]
-    if not lost:
-        return ()
-    return (f"Effects of the model that have no place here: {', '.join(lost)}. The formats c and fmu hold them.",)
+def write(export: Export, folder: Path) -> tuple[Path, ...]:
+    """Write every file of an export, or none: the old ones stay until all new ones are written.
+
+    Returns:
+        Where they are, in their order.
+    """
+    paths = tuple(folder / name for name in export.files)
+    with ExitStack() as drafts:
+        for path, content in zip(paths, export.files.values(), strict=True):
+            draft = drafts.enter_context(whole(path))
+            draft.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+    return paths
+
+
+def rendered(template: str, **parts: Any) -> str:
+    """A template of this package with its gaps filled."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("etcfit.exporting", "template"),
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters |= {"number": repr, "c_comment": c_comment, "in_c": in_c, "one_line": one_line}
+    return environment.get_template(template).render(**parts)

@@ -1,4 +1,4 @@
-"""The plant as straight-line C: the model's own stepper, traced and printed.
+"""The plant as straight-line C99, for hardware in the loop: the model's own stepper, traced and printed.
 
 Nothing of the physics is written a second time. What is traced is `stepper.step`, the same function that fits and
 designs: dry friction as a set-valued law inside each implicit stage, stops, preload, memories and all effects.
@@ -7,11 +7,12 @@ designs: dry friction as a set-valued law inside each implicit stage, stops, pre
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from ..errors import UsageError
 from ..kernels.c import program
@@ -23,28 +24,19 @@ from ..model.parameters import Scalar
 from ..model.refusals import refused
 from ..model.stepper import Step, step
 from ..model.throttle import Throttle
-from .base import Source
+from .base import BODY, Export, Format, Source, rendered
 
-BODY: Mapping[str, tuple[str, str]] = {
-    "N": ("1", "gear ratio, motor angle over plate angle"),
-    "lower": ("rad", "closed stop"),
-    "upper": ("rad", "open stop"),
-}
 _SENSOR: Mapping[str, tuple[str, str]] = {
     "sensor_closed_V": ("V", "of the position sensor at angle 0, [tps] of rig.toml"),
     "sensor_slope": ("V/rad", "of the position sensor, [tps] of rig.toml"),
 }
 _STATE = ("i", "theta", "omega")
+_LEVELS = (0.0, 8.0, 3.0, 0.0, -6.0, 12.0, 5.0, -12.0, 6.5, 6.6, 6.4, 0.0)  # V, through stick, slip and both stops
+_HOLD = 0.05  # s, of each; two rows a level
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A parameter of the plant.
-
-    Args:
-        symbol, unit, meaning: see `model.parameters.Parameter`.
-        value: as fitted, SI.
-    """
+class Quantity(NamedTuple):
+    """A parameter of the plant as fitted, see `model.parameters.Parameter`; its value in SI."""
 
     symbol: str
     unit: str
@@ -52,21 +44,14 @@ class Quantity:
     value: float
 
 
-@dataclass(frozen=True)
-class Memory:
-    """What an effect remembers.
-
-    Args:
-        effect: its name.
-        start: where a run begins.
-    """
+class Memory(NamedTuple):
+    """What an effect remembers: the effect's name, and where a run begins."""
 
     effect: str
     start: float
 
 
-@dataclass(frozen=True)
-class Late:
+class Late(NamedTuple):
     """Delays, in steps.
 
     Args:
@@ -119,24 +104,38 @@ def plant_of(source: Source) -> Plant:
     Raises:
         UsageError: an effect computes what straight-line C cannot.
     """
-    h, quantities = source.settings.step, _quantities(source)
-    symbols = [each.symbol for each in quantities]
+    h, effects, quantities = source.settings.step, source.effects, _quantities(source)
+    memories = tuple(Memory(effect.name, float(start)) for effect in effects for start in effect.z0)
 
     def traced(function: Callable[..., Any]) -> tuple[Graph, list[int]]:
         graph = Graph()
-        values = {symbol: graph.input(f"p->{symbol}") for symbol in symbols}
+        values = {each.symbol: graph.input(f"p->{each.symbol}") for each in quantities}
         x, z = State(*map(graph.input, _STATE)), tuple(graph.input(f"z{k}") for k in range(len(memories)))
         rest = [graph.input(name) for name in ("voltage", "torque", "time")]
         return graph, jax.tree.leaves(lowered(function, graph, (values, x, z, *rest)))
 
-    memories = tuple(Memory(effect.name, float(start)) for effect in source.effects for start in effect.z0)
+    def read(p: Any, x: State, z: Any, voltage: Scalar, torque: Scalar, time: Scalar) -> Any:
+        inputs = Inputs(voltage, torque, time, 1.0, 0.0, p["N"], p["lower"], p["upper"])
+        seen = Throttle.build(effects, p).observe(x, z, inputs)
+        return seen["position"], seen["current"]
+
+    def delays(p: Any, *_: Any) -> Any:
+        late = Throttle.build(effects, p).delays()
+        return tuple(0.0 + each for each in (late.input, late.channels["position"], late.channels["current"]))
+
     try:
-        advance = program(*traced(advancing(source.effects, h)))
-        read = program(*traced(_reading(source.effects)))
-        late = _late(*traced(_delays(source.effects)), source)
+        advance, seen, late = (
+            program(*traced(advancing(effects, h))),
+            program(*traced(read)),
+            _late(*traced(delays), source),
+        )
     except NotScalarError as error:
-        raise UsageError(_refusal(source, str(error))) from None
-    return Plant(h, quantities, memories, advance, read, late, source.fitted.config.tps is not None)
+        culprits = ", ".join(effect.name for effect in refused(effects, program))
+        raise UsageError(f"{culprits or 'the model'}: its formula uses {error}, which is no arithmetic of single "
+                         "numbers, so that no C can be printed from it. Write the effect with scalar jax.numpy "
+                         "functions without loops, or teach etcfit/kernels/lowering.py that primitive."
+                         ) from None  # fmt: skip
+    return Plant(h, quantities, memories, advance, seen, late, source.fitted.config.tps is not None)
 
 
 def _quantities(source: Source) -> tuple[Quantity, ...]:
@@ -169,26 +168,6 @@ def advancing(effects: tuple[type[AbstractEffect], ...], h: float) -> Callable[.
     return advance
 
 
-def _inputs(p: Mapping[str, Scalar], voltage: Scalar, torque: Scalar, time: Scalar) -> Inputs:
-    return Inputs(voltage, torque, time, 1.0, 0.0, p["N"], p["lower"], p["upper"])
-
-
-def _reading(effects: tuple[type[AbstractEffect], ...]) -> Callable[..., Any]:
-    def read(p: Any, x: State, z: Any, voltage: Scalar, torque: Scalar, time: Scalar) -> Any:
-        seen = Throttle.build(effects, p).observe(x, z, _inputs(p, voltage, torque, time))
-        return seen["position"], seen["current"]
-
-    return read
-
-
-def _delays(effects: tuple[type[AbstractEffect], ...]) -> Callable[..., Any]:
-    def delays(p: Any, *_: Any) -> Any:
-        late = Throttle.build(effects, p).delays()
-        return tuple(0.0 + each for each in (late.input, late.channels["position"], late.channels["current"]))
-
-    return delays
-
-
 def _late(graph: Graph, delays: list[int], source: Source) -> Late | None:
     """The delays in steps, and room for twice what was fitted, so that a user may vary them."""
     lines = (graph.known(delays[0]) != 0.0, graph.known(delays[1]) != 0.0, graph.known(delays[2]) != 0.0)
@@ -200,9 +179,54 @@ def _late(graph: Graph, delays: list[int], source: Source) -> Late | None:
     return Late(program(graph, in_steps), lines, 2 * math.ceil(longest / source.settings.step) + 8)
 
 
-def _refusal(source: Source, primitive: str) -> str:
-    """Which effect computes what straight-line C cannot."""
-    culprits = [effect.name for effect in refused(source.effects, program)]
-    return (f"{', '.join(culprits) or 'the model'}: its formula uses {primitive}, which is no arithmetic of single "
-            "numbers, so that no C can be printed from it. Write the effect with scalar jax.numpy functions without "
-            "loops, or teach etcfit/kernels/lowering.py that primitive.")  # fmt: skip
+def c_files(source: Source, plant: Plant, cannot_hold: tuple[str, ...] = ()) -> dict[str, str]:
+    """Header and source, by name."""
+    parts = {"title": source.title, "plant": plant, "notes": (source.origin, *source.cautions, *cannot_hold)}
+    return {f"etcfit_plant.{end}": rendered(f"plant.{end}", **parts) for end in ("h", "c")}
+
+
+def c_cannot_hold(source: Source) -> Iterator[str]:
+    """What differs between the C and the rig."""
+    yield (f"The step is fixed at {source.settings.step:g} s and the voltage is constant over it: average a PWM "
+           "over each step.")  # fmt: skip
+    yield "Noise of the sensors is not in it."
+    if source.fitted.config.tps is None:
+        yield "The position sensor's volts are not in it: rig.toml has no [tps]."
+
+
+def _reference(source: Source) -> tuple[list[tuple[float, ...]], int]:
+    """Voltage, current, angle and speed along a run of our own stepper from the closed stop, and steps between rows."""
+    h, effects = source.settings.step, source.effects
+    steps = max(1, round(_HOLD / h))
+    volts = np.repeat(_LEVELS, 2 * steps)
+    parameters = {**source.values, **source.body}
+    late = float(source.throttle.delays().input) / h
+    whole = int(late)
+    padded = np.concatenate((np.zeros(whole + 1), volts))
+    acting = padded[1 : volts.size + 1] + (late - whole) * (padded[: volts.size] - padded[1 : volts.size + 1])
+    advance = advancing(effects, h)
+
+    @jax.jit
+    def run(acting: jax.Array) -> State:
+        def one(carry: Any, volt: jax.Array) -> Any:
+            x, z, time = carry
+            x, z = advance(parameters, x, z, volt, 0.0, time)
+            return (x, z, time + h), x
+
+        z = tuple(jax.numpy.asarray(float(start)) for effect in effects for start in effect.z0)
+        x = State(*(jax.numpy.asarray(each) for each in (0.0, parameters["lower"], 0.0)))
+        return jax.lax.scan(one, (x, z, jax.numpy.zeros(())), acting)[1]
+
+    path = run(jax.numpy.asarray(acting))
+    ends = np.arange(steps - 1, volts.size, steps)
+    return [tuple(float(each[k]) for each in (volts, *path)) for k in ends], steps
+
+
+def _export(source: Source) -> Export:
+    plant, lost = plant_of(source), tuple(c_cannot_hold(source))
+    rows, steps = _reference(source)
+    test = rendered("plant_test.c", rows=rows, steps=steps, start=source.travel[0])
+    return Export({**c_files(source, plant, lost), "etcfit_plant_test.c": test}, (*source.cautions, *lost))
+
+
+C = Format("c", "C99 of the plant for hardware in the loop", _export)

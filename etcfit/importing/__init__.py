@@ -14,14 +14,11 @@ from ..files import digest
 from ..rig.config import parse_config
 from ..rig.toml import read_text
 from ..rig.user_text import refuse_foreign_names
-from .answers import Answers
-from .doubts import Resolve
-from .draft import Draft, drafted
-from .folder import read_back, texts
+from .answers import Answers, Resolve
+from .draft import drafted, read_back, texts
 from .formats import read_sheets, require_file, require_readable
 from .formats.base import MOST_BYTES, Source
-from .settings import GuessSettings
-from .together import merged, with_common_peaks
+from .sheet import merged, with_common_peaks
 
 _BUS = ".dbc"
 
@@ -48,7 +45,6 @@ def import_files(
     resolve: Resolve,
     *,
     rig: Path | None = None,
-    settings: GuessSettings = GuessSettings(),
     most: int = MOST_BYTES,
     motor: str | None = None,
     servo: str | None = None,
@@ -62,7 +58,6 @@ def import_files(
         answers: what the user said.
         resolve: what to do about guesses in doubt: take them, ask, or refuse.
         rig: a rig.toml to take over; without it a short one is written.
-        settings: what decides a guess, and when it is sure.
         most: bytes that the numbers of one recording may take in memory.
         motor: the one to take of files that have several.
         servo: family whose registers the columns are, see `formats.servo`.
@@ -93,20 +88,17 @@ def import_files(
     sheets = with_common_peaks(merged(sheets))
     answers.refuse_unused(sheets)
     report("guessing what they show", 0.8)
-    draft = drafted(sheets, answers, known, settings)
+    draft = drafted(sheets, answers, known)
     while draft.doubts:
         answers = resolve(draft.doubts, answers)
-        draft = drafted(sheets, answers, known, settings)
+        draft = drafted(sheets, answers, known)
     report("reading it back", 0.9)
     digests = {str(file): digest(file) for file in files}
     written = texts(draft, to.absolute().name, digests, given)
     rig_read = read_back(draft, written, to)
     lost = (f"{sheet.where}: {each}" for sheet in sheets for each in (*sheet.losses, *sheet.missing))
-    return Imported(write_folder(to, written), _told(draft), (*dict.fromkeys(lost), *rig_read.warnings))
+    traces = tuple((trace.file, trace.record.sheet.where, trace.reason) for trace in draft.traces)
+    return Imported(write_folder(to, written), traces, (*dict.fromkeys(lost), *rig_read.warnings))
 
 
-def _told(draft: Draft) -> tuple[tuple[str, str, str], ...]:
-    return tuple((trace.file, trace.record.sheet.where, trace.reason) for trace in draft.traces)
-
-
-__all__ = ["Answers", "GuessSettings", "Imported", "import_files"]
+__all__ = ["Answers", "Imported", "import_files"]

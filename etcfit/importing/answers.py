@@ -1,14 +1,16 @@
-"""What the user says about columns and files: options of a script, or answers on a terminal."""
+"""What the user says about columns and files: options of a script, or answers on a terminal; and the guesses in doubt
+that somebody should confirm, each with what settles it.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
 
-from ..errors import UsageError
+from ..errors import MeasurementError, UsageError
 from ..rig.base import CHANNELS
 from ..rig.columns import DROP, HeaderError, parse_header
 from ..rig.config import UNIT_SLUGS
@@ -42,6 +44,8 @@ class Answers:
         tests: file -> rig test.
         accepted: keys of doubts whose guess was taken.
         period: between the samples of a file without a time, s; None where nobody said.
+    Raises:
+        UsageError: a period in which time stands or runs backwards.
     """
 
     columns: Mapping[tuple[str, str], Target] = field(default_factory=dict)
@@ -50,34 +54,27 @@ class Answers:
     period: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse a period in which time stands or runs backwards.
-
-        Raises:
-            UsageError: it is one.
-        """
         if self.period is not None and not 0.0 < self.period < inf:
             raise UsageError(f"--period: found {self.period:g} s. It must be longer than 0. Write, say, --period 1ms.")
 
     def of(self, file: str, column: Column) -> Target | None:
         """What was said of this column; of this file before all files."""
-        keys = [(each, label) for each in (*names_of(file), "") for label in labels_of(column)]
+        keys = [(each, label) for each in (*_names_of(file), "") for label in _labels_of(column)]
         return next((self.columns[key] for key in keys if key in self.columns), None)
 
     def test_of(self, file: str) -> str | None:
         """The rig test that was said for this file."""
-        return next((self.tests[each] for each in names_of(file) if each in self.tests), None)
+        return next((self.tests[each] for each in _names_of(file) if each in self.tests), None)
 
-    def refuse_unused(self, sheets: Iterable[Sheet]) -> None:
+    def refuse_unused(self, sheets: Sequence[Sheet]) -> None:
         """Refuse a column that no file has: a slip of the pen must not pass for an answer.
 
         Raises:
             UsageError: naming the columns that there are.
         """
-        sheets = tuple(sheets)
         for file, label in self.columns:
-            mine = [sheet for sheet in sheets if not file or file in names_of(sheet.file)]
-            labels = {text: None for sheet in mine for c in sheet.columns for text in labels_of(c)}
-            if label not in labels:
+            mine = [sheet for sheet in sheets if not file or file in _names_of(sheet.file)]
+            if not any(label in _labels_of(c) for sheet in mine for c in sheet.columns):
                 there = ", ".join(f"'{c.label}'" for sheet in mine[:3] for c in sheet.columns[:20])
                 raise UsageError(f"--column '{label}': no file has it. There are: {there}.")
 
@@ -85,22 +82,14 @@ class Answers:
         """With these guesses taken."""
         return replace(self, accepted=self.accepted | frozenset(keys))
 
-    def with_column(self, file: str, label: str, target: Target) -> Answers:
-        """With one column named."""
-        return replace(self, columns={**self.columns, (file, label): target})
 
-    def with_test(self, file: str, test: str) -> Answers:
-        """With one file's rig test."""
-        return replace(self, tests={**self.tests, file: test})
-
-
-def labels_of(column: Column) -> tuple[str, ...]:
+def _labels_of(column: Column) -> tuple[str, ...]:
     """How the user may name a column: as it stands in the file, with or without its unit."""
     unit = column.unit or column.stated
     return column.label, column.name, f"{column.name} [{unit}]", f"{column.name} ({unit})"
 
 
-def names_of(file: str) -> tuple[str, ...]:
+def _names_of(file: str) -> tuple[str, ...]:
     """How the user may name a file."""
     return file, Path(file).name, Path(file).stem
 
@@ -116,24 +105,20 @@ def parsed(columns: Sequence[str], tests: Sequence[str], files: Sequence[str], p
     Raises:
         UsageError: an option of another form, or a file, quantity or test that is none.
     """
-    known = {name for file in files for name in names_of(file)}
-    said = {key: wanted for key, wanted in (_column(text, known) for text in columns)}
-    return Answers(said, dict(_test(text, known) for text in tests), frozenset(), period)
+    known = {name for file in files for name in _names_of(file)}
+    return Answers(
+        dict(_column(text, known) for text in columns), dict(_test(text, known) for text in tests), period=period
+    )
 
 
 def _column(text: str, files: set[str]) -> tuple[tuple[str, str], Target]:
     header, equals, wanted = (part.strip() for part in text.rpartition("="))
     file, colon, rest = header.partition(":")
-    if colon and file in files:
-        return _column_key(file, rest, text, equals), target(wanted, f"--column '{text}'")
-    return _column_key("", header, text, equals), target(wanted, f"--column '{text}'")
-
-
-def _column_key(file: str, header: str, text: str, equals: str) -> tuple[str, str]:
+    file, header = (file, rest) if colon and file in files else ("", header)
     header = " ".join(header.split())
     if not equals or not header:
         raise UsageError(f"--column '{text}': no header and no =. Write 'HEADER=position [deg]', or 'HEADER=ignore'.")
-    return file, header
+    return (file, header), target(wanted, f"--column '{text}'")
 
 
 def target(wanted: str, where: str) -> Target:
@@ -165,3 +150,120 @@ def _test(text: str, files: set[str]) -> tuple[str, str]:
         known = f"Known: {', '.join(KNOWN_TESTS)}."
         raise UsageError(f"--test '{text}': '{test}' is no rig test. {closest(test, KNOWN_TESTS, known)}")
     return file, test
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A guess that somebody should confirm.
+
+    Args:
+        where: file, and column if it is about one.
+        taken: the guess; "" where there is none.
+        reason: in words.
+        mend: the option that settles it.
+        choices: what an answer may be, in a few words.
+        answer: the answers with a text as this one, a UsageError where it is none; None where only the guess can be
+            taken.
+    """
+
+    where: str
+    taken: str
+    reason: str
+    mend: str
+    choices: str
+    answer: Callable[[str, Answers], Answers] | None = None
+
+    @property
+    def key(self) -> str:
+        """By which it is recognised when the guesses are made anew."""
+        return f"{self.where}: {self.taken}"
+
+    def accepted(self, answers: Answers) -> Answers:
+        """The answers with this guess taken.
+
+        Raises:
+            UsageError: there is none.
+        """
+        if not self.taken:
+            raise UsageError(f"{self.where}: there is no guess to take. Name {self.choices}.")
+        return answers.accepting([self.key])
+
+    def answered(self, text: str, answers: Answers) -> Answers:
+        """The answers with this one.
+
+        Raises:
+            UsageError: the text is none.
+            MeasurementError: only the guess could be taken.
+        """
+        if self.answer is None:
+            raise refused([self])
+        return self.answer(text, answers)
+
+
+def column_doubt(sheet: Sheet, label: str, taken: str, reason: str) -> Doubt:
+    """What a column is."""
+    where = f"{sheet.where}, column '{label}'"
+
+    def answer(text: str, answers: Answers) -> Answers:
+        return replace(answers, columns={**answers.columns, (sheet.file, label): target(text, where)})
+
+    wanted = "position [deg]" if taken == "left out" else taken
+    return Doubt(where, taken, reason, f"--column '{label}={wanted}'", "QUANTITY [UNIT], or ignore", answer)
+
+
+def rig_test_doubt(sheet: Sheet, taken: str, reason: str) -> Doubt:
+    """Which rig test a file shows."""
+    file = sheet.file
+
+    def answer(text: str, answers: Answers) -> Answers:
+        return replace(answers, tests={**answers.tests, **parsed([], [f"{file}={text}"], [file]).tests})
+
+    mend = f"--test '{file}={taken or 'response'}'"
+    return Doubt(sheet.where, taken, reason, mend, f"one of {', '.join(KNOWN_TESTS)}", answer)
+
+
+def rig_doubt(taken: str, reason: str) -> Doubt:
+    """What a nameplate should say: sensor or travel."""
+    mend = "--rig RIG.TOML, a rig.toml that says it (make one with `etcfit new`)"
+    return Doubt("rig.toml", taken, reason, mend, "Enter takes it, anything else stops")
+
+
+def loss_doubt(sheet: Sheet) -> Doubt:
+    """Whether what is left of a damaged file is enough: it may lack what tells one rig test from another."""
+    taken, reason = f"{sheet.rows} whole rows of {len(sheet.columns)} columns", "; ".join(sheet.missing)
+    return Doubt(sheet.where, taken, reason, "a whole copy of the file",
+                 "Enter takes what is there, anything else stops")  # fmt: skip
+
+
+Resolve = Callable[[Sequence[Doubt], Answers], Answers]
+
+
+def accept_all(doubts: Sequence[Doubt], answers: Answers) -> Answers:
+    """Every guess is taken, but for a file of which nothing says what test it is.
+
+    Raises:
+        MeasurementError: there is one.
+    """
+    if without := [doubt for doubt in doubts if not doubt.taken]:
+        raise refused(without)
+    return answers.accepting(doubt.key for doubt in doubts)
+
+
+def refuse(doubts: Sequence[Doubt], answers: Answers) -> Answers:
+    """Nobody is there to ask.
+
+    Raises:
+        MeasurementError: always, naming each doubt and what settles it.
+    """
+    raise refused(doubts)
+
+
+def refused(doubts: Sequence[Doubt]) -> MeasurementError:
+    """The message on the first doubt, the others listed."""
+    first, others = doubts[0], doubts[1:]
+    more = "".join(f"\n  {each.where}: {each.taken}? ({each.reason}.) {each.mend}" for each in others)
+    listed = f"\n{len(others)} more to settle:{more}" if others else ""
+    guess = f"taken as {first.taken}, but that is in doubt" if first.taken else "nothing says what it is"
+    every = "--yes takes every guess, or settle it" if first.taken else "Settle it"
+    return MeasurementError(first.where, f"{guess}: {first.reason}.", "A guess in doubt needs a word from you.",
+                            f"{every} with {first.mend}.{listed}")  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from ..datasets.base import refuse_to_overwrite, write_folder
@@ -9,8 +10,41 @@ from ..errors import UsageError
 from ..rig import TESTS
 from ..rig.base import AbstractRigTest
 from ..rig.toml import closest
-from .nameplates import ANY, NAMEPLATES, UNKNOWN, Nameplate
 
+UNKNOWN = "..."  # no TOML: the reader stops at its line until somebody fills it in
+
+
+@dataclass(frozen=True)
+class Nameplate:
+    """What stands on a throttle, or in its data sheet; a text where a number must be filled in.
+
+    Args:
+        title: `name` in rig.toml.
+        source: who says so.
+        gear_ratio, supply_V: N; V.
+        travel_deg: closed and open stop.
+        closed_V, open_V: of the position sensor at these stops.
+    """
+
+    title: str
+    source: str
+    gear_ratio: str = UNKNOWN
+    supply_V: str = "12.0"
+    travel_deg: str = "[0.0, 90.0]"
+    closed_V: str = UNKNOWN
+    open_V: str = UNKNOWN
+
+
+ANY = Nameplate("my throttle", "usual values; those of this throttle are to be filled in")
+NAMEPLATES: dict[str, Nameplate] = {
+    "bosch-0280750148": Nameplate(
+        "Bosch 0280750148, bench", "the paper, Table 1", "20.68", closed_V="0.45", open_V="4.73"
+    ),
+    "kassel": Nameplate(
+        "Kassel throttle valve (make unknown)", "`etcfit fetch kassel-throttle`: read off its record",
+        closed_V="4.59", open_V="0.702",
+    ),
+}  # fmt: skip
 # rig test -> how to record one trace of it; a new rig test says it here, or has only the list of what it needs
 RECORD: dict[str, str] = {
     "resistance": "Hold the plate. Put on 4 to 7 constant voltages, 0.5 to 3 V, a file each, half a second at 1 kHz.",
@@ -53,11 +87,8 @@ def how_to_record(test: AbstractRigTest) -> str:
 def template(plate: Nameplate) -> str:
     """A rig.toml with every key explained; what must be filled in is written as `...`, which no reader takes."""
     fill = f"# Fill in every `{UNKNOWN}`; a line that you cannot fill in, put a # before it.\n"
-    return _TEMPLATE.format(
-        fill=fill if UNKNOWN in (plate.gear_ratio, plate.closed_V, plate.open_V) else "",
-        source=plate.source, title=plate.title, gear_ratio=plate.gear_ratio, supply_V=plate.supply_V,
-        travel_deg=plate.travel_deg, closed_V=plate.closed_V, open_V=plate.open_V,
-    )  # fmt: skip
+    lacks = UNKNOWN in (plate.gear_ratio, plate.closed_V, plate.open_V)
+    return _TEMPLATE.format(fill=fill if lacks else "", **asdict(plate))
 
 
 _TEMPLATE = """\

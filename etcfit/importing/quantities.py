@@ -10,6 +10,7 @@ In an engine computer's log a signal is the throttle's only by a name of its mak
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -19,23 +20,29 @@ from ..rig.columns import HeaderError, parse_header
 from ..rig.units import EXAMPLES, SI_UNIT, is_percent
 from . import shapes
 from .answers import IGNORE, Answers, Target
-from .labels import fits, is_unknown_unit, quantities_in
-from .makers import is_about, is_engines, is_plates, is_plates_position, known, may_be_position, words
-from .ranges_of_units import unit_by_range
-from .registers import signed
-from .settings import GuessSettings
-from .sheet import TIME, Column, Sheet
-from .take import LEFT_OUT, UNEXPLAINED, Take, left_out
-from .time_column import time_of
-from .words import is_of_the_motor, quantity_named
+from .names import (
+    is_about,
+    is_engines,
+    is_of_the_motor,
+    is_plates,
+    is_plates_position,
+    known,
+    may_be_position,
+    plain_words,
+    quantity_named,
+)
+from .sheet import TIME, Column, Sheet, fits, is_unknown_unit, quantities_in
+from .take import LEFT_OUT, UNEXPLAINED, Take, left_out, signed, time_of, unit_by_range
 
 _PLATE = ("position", "tps")
 _OF_TRAVEL = ("position", "setpoint", "duty")  # that an engine computer logs in per cent where it gives no unit
+_LEAD = 0.2  # in share of variance, by which the better of two must lead to be sure
+_SENSOR = -0.2, 5.7  # what a position sensor can read, V
 _MOST_DEG = 400.0  # a whole number beyond is no angle of a plate
 _LEAST = 0.5  # correlation with the setpoint, at its best delay, below which a column is no plate beside a better one
 
 
-def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Take]:
+def takes_of(sheet: Sheet, answers: Answers) -> list[Take]:
     """What every column is taken for, time first.
 
     Raises:
@@ -47,7 +54,7 @@ def takes_of(sheet: Sheet, answers: Answers, settings: GuessSettings) -> list[Ta
     nameless = [column for column in others if named[id(column)] is None]
     found = [take for take in named.values() if take is not None]
     found += ([left_out(column, "no name of a throttle's") for column in nameless] if sheet.is_ecu
-              else _by_relation(nameless, found, time, settings))  # fmt: skip
+              else _by_relation(nameless, found, time))  # fmt: skip
     order = {id(column): k for k, column in enumerate(others)}
     found.sort(key=lambda take: order[id(take.column)])
     return [time, *map(signed, one_each(_without_engine(found), answers, sheet))]
@@ -61,9 +68,9 @@ def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | Non
     """
     if said := answers.of(sheet.file, column):
         return _as_said(column, said, sheet)
-    if own := _in_our_words(column):
-        return own
-    if not np.isfinite(column.values).any():
+    with suppress(HeaderError):
+        return Take(column, *parse_header(column.label), "it is called so")
+    if not column.finite.size:
         return left_out(column, "it holds no number")
     named = quantity_of(column, sheet)
     if named == LEFT_OUT:
@@ -89,18 +96,18 @@ def quantity_of(column: Column, sheet: Sheet) -> str | None:
     named = quantity_named(column.name)
     if not sheet.is_ecu or named in (None, LEFT_OUT, TIME, "supply"):
         return LEFT_OUT if named == "setpoint" and is_engines(column.name) else named
-    alone = words(column.name) in ("target", "setpoint", "set point", "duty", "duty cycle", "pwm")
+    alone = plain_words(column.name) in ("target", "setpoint", "set point", "duty", "duty cycle", "pwm")
     if is_engines(column.name) or not (is_plates(column.name) or alone):
         return LEFT_OUT
     if named == "position" and not may_be_position(column.name):
         return LEFT_OUT
-    if named == "duty" and alone and not any(_may_be_setpoint(each) for each in sheet.columns):
+    if (
+        named == "duty"
+        and alone
+        and not any(quantity_named(each.name) == "setpoint" and not is_engines(each.name) for each in sheet.columns)
+    ):
         return LEFT_OUT  # the injectors'
     return named
-
-
-def _may_be_setpoint(column: Column) -> bool:
-    return quantity_named(column.name) == "setpoint" and not is_engines(column.name)
 
 
 def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
@@ -122,14 +129,6 @@ def _plain_unit(quantity: str) -> str:
     return EXAMPLES[quantity].split(" or ")[0].split(",")[0]
 
 
-def _in_our_words(column: Column) -> Take | None:
-    try:
-        quantity, unit = parse_header(column.label)
-    except HeaderError:
-        return None
-    return Take(column, quantity, unit, "it is called so")
-
-
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
     """As the name says, in the file's unit or in that which the range tells."""
     if column.stated:
@@ -140,14 +139,14 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
         whole = "1" if named == "duty" and column.peak <= 1.0 else "%"
         return Take(column, named, whole, "by its name, per cent of the travel as engine computers have it")
     if not column.unit:
-        if named in ("position", "setpoint") and _are_counts(column):
+        if named in ("position", "setpoint") and column.peak > _MOST_DEG and column.is_whole:
             raise MeasurementError(sheet.where, f"column '{column.label}' is named as {named}, and holds whole numbers "
                                    f"up to {column.peak:.0f} without a unit.",
                                    "Counts of a converter need what one count is.",
                                    f"Give it: --column '{column.label}={named} [{360 / 4096:.4g} deg]' for 4096 counts "
                                    f"a turn, or '{column.label}=ignore'.")  # fmt: skip
         quantity, unit, sure = unit_by_range(named, column.peak)
-        if named == "duty" and unit == "%" and "pwm" in words(column.name) and _are_whole(column):
+        if named == "duty" and unit == "%" and "pwm" in plain_words(column.name) and column.is_whole:
             reason = f"by its name; no unit: taken as %, but a whole number may be of 255: duty [{100 / 255:.4g} %]"
             return Take(column, named, unit, reason, False)
         return Take(column, quantity, unit, f"by its name; no unit: by its range in {unit}", sure)
@@ -158,16 +157,6 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
         raise _contradiction(sheet, column, named, "named as")
     sure = sheet.is_ecu and known(column.name) is None
     return left_out(column, f"named as {named.replace('_', ' ')}, which is not logged in {column.unit}", sure)
-
-
-def _are_whole(column: Column) -> bool:
-    finite = column.values[np.isfinite(column.values)]
-    return bool(np.all(finite == np.round(finite)))
-
-
-def _are_counts(column: Column) -> bool:
-    """Whole numbers beyond any angle or share: of a converter or an encoder."""
-    return column.peak > _MOST_DEG and _are_whole(column)
 
 
 def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> MeasurementError:
@@ -193,67 +182,56 @@ def _by_unit(column: Column) -> Take | None:
     return None
 
 
-def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take, settings: GuessSettings) -> list[Take]:
+def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) -> list[Take]:
     """Columns that neither name nor unit tells, by how they follow from each other."""
-    moving = [c for c in nameless if _may_be_volts(c) and _varies(c.values)]
+    # no unit, volts or per cent; a unit that the file states and that is none of these is another
+    moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and not c.stated and c.varies]
     still = [c for c in nameless if c not in moving]
     by = {take.quantity: shapes.filled(take.si) for take in known if take.quantity}
     plate = next((by[name] for name in _PLATE if name in by), None)
     taken: list[Take] = []
-    constants = [c for c in nameless if c.unit in ("V", "mV") and not _varies(c.values)]
+    constants = [c for c in nameless if c.unit in ("V", "mV") and not c.varies]
     if "current" in by:
-        taken = _beside_current(moving, by, plate, time, settings)
+        taken = _beside_current(moving, by, plate, time)
         if not moving and not ({"voltage", "duty"} & set(by)) and len(constants) == 1:
             taken = [_volts(constants[0], "voltage", "the only voltage beside a current", True)]
     elif volts := [c for c in moving if not is_percent(c.unit)]:
-        taken = _without_current(volts, by, plate, time, settings)
+        taken = _without_current(volts, by, plate, time)
     done = {id(take.column) for take in taken}
     rest = [c for c in nameless if id(c) not in done]
     return [*taken, *(_unexplained(c, c in still) for c in rest)]
 
 
-def _may_be_volts(column: Column) -> bool:
-    """No unit, volts or per cent; a unit that the file states and that is none of these is another."""
-    return (column.unit in ("", "V", "mV") or is_percent(column.unit)) and not column.stated
-
-
-def _varies(values: np.ndarray) -> bool:
-    finite = values[np.isfinite(values)]
-    return finite.size > 2 and float(np.ptp(finite)) > 0.0
-
-
 def _beside_current(
-    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> list[Take]:
     """Voltage, or duty, is what current follows; the one left within a sensor's range is the sensor."""
     out: list[Take] = []
     rest = list(volts)
     if not {"voltage", "duty"} & set(by) and rest:
-        drive, sure, told = _what_current_follows(rest, by, plate, time, settings)
+        drive, sure, told = _what_current_follows(rest, by, plate, time)
         if is_percent(drive.unit):
             out.append(Take(drive, "duty", drive.unit, told, sure))
         else:
             out.append(_volts(drive, "voltage", told, sure))
         rest = [c for c in rest if c is not drive]
     rest = [c for c in rest if not is_percent(c.unit)]
-    if plate is None and (sensors := [c for c in rest if _like_a_sensor(c, settings)]):
+    if plate is None and (sensors := [c for c in rest if _like_a_sensor(c)]):
         out.append(_volts(sensors[0], "tps", "it stays between 0 and 5 V, beside a current that does not follow it",
                           len(sensors) == 1 and len(rest) == 1))  # fmt: skip
     return out
 
 
 def _what_current_follows(
-    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> tuple[Column, bool, str]:
     """The column, whether that is sure, and the reason."""
     current, clock = by["current"], time.si
     if len(volts) == 1:
         (only,) = volts
         values = shapes.filled(only.values)
-        moves = (
-            shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < settings.follows
-        )
-        strange = is_percent(only.unit) or (moves and _like_a_sensor(only, settings))
+        moves = shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < shapes.FOLLOWS
+        strange = is_percent(only.unit) or (moves and _like_a_sensor(only))
         return only, not strange, "the only voltage beside a current" + ("; it does not follow it" if moves else "")
     scores = []
     for column in volts:
@@ -263,11 +241,11 @@ def _what_current_follows(
         scores.append(max(shapes.explained(current, own, speed) for speed in speeds))
     first, second = sorted(range(len(volts)), key=lambda k: -scores[k])[:2]
     told = f"current follows it: {100 * scores[first]:.0f} % of its variance, against {100 * scores[second]:.0f} %"
-    return volts[first], scores[first] > settings.follows and scores[first] - scores[second] > settings.apart, told
+    return volts[first], scores[first] > shapes.FOLLOWS and scores[first] - scores[second] > _LEAD, told
 
 
 def _without_current(
-    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take, settings: GuessSettings
+    volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> list[Take]:
     """Terminals open: the EMF follows the speed of the plate, or of the sensor."""
     clock = time.si
@@ -275,31 +253,32 @@ def _without_current(
         speed = shapes.slope(plate, clock)
         follows = {id(c): abs(shapes.correlation(shapes.filled(c.values), speed)) for c in volts}
         best = max(volts, key=lambda c: follows[id(c)])
-        if follows[id(best)] > settings.follows and "emf" not in by and "voltage" not in by:
-            return [_emf(best, follows[id(best)], settings)]
+        if follows[id(best)] > shapes.FOLLOWS and "emf" not in by and "voltage" not in by:
+            return [_emf(best, follows[id(best)])]
         return [_volts(best, "voltage", "the only voltage beside a position", False)] if len(volts) == 1 else []
     if len(volts) != 2:
-        sensors = [c for c in volts if _like_a_sensor(c, settings)]
+        sensors = [c for c in volts if _like_a_sensor(c)]
         if len(sensors) == 1 and len(volts) == 1 and {"voltage", "duty", "emf"} & set(by):
             return [_volts(sensors[0], "tps", "it stays between 0 and 5 V beside what drives the plate", True)]
         return []
     tried = [(abs(shapes.correlation(shapes.filled(a.values), shapes.slope(shapes.filled(b.values), clock))), a, b)
              for a, b in (volts, volts[::-1])]  # fmt: skip
     best, emf, sensor = max(tried, key=lambda each: each[0])
-    if best > settings.follows:
+    if best > shapes.FOLLOWS:
         told = "the other voltage follows its rate of change: it is the sensor"
-        return [_emf(emf, best, settings), _volts(sensor, "tps", told, best > settings.surely_follows)]
+        return [_emf(emf, best), _volts(sensor, "tps", told, best > shapes.SURELY_FOLLOWS)]
     return []
 
 
-def _emf(column: Column, correlation: float, settings: GuessSettings) -> Take:
+def _emf(column: Column, correlation: float) -> Take:
     told = f"no current, and it follows the speed of the plate (correlation {correlation:.2f})"
-    return _volts(column, "emf", told, correlation > settings.surely_follows)
+    return _volts(column, "emf", told, correlation > shapes.SURELY_FOLLOWS)
 
 
-def _like_a_sensor(column: Column, settings: GuessSettings) -> bool:
-    values = column.values[np.isfinite(column.values)] * (1e-3 if column.unit == "mV" else 1.0)
-    return settings.least_sensor <= float(np.min(values)) and float(np.max(values)) <= settings.most_sensor
+def _like_a_sensor(column: Column) -> bool:
+    values = column.finite * (1e-3 if column.unit == "mV" else 1.0)
+    least, most = _SENSOR
+    return float(np.min(values)) >= least and float(np.max(values)) <= most
 
 
 def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
@@ -312,7 +291,7 @@ def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
 
 def _unexplained(column: Column, known_kind: bool) -> Take:
     """A column that nothing tells; one that could matter is asked about."""
-    if not _varies(column.values):
+    if not column.varies:
         return left_out(column, f"neither name nor unit tells what it is, and it stays at {column.values[0]:.4g}")
     matters = not known_kind or is_percent(column.unit) or bool(set(quantities_in(column.unit)) & set(SI_UNIT))
     return left_out(column, UNEXPLAINED, not matters)
@@ -370,7 +349,7 @@ def _follows(column: Column, setpoint: Column) -> bool:
         return True  # logged in rows of their own: nothing is known
     y, u = column.values[there], setpoint.values[there]
     lags = np.unique(np.linspace(0, max(1, y.size // 10), 40).astype(int))
-    return max(shapes.correlation(y[lag:], u[: u.size - lag]) for lag in lags) > _LEAST or not _varies(u)
+    return max(shapes.correlation(y[lag:], u[: u.size - lag]) for lag in lags) > _LEAST or bool(np.ptp(u) == 0.0)
 
 
 def _place(take: Take) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+FOLLOWS, SURELY_FOLLOWS = 0.6, 0.7  # correlation, or share of the variance, from which one signal follows another
+
 
 def filled(values: np.ndarray) -> np.ndarray:
     """Gaps bridged by straight lines, shape (n,); zeros where nothing was logged."""
@@ -31,16 +33,11 @@ def slope(values: np.ndarray, time: np.ndarray, part: float = 0.01) -> np.ndarra
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
     """Pearson's; 0 where either is constant."""
-    a, b = a - np.mean(a), b - np.mean(b)
-    return _cosine(a, b)
+    return along(a - np.mean(a), b - np.mean(b))
 
 
 def along(a: np.ndarray, b: np.ndarray) -> float:
     """The same about zero instead of the means: 1 where both always have the same sign and proportion."""
-    return _cosine(a, b)
-
-
-def _cosine(a: np.ndarray, b: np.ndarray) -> float:
     size = float(np.sqrt(np.sum(a**2)) * np.sqrt(np.sum(b**2)))
     return float(np.sum(a * b)) / size if size > 0.0 else 0.0
 

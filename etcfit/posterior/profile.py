@@ -10,7 +10,7 @@ that is believed possible (three reaches either way, about a factor of 20). The 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,10 +24,12 @@ from ..problem.free_parameters import FreeParameters, Layout
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .sampling import Posterior
-from .settings import SamplingSettings
 from .target import Target
 
 RISE = 3.84  # 95 % quantile of chi2 with one degree of freedom
+TOLERANCE = 1e-4  # relative change of chi2 that ends each refit
+OFFSETS = (0.5, 1.0, 1.5, 2.0, 2.6)  # distances from the mode that are looked at first, standard deviations, rising
+WIDENINGS, FACTOR = 8, 1.6  # times that the last of them is widened while chi2 has not risen enough, and by how much
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,34 +73,22 @@ def weak(posterior: Posterior) -> tuple[str, ...]:
 
 def profiles(posterior: Posterior, report: Report = quiet) -> dict[str, Profile]:
     """Those of the weak parameters, by symbol."""
-    return profiles_of(posterior.target, weak(posterior), report, posterior.settings)
+    return profiles_of(posterior.target, weak(posterior), report)
 
 
-def profiles_of(
-    target: Target,
-    symbols: Iterable[str],
-    report: Report = quiet,
-    settings: SamplingSettings = SamplingSettings(),
-) -> dict[str, Profile]:
+def profiles_of(target: Target, symbols: Sequence[str], report: Report = quiet) -> dict[str, Profile]:
     """Profiles of some parameters, by symbol."""
-    symbols = tuple(symbols)
     out = {}
     for k, symbol in enumerate(symbols):
         report(f"profile of {symbol}", k / len(symbols))
-        out[symbol] = profile(target, symbol, settings)
+        out[symbol] = profile(target, symbol)
     return out
 
 
-def profile(target: Target, symbol: str, settings: SamplingSettings = SamplingSettings()) -> Profile:
-    """The profile of one parameter.
-
-    Args:
-        target: the density, with its mode.
-        symbol: of a free parameter.
-        settings: at which distances it is looked at (`profile_...`).
-    """
+def profile(target: Target, symbol: str) -> Profile:
+    """The profile of one free parameter of a density."""
     k = target.symbols.index(symbol)
-    below, above = (_side(target, k, way, settings) for way in (-1.0, 1.0))
+    below, above = (_side(target, k, way) for way in (-1.0, 1.0))
     q = np.array([*(x for x, _ in reversed(below)), target.mode[k], *(x for x, _ in above)])
     rise = np.array([*(r for _, r in reversed(below)), 0.0, *(r for _, r in above)])
     domain = target.problem.layout.parameter(symbol).domain
@@ -108,43 +98,32 @@ def profile(target: Target, symbol: str, settings: SamplingSettings = SamplingSe
     return Profile(symbol, value, rise, low, high)
 
 
-def _side(target: Target, k: int, way: float, settings: SamplingSettings) -> list[tuple[float, float]]:
+def _side(target: Target, k: int, way: float) -> list[tuple[float, float]]:
     """Coordinates and rises on one side of the mode, outward, until the rise is large enough or the range ends."""
     problem, mode = target.problem, target.mode
     sd, last = float(np.sqrt(target.covariance[k, k])), WIDE * float(problem.layout.reach(mode)[k])
-    weighted = (
-        target.weighted if target.symbols[k] in problem.free_parameters.priors else _unbelieved(target.weighted, k)
-    )
+    weighted = target.weighted
+    if target.symbols[k] not in problem.free_parameters.priors:
+        # without the broad prior on this coordinate, so that its profile shows data and the user's own priors
+        prior_sd = np.array(weighted.prior_sd)
+        prior_sd[k] = np.inf
+        weighted = weighted._replace(prior_sd=prior_sd)
     least = float(chi2_of(problem, mode[None], weighted)[0])
-    near, factor = settings.profile_offsets, settings.profile_factor
-    offsets = [s * sd for s in near] + [near[-1] * sd * factor**d for d in range(1, settings.profile_widenings + 1)]
+    offsets = [s * sd for s in OFFSETS] + [OFFSETS[-1] * sd * FACTOR**d for d in range(1, WIDENINGS + 1)]
     out: list[tuple[float, float]] = []
     x = mode
     for offset in sorted({min(o, last) for o in offsets}):
-        # the others set out from where the linear model has them
-        guess = _guess(target, k, x, mode[k] + way * offset)
-        x = _refitted(problem, weighted, guess, k, settings.profile_tolerance)
+        # the others set out from their regression on coordinate k: x + C_k (to - x_k) / C_kk
+        to = mode[k] + way * offset
+        guess = x + target.covariance[:, k] / target.covariance[k, k] * (to - x[k])
+        x = _refitted(problem, weighted, guess, k)
         out.append((float(x[k]), float(chi2_of(problem, x[None], weighted)[0]) - least))
         if out[-1][1] > RISE:
             break
     return out
 
 
-def _guess(target: Target, k: int, x: np.ndarray, to: float) -> np.ndarray:
-    """x with coordinate k moved, and the others by their regression on it: x + C_k (to - x_k) / C_kk."""
-    return x + target.covariance[:, k] / target.covariance[k, k] * (to - x[k])
-
-
-def _unbelieved(weighted: WeightedData, k: int) -> WeightedData:
-    """Data without the broad prior on the k-th coordinate, so that its profile shows data and the user's own priors."""
-    sd = np.array(weighted.prior_sd)
-    sd[k] = np.inf
-    return weighted._replace(prior_sd=sd)
-
-
-def _refitted(
-    problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, k: int, tolerance: float
-) -> np.ndarray:
+def _refitted(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, k: int) -> np.ndarray:
     """Coordinates with the k-th held and the others at their optimum, shape (P,).
 
     Which parameters are free is data to the compiled functions, so nothing is compiled again.
@@ -157,7 +136,7 @@ def _refitted(
         prior_sd=lean.layout.padded(np.asarray(weighted.prior_sd)[others], np.inf),
     )
     out = x.copy()
-    out[others] = minimise(lean, x[others], gone, tolerance)[0]
+    out[others] = minimise(lean, x[others], gone, TOLERANCE)[0]
     return out
 
 

@@ -1,24 +1,101 @@
-"""Sampling, and the posterior that it leaves."""
+"""Sampling, the posterior that it leaves, and what that says of each parameter and of each trace."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
+import jax
 import numpy as np
 
-from ..estimation.intervals import intervals, lumped
+from ..estimation.intervals import LUMPS, Z_95, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult, Report, quiet
 from ..files import held
-from .chain import Chain
-from .convergence import Convergence
-from .run import run
+from ..model.parameters import Parameter
+from ..problem.free_parameters import FreeParameters
+from ..problem.trace import Trace
+from .chain import Chain, Convergence, autocorrelation_time, run, split_rhat
 from .settings import SamplingSettings
-from .summary import Marginal, described, marginals, values
 from .target import Target
 
 CHAIN = "posterior_chain.npz"
+APART = 0.2  # relative difference of standard deviations from fit, profile and posterior that is flagged
+DRAWS_PER_TAU = 4  # of each walker kept in posterior.nc
+PREDICTIVE_DRAWS = 32  # of the posterior that predictive bands are computed from
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """The posterior of one parameter, SI.
+
+    Args:
+        mean, sd, median: of its draws.
+        low, high: its 95 % interval, between the 2.5 and 97.5 % quantiles.
+        ess: independent draws, W N / tau of this parameter.
+        r_hat: over the ensembles.
+        status: "estimated", "fixed", "tied" or "not identifiable", as in the fit.
+        laplace: the fit's standard error, or None.
+    """
+
+    mean: float
+    sd: float
+    median: float
+    low: float
+    high: float
+    ess: float
+    r_hat: float
+    status: str
+    laplace: float | None
+
+
+def apart(*spreads: float | None, allowed: float = APART) -> bool:
+    """Whether standard deviations found in different ways, where they were found, differ by more than is allowed.
+
+    Args:
+        spreads: in one unit; None where one was not found.
+        allowed: relative difference of the largest and the smallest.
+    """
+    known = [s for s in spreads if s]
+    return bool(known) and max(known) > (1.0 + allowed) * min(known)
+
+
+def values(
+    free_parameters: FreeParameters, gear_ratio: float, electric: bool, points: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Parameters and their combinations at coordinates of shape (..., P), SI by symbol, shape (...).
+
+    Args:
+        electric: False where the rig has no electrical side, and no combination that needs one.
+    """
+    layout = free_parameters.layout
+    pick, flat = layout.pick(free_parameters.held), points.reshape(-1, points.shape[-1])
+    every = jax.jit(jax.vmap(lambda x: layout.form.values(x, pick)))(layout.padded(flat))
+    every = {p.symbol: np.asarray(every[p.symbol]).reshape(points.shape[:-1]) for p in layout.parameters}
+    return every | {s: np.asarray(lump.of(every, gear_ratio))
+                    for s, lump in LUMPS.items() if electric or not lump.electric}  # fmt: skip
+
+
+def marginal(draws: np.ndarray, fitted: Interval) -> Marginal:
+    """The posterior of one parameter from its draws, SI, shape (E, N, W), beside the fit's own interval."""
+    chains = [e[:, :, None] for e in draws]
+    tau = max(float(autocorrelation_time(e)[0]) for e in chains)
+    low, median, high = np.quantile(draws, (0.025, 0.5, 0.975)).tolist()
+    return Marginal(float(draws.mean()), float(draws.std(ddof=1)), median, low, high, draws.size / tau,
+                    float(split_rhat(chains)[0]), fitted.status, fitted.stderr)  # fmt: skip
+
+
+def marginals(draws: Mapping[str, np.ndarray], fitted: Mapping[str, Interval]) -> dict[str, Marginal]:
+    """Of every parameter and combination whose draws differ, by symbol."""
+    return {s: marginal(d, fitted[s]) for s, d in draws.items() if np.ptp(d) > 0.0}
+
+
+def described(parameters: Mapping[str, Parameter]) -> dict[str, tuple[str, str]]:
+    """Unit and meaning by symbol, combinations among them."""
+    own: dict[str, Any] = {s: (p.unit, p.meaning) for s, p in parameters.items()}
+    return own | {s: (lump.unit, lump.meaning) for s, lump in LUMPS.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +169,7 @@ def sample(
     """
     settings = settings if most is None else replace(settings, most_steps=most)
     report("finding the mode", 0.0)
-    target = Target.of(result, settings)
+    target = Target.from_fit(result)
 
     def begin() -> Chain:
         report("finding where the walkers begin", 0.0)
@@ -103,3 +180,46 @@ def sample(
         chain, convergence = run(target.log_probability, target.symbols, begin, Path(run_dir) / CHAIN,
                                  settings.most_steps, report, settings, remarks.append)  # fmt: skip
     return Posterior(result, target, chain, convergence, exact, settings, " ".join(remarks))
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The prediction of one trace, SI.
+
+    Args:
+        trace: as measured.
+        mean, sd: shape (n, M).
+    """
+
+    trace: Trace
+    mean: np.ndarray
+    sd: np.ndarray
+
+    @property
+    def inside(self) -> tuple[float, ...]:
+        """Share of each channel's samples inside its 95 % band."""
+        error = np.abs(self.trace.data - self.mean)
+        return tuple(float(np.mean(e[np.isfinite(e)] <= Z_95 * s[np.isfinite(e)]))
+                     for e, s in zip(error.T, self.sd.T, strict=True))  # fmt: skip
+
+
+def bands(posterior: Posterior, report: Report = quiet) -> tuple[Band, ...]:
+    """Posterior predictive bands: what each trace ought to have shown, fitted ones first, then those held out.
+
+        y_k ~ N(mean_k, var over draws of y_hat_k + C P_k C^T + sigma^2)
+
+    y_hat is the free-running simulation at draws of the posterior, P what the noise of the logged input and instants
+    that nobody logged add up to along it (`innovations.free_run_variance`), sigma the sensor's noise; of a fit that is
+    `far` from the data, the error left in each fitted channel.
+    """
+    points = posterior.some(PREDICTIVE_DRAWS)
+    problems = [problem for problem in (posterior.fit.problem, posterior.fit.holdout) if problem is not None]
+    out: list[Band] = []
+    for k, problem in enumerate(problems):
+        report("predictive bands", k / len(problems))
+        runs = [problem.free_run(x) for x in points]
+        own = problem.free_run_variance(posterior.target.mode)
+        drawn = [(np.mean(y, axis=0), np.var(y, axis=0)) for y in zip(*runs, strict=True)]
+        out += [Band(trace, mean, np.sqrt(spread + noise))
+                for trace, (mean, spread), noise in zip(problem.batch.traces, drawn, own, strict=True)]  # fmt: skip
+    return tuple(out)

@@ -18,8 +18,10 @@ samples. All f_s are 1 where the model is right.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -30,10 +32,13 @@ from ..estimation.levenberg_marquardt import local, minimise
 from ..estimation.settings import WhitenessSettings
 from ..model.parameters import NonNegative, log_flats
 from ..problem.chi2 import chi2_of
+from ..problem.free_parameters import SERIES
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .settings import SamplingSettings
+from ..rig.base import Rig
+
+TOLERANCE = 3e-6  # relative change of chi2 that ends the descent to the mode
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +60,12 @@ class Target:
     factors: Mapping[tuple[str, str], float]
 
     @classmethod
-    def of(cls, result: FitResult, settings: SamplingSettings = SamplingSettings()) -> Target:
-        """The posterior that belongs to a fit; `settings.tolerance` ends the descent to its mode."""
+    def from_fit(cls, result: FitResult) -> Target:
+        """The posterior that belongs to a fit."""
         problem, x = result.problem, result.x
         factors = inflations(problem, x, result.weighted, result.settings.whiteness)
         weighted = believed(tempered(problem, result.weighted, factors), x, problem.layout.reach(x))
-        there, _ = minimise(problem, x, weighted, settings.tolerance, result.settings.steps)
+        there, _ = minimise(problem, x, weighted, TOLERANCE, result.settings.steps)
         before, after = chi2_of(problem, np.stack((x, there)), weighted)
         mode = there if after < before else x
         return cls(problem, weighted, mode, local(problem, mode, weighted).covariance, factors)
@@ -138,3 +143,13 @@ def believed(weighted: WeightedData, x: np.ndarray, reach: np.ndarray) -> Weight
     bare = np.flatnonzero(~np.isfinite(sd[: x.size]))
     mean[bare], sd[bare] = x[bare], WIDE * reach[bare]
     return weighted._replace(prior_mean=mean, prior_sd=sd)
+
+
+def truths(rig: Rig) -> dict[str, float]:
+    """What made-up data were made from, SI by symbol, where their maker left truth.json beside rig.toml; else empty."""
+    note = Path(rig.folder) / "truth.json"
+    if not (rig.config.synthetic and note.is_file()):
+        return {}
+    known = json.loads(note.read_text(encoding="utf-8"))
+    series = {SERIES + "inductance": known["series_ohm"]} if "series_ohm" in known else {}
+    return {s: float(v) for s, v in (known["parameters"] | series).items()}

@@ -24,9 +24,8 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..estimation.fitted_model import Fitted
     from ..estimation.joint_fit import Report
     from ..estimation.result import FitResult
-    from ..posterior.predictive import Band
     from ..posterior.profile import Profile
-    from ..posterior.sampling import Posterior
+    from ..posterior.sampling import Band, Posterior
     from ..run_folder.folder import RunFolder
     from .drawing import Job
 
@@ -97,7 +96,7 @@ def _every(run: RunFolder) -> list[Job]:
 
 
 def _below(folder: str, jobs: Sequence[Job]) -> list[Job]:
-    return [(Path(folder) / path, draw) for path, draw in jobs]
+    return [(Path(folder) / path, draw_sines) for path, draw_sines in jobs]
 
 
 _OF_A_MODEL = ("", "tests", "traces")  # folders of its pictures, below RUN/pictures
@@ -179,19 +178,19 @@ def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Repo
 
 def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyResponse, report: Report) -> None:
     """The Bode plot of the sine traces, where any says something: RUN/pictures/control/sines.png."""
-    from .control.sines import draw
+    from .control.bode import draw_sines
     from .drawing import draw_here
 
-    jobs = [(Path("sines.png"), partial(draw, fitted.config, response))] if response.points else []
+    jobs = [(Path("sines.png"), partial(draw_sines, fitted.config, response))] if response.points else []
     draw_here(run / "pictures" / "control", jobs, report)
 
 
 def draw_design(run: Path, design: Design, report: Report) -> None:
     """Responses of every rule, the proposed gains in every scenario, tracking against effort, failures."""
-    from .control import front, responses, safety, scenarios
+    from .control import front, responses, safety
     from .drawing import draw_here
 
-    pictures = {"responses": responses.draw, "scenarios": scenarios.draw, "front": front.draw,
+    pictures = {"responses": responses.draw, "scenarios": responses.draw_scenarios, "front": front.draw,
                 "safety": safety.draw}  # fmt: skip
     jobs = [(Path(f"{name}.png"), partial(draw, design)) for name, draw in pictures.items()]
     draw_here(run / "pictures" / "control", jobs, report)

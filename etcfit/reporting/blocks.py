@@ -1,17 +1,211 @@
-"""What the tables for the terminal are put together from."""
+"""Tables for a terminal, and what stands around them: titles, sentences, a console that obeys no text of a user."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, Group, RenderableType, RenderHook, RenderResult
 from rich.padding import Padding
+from rich.segment import Segment
 from rich.text import Text
 
-from ..rig.base import RigConfig
-from .plain_table import PlainTable as PlainTable
-from .plain_table import plain_table as plain_table
+from ..errors import visible
+
+if TYPE_CHECKING:  # a console needs none of what these load
+    from ..estimation.fitted_model import FitState
+    from ..rig.base import RigConfig
+
+_GAP = 2, 1  # characters between columns: usually, and where it is tight
+_COMFORT = 24  # characters a line that prose has, at least, while there are columns to be spared
+
+
+@dataclass
+class Column:
+    """One column.
+
+    Args:
+        header: its name.
+        justify: where its cells stand.
+        prose: cells are sentences, which may go on in the next line; all others are names and figures, which may not.
+        paths: cells are file names, which may go on in the next line after a "/".
+    """
+
+    header: str
+    justify: Literal["left", "right"] = "right"
+    prose: bool = False
+    paths: bool = False
+
+
+class PlainTable:
+    """A table for a terminal; see `plain_table`."""
+
+    def __init__(self, columns: Sequence[Column], keys: Sequence[int], spare: Sequence[str], file: str) -> None:
+        self.columns, self.keys, self.spare, self.file = list(columns), list(keys), list(spare), file
+        self.rows: list[list[Text]] = []
+
+    @property
+    def row_count(self) -> int:
+        return len(self.rows)
+
+    def add_row(self, *cells: str | Text | None) -> None:
+        """Texts are what they say: `channel_gain[response]` is a name, and no style called "response"."""
+        if len(cells) != len(self.columns):
+            raise ValueError(f"{len(cells)} cells in a table of {len(self.columns)} columns")
+        self.rows.append([cell if isinstance(cell, Text) else Text(cell or "") for cell in cells])
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        width, every = options.max_width, range(len(self.columns))
+        for spared in range(len(self.spare) + 1):
+            kept = [k for k in every if self.columns[k].header not in self.spare[:spared]]
+            if self._total(kept, tight=False) <= width:
+                yield from self._block(console, kept, width, tight=False)
+                yield from self._left_out(spared, width)
+                return
+        kept = [k for k in every if self.columns[k].header not in self.spare]
+        for number, block in enumerate(self._blocks(kept, width)):
+            if number:
+                yield Text()
+            yield from self._block(console, block, width, tight=self._total(block, tight=False) > width)
+        yield from self._left_out(len(self.spare), width)
+
+    def _left_out(self, spared: int, width: int) -> Iterator[Text]:
+        names = [c.header for c in self.columns if c.header in self.spare[:spared]]
+        if names:
+            wide = self._total(range(len(self.columns)), tight=False)
+            elsewhere = f"; so does {self.file}" if self.file else ""
+            them = "it" if len(names) == 1 else "them"
+            said = f"Left out at a width of {width}: {', '.join(names)}. A width of {wide} shows {them}{elsewhere}."
+            yield Text(said, style="dim")
+
+    def _least(self, k: int, tight: bool) -> int:
+        column, cells = self.columns[k], [row[k] for row in self.rows]
+        head = _longest(column.header.split())
+        if column.prose:
+            words = _longest(word for cell in cells for word in cell.plain.split())
+            return max(head, words, 0 if tight else min(_COMFORT, self._most(k)))
+        if column.paths and tight:
+            return max(head, _longest(part for cell in cells for part in _parts(cell.plain)))
+        return max(head, *(cell.cell_len for cell in cells), 0)
+
+    def _most(self, k: int) -> int:
+        return max(_longest(self.columns[k].header.splitlines()), *(row[k].cell_len for row in self.rows), 0)
+
+    def _total(self, shown: Iterable[int], tight: bool) -> int:
+        widths = [self._least(k, tight) for k in shown]
+        return sum(widths) + _GAP[tight] * (len(widths) - 1)
+
+    def _blocks(self, kept: Sequence[int], width: int) -> list[list[int]]:
+        """Columns that go beside each other, the keys first in every block."""
+        keys = [k for k in self.keys if k in kept]
+        blocks = [list(keys)]
+        for k in kept:
+            if k not in keys:
+                if len(blocks[-1]) > len(keys) and self._total([*blocks[-1], k], tight=True) > width:
+                    blocks.append(list(keys))
+                blocks[-1].append(k)
+        return blocks
+
+    def _widths(self, shown: Sequence[int], width: int, tight: bool) -> list[int]:
+        """What is left over goes to prose and file names first, then to headers."""
+        widths = [self._least(k, tight) for k in shown]
+        free = width - self._total(shown, tight)
+        if free < 0:  # one name is longer than the terminal is wide
+            widest = widths.index(max(widths))
+            widths[widest] = max(1, widths[widest] + free)
+            return widths
+        elastic = [self.columns[k].prose or self.columns[k].paths for k in shown]
+        for now in (True, False):
+            lacks = [self._most(k) - w if e is now else 0 for k, w, e in zip(shown, widths, elastic, strict=True)]
+            share = min(1.0, free / max(1, sum(lacks)))
+            widths = [w + int(share * lack) for w, lack in zip(widths, lacks, strict=True)]
+            free -= sum(int(share * lack) for lack in lacks)
+        return widths
+
+    def _block(self, console: Console, shown: Sequence[int], width: int, tight: bool) -> Iterator[Text]:
+        widths, gap = self._widths(shown, width, tight), " " * _GAP[tight]
+        heads = [_in_lines(console, self.columns[k].header, w) for k, w in zip(shown, widths, strict=True)]
+        deepest = max(map(len, heads), default=0)
+        if any(self.columns[k].header for k in shown):
+            yield from self._lines([[Text()] * (deepest - len(head)) + head for head in heads], shown, widths, gap)
+        for row in self.rows:
+            cells = [
+                (_at_slashes if self.columns[k].paths else _folded)(console, row[k], w)
+                for k, w in zip(shown, widths, strict=True)
+            ]
+            yield from self._lines(cells, shown, widths, gap)
+
+    def _lines(self, cells: list[list[Text]], shown: Sequence[int], widths: Sequence[int], gap: str) -> Iterator[Text]:
+        for number in range(max(map(len, cells), default=0)):
+            line = Text(no_wrap=True, overflow="ignore", end="\n")
+            for place, (k, width) in enumerate(zip(shown, widths, strict=True)):
+                part = cells[place][number] if number < len(cells[place]) else Text()
+                blank = " " * (width - part.cell_len)
+                line.append(gap if place else "")
+                line.append_text(Text(blank) + part if self.columns[k].justify == "right" else part + Text(blank))
+            line.rstrip()
+            yield line
+
+
+def plain_table(
+    *columns: str,
+    left: int = 1,
+    words: Sequence[str] = (),
+    prose: Sequence[str] = (),
+    paths: Sequence[str] = (),
+    spare: Sequence[str] = (),
+    file: str = "",
+) -> PlainTable:
+    """An empty table; rows are added by `add_row`.
+
+    Args:
+        columns: headers; a line end in one stays there.
+        left: so many columns at the left are words, the others figures. Those of them that are neither prose nor spare
+            are repeated where columns go on below.
+        words: further columns of words, by header.
+        prose: columns of sentences, which may fold at spaces.
+        paths: columns of file names, which may fold at "/" where they cannot be shown otherwise.
+        spare: columns that may be left out where there is no room, the one that goes first in front.
+        file: that holds what is left out as well, for the line that says so; "" where there is none.
+    """
+    apart = set(words) | set(prose) | set(paths)
+    made = [
+        Column(name, "left" if k < left or name in apart else "right", name in prose, name in paths)
+        for k, name in enumerate(columns)
+    ]
+    keys = [k for k, name in enumerate(columns[:left]) if name not in (*prose, *spare)]
+    return PlainTable(made, keys, spare, file)
+
+
+def _longest(words: Iterable[str]) -> int:
+    return max((Text(word).cell_len for word in words), default=0)
+
+
+def _folded(console: Console, text: Text, width: int) -> list[Text]:
+    """At spaces; within a word only where a word alone is too long."""
+    if text.cell_len <= width:
+        return [text]
+    return list(text.wrap(console, width, justify="left", overflow="fold"))
+
+
+def _in_lines(console: Console, header: str, width: int) -> list[Text]:
+    """A header may say itself where its lines end: a name above its unit."""
+    return [piece for line in header.split("\n") for piece in _folded(console, Text(line), width)]
+
+
+def _parts(path: str) -> list[str]:
+    *folders, name = path.split("/")
+    return [*(f"{folder}/" for folder in folders), name]
+
+
+def _at_slashes(console: Console, text: Text, width: int) -> list[Text]:
+    lines = [""]
+    for part in _parts(text.plain):
+        if lines[-1] and len(lines[-1]) + len(part) > width:
+            lines.append("")
+        lines[-1] += part
+    return [piece for line in lines for piece in _folded(console, Text(line, style=text.style), width)]
 
 
 def rig_title(config: RigConfig, rest: str) -> Text:
@@ -48,3 +242,33 @@ def render(part: RenderableType, width: int = 140) -> str:
     with console.capture() as capture:
         console.print(part)
     return capture.get()
+
+
+def cautioned(part: RenderableType, state: FitState) -> RenderableType:
+    """A table, and above it what a reader must know of the fit behind it."""
+    if not state.cautions:
+        return part
+    return Group(sentences("Caution", state.cautions) or "", "", part)
+
+
+class _Visible:
+    """Any renderable, its text as `visible` has it; the marks of style that rich itself adds stay."""
+
+    def __init__(self, inner: ConsoleRenderable) -> None:
+        self._inner = inner
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
+        for text, style, control in console.render(self._inner, options):
+            yield Segment(text if control else visible(text), style, control)
+
+
+class _Hook(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_Visible(each) for each in renderables]
+
+
+def console(**how: Any) -> Console:
+    """A console of rich, made with these arguments."""
+    made = Console(**how)
+    made.push_render_hook(_Hook())
+    return made

@@ -125,7 +125,7 @@ def _serve(line: Connection[Any, Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one that began it is interrupted, and ends it
     if hasattr(os, "nice"):
         os.nice(10)  # whatever is fitted meanwhile comes first
-    from . import graphs, overview, traces  # noqa: F401  most of what drawing loads
+    from . import traces  # noqa: F401  most of what drawing loads
 
     with suppress(EOFError, OSError):  # the one that began it has ended
         line.send(None)

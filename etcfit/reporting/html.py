@@ -1,10 +1,20 @@
-"""How pages are filled in: text is escaped, code in backticks set as code, a gap that nothing fills is an error."""
+"""What pages are made of: templates, styles, scripts, data, tables, and symbols, units and numbers as they are printed.
+
+Text is escaped, code in backticks set as code, a gap that nothing fills is an error.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
+
+from .numbers import Digits, short
 
 if TYPE_CHECKING:
     import jinja2
@@ -33,3 +43,145 @@ def coded(text: str) -> Markup:
     """What stands between backticks as code."""
     parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(text.split("`")))
     return Markup("").join(parts)
+
+
+Room = tuple[str, str]  # a package, and a folder in it
+SHARED: Room = ("etcfit.reporting", "assets")
+LIBRARY, LIBRARY_STYLE = "vendor/uPlot.iife.min.js", "vendor/uPlot.min.css"
+LICENCE = "vendor/uPlot.LICENSE.txt"
+_VENDOR: Room = ("etcfit.reporting.interactive", "page")  # the package's list of licences names this folder
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Files of a page, by name.
+
+    Args:
+        own: rooms where they are looked for before those that every page shares.
+    """
+
+    own: tuple[Room, ...]
+
+    def __call__(self, name: str) -> str:
+        """A file's text.
+
+        Raises:
+            FileNotFoundError: no room has it.
+        """
+        for package, folder in (*self.own, SHARED, _VENDOR):
+            file = files(package) / folder / name
+            if file.is_file():
+                return file.read_text(encoding="utf-8")
+        raise FileNotFoundError(f"no file {name!r} in {[*self.own, SHARED]}")
+
+    def every(self, names: Sequence[str]) -> list[str]:
+        """The texts of several, in this order."""
+        return [self(name) for name in names]
+
+
+def as_text(data: dict[str, Any]) -> str:
+    """The object as it stands inside a <script type="application/json">: no tag can end in it."""
+    text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under a head.
+
+    Args:
+        caption: one line; what the rows are.
+        head: names of the columns.
+        rows: cells, text or markup, one for each column.
+        words: how many of the first columns are words, set to the left.
+        marked: rows that stand out, by index.
+    """
+
+    # columns of words wherever they stand
+    LEFT: ClassVar[tuple[str, ...]] = ("unit", "profile", "status", "met", "meaning", "worst unit", "hardest for it")
+
+    caption: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    words: int = 1
+    marked: frozenset[int] = frozenset()
+
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_UNITS = {"ohm": "Ω", "1": "", "deg": "°"}
+_GREEK = {"delta": "δ", "mu": "μ", "omega": "ω", "tau": "τ", "theta": "θ"}
+
+
+def symbol(name: str) -> Markup:
+    """R_a as R with a subscript, theta_lh with its letter; what follows a point stays as it is written."""
+    head, _, below = name.partition("_")
+    head = _GREEK.get(head, head)
+    if "." in name or len(head) > 2:
+        return Markup("<code>{}</code>").format(Markup(".<wbr>").join(name.split(".")))
+    if not below:
+        return Markup("<i>{}</i>").format(name)
+    return Markup("<i>{}</i><sub>{}</sub>").format(head, below)
+
+
+def symbols(names: Iterable[str]) -> Markup:
+    """a, b and c."""
+    *most, last = [symbol(name) for name in names]
+    return Markup(", ").join(most) + Markup(" and ") + last if most else last
+
+
+def unit(text: str | None) -> str:
+    """N*m*s/rad with centred dots and raised exponents."""
+    if not text or text in _UNITS:
+        return _UNITS.get(text or "1", "")
+    text = re.sub(r"\bohm\b", "Ω", text).replace("**", "")
+    text = re.sub(r"(?<=[a-zA-Z])-?\d", lambda power: power[0].translate(_SUPERSCRIPT), text)
+    return text.replace("*", " · ") if "*" in text else text.replace(" ", " ")
+
+
+def figure(text: str) -> str:
+    """1.2e-06 with a power of ten, a true minus sign."""
+    mantissa, e, exponent = text.partition("e")
+    power = f" × 10{str(int(exponent)).translate(_SUPERSCRIPT)}" if e else ""
+    return mantissa.replace("-", "−") + power if mantissa != "-" else "–"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A few significant digits."""
+    return figure(short(value, digits))
+
+
+def measured(value: float | None, stderr: float | None) -> str:
+    """Value ± standard error, the digits that the error warrants."""
+    if value is None:
+        return "–"
+    digits = Digits.of(value, stderr)
+    return figure(digits(value)) if stderr is None else _both(digits(value), "±", digits(stderr))
+
+
+def span(interval: Any, stderr: float | None = None) -> str:
+    """Both ends of an interval."""
+    if not interval or interval[0] is None or interval[1] is None:
+        return "–"
+    low, high = interval
+    digits = Digits.of(max(abs(low), abs(high)), stderr or abs(high - low) / 3.92)
+    return _both(digits(low), "…", digits(high))
+
+
+def _both(first: str, sign: str, second: str) -> str:
+    """Two numbers of one power of ten, which stands once."""
+    left, e, exponent = first.partition("e")
+    pair = f"{figure(left)} {sign} {figure(second.partition('e')[0])}"
+    return f"({pair}){figure('1e' + exponent)[1:]}" if e else pair
+
+
+def polynomial(coefficients: Iterable[float], variable: str = "s") -> Markup:
+    """c_n s^n + ... + c_0, highest power first."""
+    every = list(coefficients)
+    terms: list[Markup] = []
+    for k, c in enumerate(every):
+        power = len(every) - 1 - k
+        raised = Markup("<i>{}</i>").format(variable) + (Markup("<sup>{}</sup>").format(power) if power > 1 else "")
+        size = "" if abs(c) == 1.0 and power else figure(short(abs(c), 4))
+        sign = (" − " if c < 0.0 else " + ") if terms else ("−" if c < 0.0 else "")
+        terms.append(Markup(sign) + escape(size) + (" " if size and power else "") + (raised if power else Markup("")))
+    return Markup("").join(terms)

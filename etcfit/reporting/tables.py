@@ -8,18 +8,18 @@ from itertools import groupby
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ..estimation.agreement import Pull
 from ..estimation.explained import explained, motion_explained, share_of
+from ..estimation.identifiability import listed
 from ..estimation.identifiability import sentences as directions_in_words
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult, StartSummary
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Measurement
-from ..run_folder.fit import GEAR_RATIO, readings_of
+from ..run_folder.fit import GEAR_RATIO, budget_json, readings_of
 from .blocks import headed, plain_table, rig_title, sentences, spaced
 from .blocks import render as render
-from .budget import budget_table
-from .influence import influence_table
 from .numbers import Digits, short
 from .pool import Pool
 
@@ -116,3 +116,69 @@ def _outcome(result: FitResult) -> RenderableType:
     line = Text.assemble((word, style), f": {result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}")
     said = motion_explained(result.score_fit, result.score_holdout, result.rig.measurements)
     return spaced(Group(line, Text(said)) if said else line)
+
+
+STATISTICAL_ONLY = "Intervals are statistical only: rig.toml states no [accuracy] of its instruments."
+_NAMED_SHARE = 0.01  # least share of the variance that is named
+
+
+def budget_table(result: FitResult) -> RenderableType:
+    """One row a parameter, one column a source; or that intervals are statistical only."""
+    if result.budget is None:
+        return spaced(Text(STATISTICAL_ONLY, style="dim"))
+    table = plain_table(
+        "parameter", "statistical standard error", "unit", "statistical share, %", "shares of the instruments",
+        words=("unit",), prose=("shares of the instruments",), spare=("statistical standard error",),
+        file="RUN/fit.json",
+    )  # fmt: skip
+    units = {parameter.symbol: parameter.unit for parameter in result.free_parameters.layout.parameters}
+    for symbol, row in budget_json(result)["budget"].items():
+        shares = dict(row["shares"])
+        own = shares.pop("statistical")
+        largest = sorted(((share, source) for source, share in shares.items() if share > _NAMED_SHARE), reverse=True)
+        words = ", ".join(f"{source} {100.0 * share:.0f} %" for share, source in largest)
+        table.add_row(symbol, short(row["stderr_statistical"]), units[symbol], f"{100.0 * own:.0f}", words)
+    return headed("Where the uncertainty comes from, as shares of the variance", table)
+
+
+_INFLUENCE = "Influence: the parameter that moves most when a test is left out, and by how many standard errors"
+
+
+def influence_table(result: FitResult) -> RenderableType | None:
+    """A row a test, those that pull hardest first; None where there is nothing to compare."""
+    table = plain_table(
+        "test", "parameter", "pull", "worst trace", "its pull",
+        left=2, words=("worst trace",), paths=("worst trace",), spare=("its pull", "worst trace"), file="RUN/fit.json",
+    )  # fmt: skip
+    for test, hardest in _hardest(result).items():
+        trace = _trace(result, hardest)
+        of_trace = (trace.file, f"{trace.pull:+.1f}") if trace is not None else ("", "")
+        table.add_row(test, hardest.parameter, f"{hardest.pull:+.1f}", *of_trace)
+    if not table.row_count:
+        return None
+    alone = [Text(text, style="dim") for text in determined_alone(result)]
+    return headed(_INFLUENCE, Group(table, *alone))
+
+
+def determined_alone(result: FitResult) -> list[str]:
+    """A sentence on each test, or file, without which parameters would not be known: nothing checks it on them."""
+    by_part: dict[str, list[str]] = {}
+    for symbol, part in result.influence.alone.items():
+        by_part.setdefault(part, []).append(symbol)
+    return [f"Only {part} determines {listed(symbols)}: no other test checks it." for part, symbols in by_part.items()]
+
+
+def _hardest(result: FitResult) -> dict[str, Pull]:
+    """The largest pull of each test as a whole."""
+    out: dict[str, Pull] = {}
+    for pull in result.influence.pulls:
+        if pull.file is None:
+            out.setdefault(pull.test, pull)
+    return out
+
+
+def _trace(result: FitResult, of: Pull) -> Pull | None:
+    """The trace of a test that pulls hardest at the parameter which the test pulls most."""
+    return next(
+        (p for p in result.influence.pulls if p.file and (p.test, p.parameter) == (of.test, of.parameter)), None
+    )

@@ -32,7 +32,9 @@ CHANNELS: dict[str, str] = {
     "temperature": "degC",
 }
 DRIVES = ("voltage", "duty", "torque")  # any of them drives the plate
-ALLOWED_FOR = frozenset({"synchronous_edges"})  # kinds that are a habit: the fit estimates what it is, nobody mends it
+ALLOWED_FOR = frozenset(
+    {"synchronous_edges"}
+)  # kinds that are a habit: the fit estimates it, and there is nothing to mend
 SLOW_LOG = "slow_log"  # the kind that leaves every diagnosis unsure
 
 
@@ -81,7 +83,7 @@ class Measurement:
         channels: by quantity, see `CHANNELS`.
         held_out: named in [holdout]: scored, never fitted.
         edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are in step with
-            the samples, and NaN where no such edge came, shape (n - 1,); None where nobody looked.
+            the samples, and NaN where no such edge came, shape (n - 1,); None before edges are looked at.
     """
 
     file: str
@@ -135,16 +137,11 @@ Knowledge = Fixed | Prior | Start | Tied
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What may be off, of one channel, the gear or the clock.
+    """What may be off, of one channel, the gear or the clock."""
 
-    Args:
-        relative: r, of the value; half-width or standard deviation, see `distribution`.
-        absolute: a, SI.
-        distribution: "rectangular": both are half-widths; "normal": both are standard deviations.
-    """
-
-    relative: float = 0.0
-    absolute: float = 0.0
+    relative: float = 0.0  # r, of the value; half-width or standard deviation, see `distribution`
+    absolute: float = 0.0  # a, SI
+    # "rectangular": both are half-widths; "normal": both are standard deviations
     distribution: Literal["rectangular", "normal"] = "rectangular"
 
     @property
@@ -266,19 +263,12 @@ class Rig:
 
 @dataclass(frozen=True)
 class Boundary:
-    """How a rig test ties down the throttle: which of Eqs. 1-2 are alive in it.
+    """How a rig test ties down the throttle: which of Eqs. 1-2 are alive in it."""
 
-    Args:
-        plate_held: the plate cannot move; speed is zero.
-        terminals_open: no current flows.
-        gear_apart: the motor runs alone; no plate, spring, dry friction or stops.
-        released: somebody holds the plate where the trace begins and lets it go at an instant not logged.
-    """
-
-    plate_held: bool = False
-    terminals_open: bool = False
-    gear_apart: bool = False
-    released: bool = False
+    plate_held: bool = False  # the plate cannot move; speed is zero
+    terminals_open: bool = False  # no current flows
+    gear_apart: bool = False  # the motor runs alone; no plate, spring, dry friction or stops
+    released: bool = False  # somebody holds the plate where the trace begins and lets it go at an instant not logged
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,18 +287,12 @@ class Graph:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What the paper's graph reading makes of all traces of one rig test.
+    """What the paper's graph reading makes of all traces of one rig test."""
 
-    Args:
-        values: SI, by symbol; besides parameters it may hold the lumped `J_eq`, `B_eq`.
-        graphs: what was read, to look at.
-        notes: what could not be read, and why.
-        nominal: symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading.
-    """
-
-    values: Mapping[str, float]
-    graphs: tuple[Graph, ...] = ()
-    notes: tuple[str, ...] = ()
+    values: Mapping[str, float]  # SI, by symbol; parameters, and perhaps the lumped `J_eq`, `B_eq`
+    graphs: tuple[Graph, ...] = ()  # what was read, to look at
+    notes: tuple[str, ...] = ()  # what could not be read, and why
+    # symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading
     nominal: tuple[str, ...] = ()
 
 

@@ -6,7 +6,7 @@ A current logged at the bridge's supply is made that of the motor.
 
     i = i_s / d,    d = duty, or v / V_s
 
-Where the duty is near zero the supply's current tells nothing of the motor's: no value there. The noise grows as the
+Where the duty is near zero the supply's current says nothing about the motor's: no value there. The noise grows as the
 duty falls, and is taken as one for all samples of a test.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (full bridge: mean current of its source). Differs from source: no.
@@ -16,9 +16,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -40,21 +39,13 @@ _FULL = 0.75  # of the range below the bit that neither part reaches: a count th
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column, converted.
+    """One column, converted."""
 
-    Args:
-        header: as it stands in the CSV.
-        quantity: `time` or a channel.
-        unit: as the user logged it.
-        conversion: logged -> SI.
-        logged: shape (n,), as written; NaN where the cell is empty.
-    """
-
-    header: str
-    quantity: str
-    unit: str
-    conversion: Conversion
-    logged: np.ndarray
+    header: str  # as it stands in the CSV
+    quantity: str  # `time` or a channel
+    unit: str  # as the user logged it
+    conversion: Conversion  # logged -> SI
+    logged: np.ndarray  # shape (n,), as written; NaN where the cell is empty
 
     @property
     def value(self) -> np.ndarray:
@@ -65,31 +56,17 @@ class Column:
         """SI, of some rows."""
         return self.conversion.scale * self.logged[rows] + self.conversion.offset
 
-    @property
-    def is_angle(self) -> bool:
-        """Held against the travel rather than against fixed limits."""
-        return self.quantity in ("position", "setpoint")
-
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One CSV, converted, still row by row: what can be checked against the file's lines.
+    """One CSV, converted, still row by row: what can be checked against the file's lines."""
 
-    Args:
-        where: path of the CSV as the user gave it.
-        file: the same, relative to the rig folder.
-        test: the rig test.
-        lines: where each row stands in the file, shape (n,).
-        columns: by quantity, `time` among them.
-        row_mark: as in `Table`.
-    """
-
-    where: str
-    file: str
-    test: str
-    lines: np.ndarray
-    columns: Mapping[str, Column]
-    row_mark: str = ":"
+    where: str  # path of the CSV as the user gave it
+    file: str  # the same, relative to the rig folder
+    test: str  # the rig test
+    lines: np.ndarray  # where each row stands in the file, shape (n,)
+    columns: Mapping[str, Column]  # by quantity, `time` among them
+    row_mark: str = ":"  # as in `Table`
 
     def at(self, row: int) -> str:
         """Where a row stands, for a message."""
@@ -110,7 +87,6 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dic
     """Every column that is not to be ignored, by quantity.
 
     Args:
-        where: path of the CSV.
         toml: the rig.toml, which is at fault where [columns] names the header.
 
     Raises:
@@ -121,11 +97,11 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dic
         ours = config.columns.get(" ".join(header.split()), header)
         if ours.casefold() in DROP:
             continue
-        place = partial(_place, header, config.columns, table.head(where), toml)
+        place = _place(header, config.columns, table.head(where), toml)
         column = _column(header, ours, table.cells[:, k], config, place)
         if other := columns.get(column.quantity):
             raise MeasurementError(
-                place(),
+                place,
                 f"columns '{other.header}' and '{header}' are both {column.quantity}.",
                 "A trace has one column for each quantity.",
                 f'Delete one, or set {toml_string(header)} = "ignore" under [columns].',
@@ -144,15 +120,15 @@ def _place(header: str, mapped: Mapping[str, str], where: str, toml: Toml) -> st
     return f"{toml.place(f'columns.{name}')} [columns], for {where}" if name in mapped else where
 
 
-def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: Callable[[], str]) -> Column:
+def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place: str) -> Column:
     try:
         quantity, unit = parse_header(ours)
     except HeaderError as err:
-        raise MeasurementError(place(), err.found, err.required, err.mend) from err
+        raise MeasurementError(place, err.found, err.required, err.mend) from err
     try:
         channel, conversion = to_channel(quantity, unit, config.travel, config.tps)
     except UnitError as err:
-        raise MeasurementError(place(), f"column '{header}': {err}", "The rig.toml must say how to read it.",
+        raise MeasurementError(place, f"column '{header}': {err}", "The rig.toml must say how to read it.",
                                "Add [tps] with closed_V, open_V, travel_deg." if quantity == "tps" else
                                "Log in degrees, or give both ends in [rig] travel_deg.") from err  # fmt: skip
     return Column(header, channel, unit, conversion, cells)
@@ -173,35 +149,23 @@ def parse_header(header: str) -> tuple[str, str]:
         HeaderError: unknown quantity, unit missing, or a unit of the wrong dimension.
     """
     match = _FORM.fullmatch(header.strip())
-    quantity = _slug(match["quantity"] if match else header)
+    quantity = "_".join((match["quantity"] if match else header).casefold().split())
     if quantity not in SI_UNIT:
-        raise _foreign(header, quantity)
+        near = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
+        guess = f" Did you mean '{near[0]} [{_example(near[0])}]'?" if near else ""
+        raise HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
+                          f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
+                          f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
     if match is None or not match["unit"]:
         raise HeaderError(f"column '{header}' has no unit.", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
                           f"Write the unit in brackets, as in '{quantity} [{_example(quantity)}]'.")  # fmt: skip
-    if not (quantity in ("position", "setpoint") and is_percent(match["unit"])):
-        _check_unit(header, quantity, match["unit"])
-    return quantity, match["unit"]
-
-
-def _check_unit(header: str, quantity: str, unit: str) -> None:
     try:
-        conversion(quantity, unit)
+        if not (quantity in ("position", "setpoint") and is_percent(match["unit"])):
+            conversion(quantity, match["unit"])
     except UnitError as err:
         raise HeaderError(f"column '{header}': {err}", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
                           f"Correct the unit, as in '{quantity} [{_example(quantity)}]'.") from err  # fmt: skip
-
-
-def _foreign(header: str, quantity: str) -> HeaderError:
-    match = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
-    guess = f" Did you mean '{match[0]} [{_example(match[0])}]'?" if match else ""
-    return HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
-                       f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
-                       f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
-
-
-def _slug(text: str) -> str:
-    return "_".join(text.casefold().split())
+    return quantity, match["unit"]
 
 
 def _example(quantity: str) -> str:
@@ -210,11 +174,6 @@ def _example(quantity: str) -> str:
 
 def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: str) -> Mapping[str, Column]:
     """The columns, `current` in the place of `supply_current`.
-
-    Args:
-        columns: by quantity.
-        config: of the rig.
-        where: path of the CSV.
 
     Raises:
         MeasurementError: `current` is there too, or the duty can be worked out of nothing.
@@ -256,11 +215,7 @@ def without_sign_bit(values: np.ndarray, bit: int) -> np.ndarray:
 def sign_bit(values: np.ndarray, quantity: str) -> int | None:
     """The bit that holds the sign of these numbers; None where they are no such register.
 
-    Both parts must lie well below the bit, with one sample beside the other across it.
-
-    Args:
-        values: as logged, shape (n,).
-        quantity: that they are.
+    Both parts must lie well below the bit, with one sample next to the other across it.
     """
     there = values[np.isfinite(values)]
     if there.size < 3 or np.any(there < 0) or np.any(there != np.round(there)):

@@ -63,23 +63,24 @@ def parse_config(text: str, path: str) -> RigConfig:
 def config_of(toml: Toml, name: str) -> RigConfig:
     """As `read_config`, from the tables.
 
-    Args:
-        toml: the tables, and what messages call them.
-        name: of a rig that has none.
-
     Raises:
         MeasurementError: as `read_config`.
     """
     toml.only(toml.tables, TABLES)
     rig = toml.table("rig", RIG_KEYS)
     travel, tps = _travel(toml, rig), _tps(toml)
-    gear_ratio, parameters = _gear_ratio(toml, rig), _parameters(toml)
+    gear_ratio = _gear_ratio(toml, rig)
+    written = {symbol: value for symbol, value in toml.table("parameters").items() if symbol != "N"}
+    parameters = {symbol: _knowledge(toml, symbol, value) for symbol, value in written.items()}
+    _refuse_circles(toml, parameters)
     ecu, notation, gains = read_ecu(toml, travel)
-    synthetic = rig.get("synthetic", False)
+    name, synthetic = toml.string("rig.name", rig.get("name", name)), rig.get("synthetic", False)
+    if found := unseen(name):
+        raise toml.wrong("rig.name", f"{found} in it.", VISIBLE, "Type it anew; a line break becomes a space.")
     if not isinstance(synthetic, bool):
         raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
     return RigConfig(
-        name=_name(toml, rig.get("name", name)),
+        name=name,
         synthetic=synthetic,
         gear_ratio=1.0 if gear_ratio is None else gear_ratio,
         gear_ratio_given=gear_ratio is not None,
@@ -96,13 +97,6 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         notation=notation,
         accuracy=read_accuracy(toml, travel, tps),
     )
-
-
-def _name(toml: Toml, value: Any) -> str:
-    name = toml.string("rig.name", value)
-    if found := unseen(name):
-        raise toml.wrong("rig.name", f"{found} in it.", VISIBLE, "Type it anew; a line break becomes a space.")
-    return name
 
 
 def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
@@ -219,27 +213,15 @@ def _series_ohm(toml: Toml) -> dict[str, float | None]:
         if not isinstance(table, dict):
             raise toml.wrong(f"tests.{test}", f"found {shown(table)}.", "It must be a table.", f"Write [tests.{test}].")
         toml.only(table, ("series_ohm",), f"tests.{test}.")
-        if "series_ohm" in table:
-            series[test] = _ohm(toml, f"tests.{test}.series_ohm", table["series_ohm"])
+        if table.get("series_ohm") == "free":
+            series[test] = None
+        elif "series_ohm" in table:
+            key, value = f"tests.{test}.series_ohm", table["series_ohm"]
+            if isinstance(value, str) or (number := toml.finite(key, value)) < 0:
+                raise toml.wrong(key, f"found {shown(value)}.", 'It must be "free" or a number of ohms, 0 or more.',
+                                 "Correct it.")  # fmt: skip
+            series[test] = within(toml, key, number, SERIES)
     return series
-
-
-def _ohm(toml: Toml, key: str, value: Any) -> float | None:
-    if value == "free":
-        return None
-    if isinstance(value, str) or (number := toml.finite(key, value)) < 0:
-        raise toml.wrong(
-            key, f"found {shown(value)}.", 'It must be "free" or a number of ohms, 0 or more.', "Correct it."
-        )
-    return within(toml, key, number, SERIES)
-
-
-def _parameters(toml: Toml) -> dict[str, Knowledge]:
-    table = {symbol: value for symbol, value in toml.table("parameters").items() if symbol != "N"}
-    known = {symbol: _knowledge(toml, symbol, value) for symbol, value in table.items()}
-    for symbol, knowledge in known.items():
-        _refuse_circles(toml, symbol, knowledge, known)
-    return known
 
 
 def _knowledge(toml: Toml, symbol: str, value: Any) -> Knowledge:
@@ -274,14 +256,15 @@ def _whole(symbol: str, value: Any) -> str:
     return symbol
 
 
-def _refuse_circles(toml: Toml, symbol: str, knowledge: Knowledge, known: Mapping[str, Knowledge]) -> None:
-    seen = [symbol]
-    while isinstance(knowledge, Tied):
-        if knowledge.to in seen:
-            raise toml.wrong(f"parameters.{symbol}", f"tied in a circle: {' = '.join([*seen, knowledge.to])}.",
-                             "One of them must be free or have a value.", "Untie one.")  # fmt: skip
-        seen.append(knowledge.to)
-        knowledge = known.get(knowledge.to, Start(0.0))
+def _refuse_circles(toml: Toml, known: Mapping[str, Knowledge]) -> None:
+    for symbol, knowledge in known.items():
+        seen = [symbol]
+        while isinstance(knowledge, Tied):
+            if knowledge.to in seen:
+                raise toml.wrong(f"parameters.{symbol}", f"tied in a circle: {' = '.join([*seen, knowledge.to])}.",
+                                 "One of them must be free or have a value.", "Untie one.")  # fmt: skip
+            seen.append(knowledge.to)
+            knowledge = known.get(knowledge.to, Start(0.0))
 
 
 def within(toml: Toml, key: str, value: Any, limits: Range) -> float:

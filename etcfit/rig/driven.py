@@ -1,4 +1,4 @@
-"""Rig tests of a driven plate: what its motion tells of it, and where no voltage was logged, what its ECU's gains do.
+"""Rig tests of a driven plate: parameters from its motion, or from its ECU's gains where no voltage was logged.
 
 The inverse model is read on torque, on current, or at a nominal scale on voltage. Under an ECU without a logged drive:
 
@@ -70,7 +70,7 @@ def read_motion(title: str, traces: Sequence[Measurement], config: RigConfig, kn
         return _reading(title, used, systems, solve(systems, held), config, {"J_m": 0.0, "B_m": 0.0, **known})
     used, systems = _rows(placed, lambda t: t.channels.get("current"), config)
     if used and "K_m" in known:
-        systems = [_scaled(s, known["N"] * known["K_m"]) for s in systems]
+        systems = [s.scaled(known["N"] * known["K_m"]) for s in systems]
         return _reading(title, used, systems, solve(systems, held), config, known)
     used, systems = _rows(placed, lambda t: drive_voltage(t, config), config)
     if used:
@@ -79,11 +79,7 @@ def read_motion(title: str, traces: Sequence[Measurement], config: RigConfig, kn
 
 
 def _by_voltage(
-    title: str,
-    used: Sequence[Measurement],
-    systems: Sequence[Equations],
-    config: RigConfig,
-    known: Mapping[str, float],
+    title: str, used: Sequence[Measurement], systems: Sequence[Equations], config: RigConfig, known: Mapping[str, float]
 ) -> Reading:
     """v = R_a/(N K_m) (J a + B w + K_s theta + T_PL + T_f sgn w + T_g sin theta) + N K_b w; inductance neglected."""
     nothing = {symbol: 0.0 for symbol, value in held_values(config, known["N"]).items() if value == 0}
@@ -91,12 +87,12 @@ def _by_voltage(
     notes = []
     if volts[1] < 0:
         notes.append("drive and position run against each other: read with the drive's sign turned")
-        systems, volts = [_scaled(s, -1.0) for s in systems], -volts
+        systems, volts = [s.scaled(-1.0) for s in systems], -volts
     scale = _scale(config, known, dict(zip(LUMPED, volts.tolist(), strict=True)))
     back = scale.torque_per_volt * scale.N * scale.K_b  # N m s/rad: what the back-EMF brakes
     held = held_values(config, scale.N)
     held |= {"B_eq": held["B_eq"] + back} if "B_eq" in held else {}
-    systems = [_scaled(s, scale.torque_per_volt) for s in systems]
+    systems = [s.scaled(scale.torque_per_volt) for s in systems]
     lumped = solve(systems, held)
     plain = lumped - back * (np.array(LUMPED) == "B_eq")
     reading = _reading(title, used, systems, plain, config, known, shown=lumped)
@@ -114,13 +110,9 @@ def _rows(
     traces: Sequence[Measurement], right: Callable[[Measurement], Channel | None], config: RigConfig
 ) -> tuple[list[Measurement], list[Equations]]:
     """Traces that have this right-hand side and enough motion, and their equations."""
-    made = [(t, equations(t, channel, config=config)) for t in traces if (channel := right(t)) is not None]
+    made = [(t, equations(t, channel, config)) for t in traces if (channel := right(t)) is not None]
     enough = [(t, s) for t, s in made if len(s.time) >= FEWEST_ROWS and np.any(s.right)]
     return [t for t, _ in enough], [s for _, s in enough]
-
-
-def _scaled(system: Equations, factor: float) -> Equations:
-    return Equations(system.time, system.rows, factor * system.right)
 
 
 def _scale(config: RigConfig, known: Mapping[str, float], volts: Mapping[str, float]) -> Scale:
@@ -163,7 +155,11 @@ def _reading(
         values["T_f"] = 1e-3
     assumed = _split("J", values, config, known, notes) + _split("B", values, config, known, notes)
     line = lumped if shown is None else shown
-    graphs = tuple(_graph(title, t, s, line) for t, s in zip(traces[:6], systems, strict=False))
+    graphs = tuple(
+        Graph(f"{title}, {t.file}", "time [s]", "torque at the plate [N m]", s.time, s.right, s.time, s.rows @ line,
+              f"inverse model, relative error {100 * s.error(line):.3g} %")
+        for t, s in zip(traces[:6], systems, strict=False)
+    )  # fmt: skip
     notes += [f"{t.file}: {filter_for(t.channels['position'])}; relative error {100 * s.error(line):.4g} %"
               for t, s in zip(traces, systems, strict=True)]  # fmt: skip
     return Reading(values, graphs, tuple(notes), nominal=assumed)
@@ -196,12 +192,6 @@ def _at_least(value: float, floor: float, symbol: str, notes: list[str]) -> floa
     if value < floor:
         notes.append(f"{symbol} read as {value:.3g}, put at {floor:.3g}")
     return max(value, floor)
-
-
-def _graph(title: str, trace: Measurement, system: Equations, lumped: np.ndarray) -> Graph:
-    says = f"inverse model, relative error {100 * system.error(lumped):.3g} %"
-    return Graph(f"{title}, {trace.file}", "time [s]", "torque at the plate [N m]", system.time, system.right,
-                 system.time, system.rows @ lumped, says)  # fmt: skip
 
 
 def read_driven(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
@@ -277,8 +267,8 @@ def _gains(
 
 
 def _regression(trace: Measurement, ecu: Ecu, config: RigConfig, known: Mapping[str, float]) -> Equations:
-    """The terms' rows, and the voltage that the plate's motion asks for, all through the inverse model's filters."""
-    made = [equations(trace, term, config=config) for term in terms(trace, ecu)]
+    """The terms' rows, and the voltage that the plate's motion needs, all through the inverse model's filters."""
+    made = [equations(trace, term, config) for term in terms(trace, ecu)]
     gear, inner = known["N"], made[0]
     ohms = known["R_a"] / (gear * known["K_m"])
     lumps = {"J_eq": gear**2 * known["J_m"] + known["J_L"], "B_eq": gear**2 * known["B_m"] + known["B_L"]}

@@ -30,30 +30,14 @@ from .columns import Log
 
 COMMANDED = ("setpoint", "duty", "supply")  # what a rig plays it plays twice alike: no noise of a record's own
 _ROUNDING = 5.0  # steps; a third difference of rounding errors, half a step each at most, is within 4
+WINDOW = 32  # third differences in a row whose signs a first look compares, W
+ZIGZAGS = 8  # of noise within such a window, at least
+GLANCE = 128  # rows at the head of what two files may share that are compared before the rest
+EVIDENCE = 10  # zigzags and lone spikes in all that the two files share, at least
+AGREE = 0.98  # share of the common rows whose values must be the same; the rest is for digits lost in writing
+DIGITS = 0.02  # of the median change from row to row, by which the same value may differ
+NAMED = 5  # copies that a message names
 _ODD = np.uint64(0x9E3779B97F4A7C15)  # odd, hence invertible modulo 2^64: the base of the rolling hash
-
-
-@dataclass(frozen=True)
-class DuplicateSettings:
-    """When two files hold one record.
-
-    Args:
-        window: third differences in a row whose signs a first look compares, W.
-        zigzags: of noise within such a window, at least.
-        glance: rows at the head of what two files may share that are compared before the rest.
-        evidence: zigzags and lone spikes in all that the two files share, at least.
-        agree: share of the common rows whose values must be the same; the rest is for digits lost in writing.
-        digits: of the median change from row to row, by which the same value may differ.
-        named: copies that a message names.
-    """
-
-    window: int = 32
-    zigzags: int = 8
-    glance: int = 128
-    evidence: int = 10
-    agree: float = 0.98
-    digits: float = 0.02
-    named: int = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +55,8 @@ class Shared:
         return self.rows == len(self.one.lines) == len(self.other.lines)
 
 
-def refuse_duplicates(logs: Sequence[Log], settings: DuplicateSettings = DuplicateSettings()) -> list[str]:
+def refuse_duplicates(logs: Sequence[Log]) -> list[str]:
     """Refuse records that lie in a folder twice, whole or in part.
-
-    Args:
-        logs: every trace of the folder.
-        settings: what counts as the same.
 
     Returns:
         a warning for each file that repeats another one number for number, but without noise that would tell a copy
@@ -85,67 +65,53 @@ def refuse_duplicates(logs: Sequence[Log], settings: DuplicateSettings = Duplica
     Raises:
         MeasurementError: naming both files, or the first few where one was copied often.
     """
-    for at in _seen_twice(logs, settings):
-        shared = _overlap(*at)
-        glance = replace(shared, rows=min(shared.rows, settings.glance))
-        if _is_record(glance, settings, 0) and _is_record(shared, settings, settings.evidence):
-            raise _refusal(shared, _copies(shared, logs, settings))
-    return _alike(logs, settings)
+    for one, other, row, same in _seen_twice(logs):
+        before = min(row, same)  # rows in common above the same instant
+        rows = before + min(len(one.lines) - row, len(other.lines) - same)
+        shared = Shared(one, other, row - before, same - before, rows)
+        glance = replace(shared, rows=min(shared.rows, GLANCE))
+        if _is_record(glance, 0) and _is_record(shared, EVIDENCE):
+            raise _refusal(shared, _copies(shared, logs))
+    return _alike(logs)
 
 
-def _seen_twice(logs: Sequence[Log], settings: DuplicateSettings) -> Iterator[tuple[Log, Log, int, int]]:
+def _seen_twice(logs: Sequence[Log]) -> Iterator[tuple[Log, Log, int, int]]:
     """Every log's first window of noise, wherever it stands in another log: the two logs, and a row of each."""
     names = dict.fromkeys(name for log in logs for name in log.channels if name not in COMMANDED)
     for name in names:
-        prints = [_fingerprint(log, name, settings) for log in logs if name in log.channels]
-        heads = {each.hashes[each.head]: each for each in prints if each.head is not None}
-        sought = np.sort(np.array(list(heads), dtype=np.uint64))
+        prints = [_fingerprint(log, name) for log in logs if name in log.channels]
+        heads = [(each.hashes[each.head], each, int(each.rows[each.head])) for each in prints if each.head is not None]
+        sought = np.unique(np.array([value for value, _, _ in heads], dtype=np.uint64))
         for each in prints if sought.size else ():
             near = sought[np.minimum(np.searchsorted(sought, each.hashes), sought.size - 1)]
             for k in np.flatnonzero(near == each.hashes):
-                yield from _pairs(each, int(k), [p for p in prints if p.begins(each.hashes[k])])
+                for value, other, row in heads:
+                    if value == each.hashes[k] and other.log is not each.log:
+                        yield each.log, other.log, int(each.rows[k]), row
 
 
 @dataclass(frozen=True, eq=False)
 class _Fingerprint:
-    """Hash of each window of one channel.
-
-    Args:
-        rows: where its samples stand in the log, shape (n,).
-        hashes: shape (n - 2 - W,); empty where the channel is shorter.
-        head: the first window with enough noise in it, or None.
-    """
+    """Hash of each window of one channel."""
 
     log: Log
-    rows: np.ndarray
-    hashes: np.ndarray
-    head: int | None
-
-    def begins(self, value: np.uint64) -> bool:
-        return self.head is not None and self.hashes[self.head] == value
+    rows: np.ndarray  # where its samples stand in the log, shape (n,)
+    hashes: np.ndarray  # shape (n - 2 - W,); empty where the channel is shorter
+    head: int | None  # the first window with enough noise in it, or None
 
 
-def _pairs(found: _Fingerprint, k: int, heads: Sequence[_Fingerprint]) -> Iterator[tuple[Log, Log, int, int]]:
-    for each in heads:
-        if each.log is not found.log and each.head is not None:
-            yield found.log, each.log, int(found.rows[k]), int(each.rows[each.head])
-
-
-def _fingerprint(log: Log, name: str, settings: DuplicateSettings) -> _Fingerprint:
+def _fingerprint(log: Log, name: str) -> _Fingerprint:
     value = log.columns[name].logged * np.sign(log.columns[name].conversion.scale)
     rows = np.flatnonzero(np.isfinite(value))
     value = value[rows]
-    if value.size < settings.window + 3:
+    if value.size < WINDOW + 3:
         return _Fingerprint(log, rows, np.empty(0, np.uint64), None)
-    noisy = _within(_zigzag(value), settings.window) >= settings.zigzags
+    sums = np.concatenate(([0], np.cumsum(_zigzag(value))))
+    noisy = sums[WINDOW:] - sums[:-WINDOW] >= ZIGZAGS
     head = int(np.argmax(noisy)) if noisy.any() else None
-    return _Fingerprint(log, rows, _rolling(_signs(np.diff(value, 3), value), settings.window), head)
-
-
-def _signs(difference: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """-1, 0, 1; 0 also where only the conversion of units keeps two equal numbers apart."""
-    exact = 1e-9 * float(np.max(np.abs(value), initial=0.0))
-    return (difference > exact).astype(np.int8) - (difference < -exact).astype(np.int8)
+    third, exact = np.diff(value, 3), 1e-9 * float(np.max(np.abs(value)))  # units may keep two equal numbers apart
+    sign = (third > exact).astype(np.int8) - (third < -exact).astype(np.int8)
+    return _Fingerprint(log, rows, _rolling(sign), head)
 
 
 def _zigzag(value: np.ndarray) -> np.ndarray:
@@ -162,28 +128,15 @@ def _alternates(change: np.ndarray) -> np.ndarray:
     return turns[:-1] & turns[1:]
 
 
-def _spike(value: np.ndarray) -> np.ndarray:
-    """True where a resting value is left for one sample, shape (n - 4,): 0 + - 0 or 0 - + 0."""
-    change = np.diff(value)
-    still = change == 0.0
-    return still[:-3] & (change[1:-2] * change[2:-1] < 0.0) & still[3:]
-
-
-def _within(flags: np.ndarray, window: int) -> np.ndarray:
-    """How many zigzags begin in each window of third differences, shape (n - window + 1,)."""
-    sums = np.concatenate(([0], np.cumsum(flags)))
-    return sums[window:] - sums[:-window]
-
-
-def _rolling(sign: np.ndarray, window: int) -> np.ndarray:
+def _rolling(sign: np.ndarray) -> np.ndarray:
     """sum_j s_(k+j) B^(W-1-j) modulo 2^64 of each window, shape (n - W + 1,), by doubling."""
     whole, have = np.zeros(sign.size + 1, dtype=np.uint64), 0
     part, length = (sign.astype(np.int64) + 2).astype(np.uint64), 1
-    while length <= window:
-        if window & length:  # append a piece of this length behind what is there
+    while length <= WINDOW:
+        if WINDOW & length:  # append a piece of this length behind what is there
             whole = whole[: sign.size - have - length + 1] * _power(length) + part[have : sign.size - length + 1]
             have += length
-        if 2 * length <= window:
+        if 2 * length <= WINDOW:
             part = part[:-length] * _power(length) + part[length:]
         length *= 2
     return whole
@@ -193,17 +146,10 @@ def _power(exponent: int) -> np.uint64:
     return np.uint64(pow(int(_ODD), exponent, 1 << 64))
 
 
-def _overlap(one: Log, other: Log, row: int, same: int) -> Shared:
-    """All rows that the two logs have in common, if one row of each is the same instant."""
-    before = min(row, same)
-    rows = before + min(len(one.lines) - row, len(other.lines) - same)
-    return Shared(one, other, row - before, same - before, rows)
-
-
-def _is_record(shared: Shared, settings: DuplicateSettings, evidence: int) -> bool:
+def _is_record(shared: Shared, evidence: int) -> bool:
     """The values of every common channel agree, and there is noise in them."""
     pieces = _common(shared)
-    return all(_agree(a, b, settings) for a, b in pieces.values()) and evidence <= sum(
+    return all(_agree(a, b) for a, b in pieces.values()) and evidence <= sum(
         _erratic(a) for name, (a, _) in pieces.items() if name not in COMMANDED
     )
 
@@ -215,62 +161,58 @@ def _common(shared: Shared) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return {name: (one[name].values(here), other[name].values(there)) for name in one if name in other}
 
 
-def _agree(a: np.ndarray, b: np.ndarray, settings: DuplicateSettings) -> bool:
+def _agree(a: np.ndarray, b: np.ndarray) -> bool:
     there = np.isfinite(a) & np.isfinite(b)
-    if there.sum() < settings.agree * max(np.isfinite(a).sum(), np.isfinite(b).sum()):
+    if there.sum() < AGREE * max(np.isfinite(a).sum(), np.isfinite(b).sum()):
         return False
     a, b = a[there], b[there]
     changes = np.abs(np.diff(b))
     moves = changes[changes > 0.0]
-    tolerance = settings.digits * float(np.median(moves)) if moves.size else 0.0
+    tolerance = DIGITS * float(np.median(moves)) if moves.size else 0.0
     same = np.abs(a - b) <= max(tolerance, 1e-9 * float(np.max(np.abs(b), initial=0.0)))
-    return bool(np.mean(same) >= settings.agree) if same.size else True
+    return bool(np.mean(same) >= AGREE) if same.size else True
 
 
 def _erratic(value: np.ndarray) -> int:
     """Zigzags and lone spikes of a piece."""
     value = value[np.isfinite(value)]
-    return int(_zigzag(value).sum() + _spike(value).sum()) if value.size > 5 else 0
+    if value.size <= 5:
+        return 0
+    change = np.diff(value)
+    still = change == 0.0  # a spike leaves a resting value for one sample: 0 + - 0 or 0 - + 0
+    spikes = still[:-3] & (change[1:-2] * change[2:-1] < 0.0) & still[3:]
+    return int(_zigzag(value).sum() + spikes.sum())
 
 
-def _copies(shared: Shared, logs: Sequence[Log], settings: DuplicateSettings) -> list[Log]:
+def _copies(shared: Shared, logs: Sequence[Log]) -> list[Log]:
     """Further logs that are whole copies of either."""
     rows = len(shared.one.lines)
     others = [log for log in logs if log not in (shared.one, shared.other) and len(log.lines) == rows]
     pairs = [Shared(shared.one, log, 0, 0, rows) for log in others if shared.whole]
-    return [pair.other for pair in pairs if _is_record(pair, settings, settings.evidence)]
+    return [pair.other for pair in pairs if _is_record(pair, EVIDENCE)]
 
 
 def _refusal(shared: Shared, copies: Sequence[Log]) -> MeasurementError:
     first, second = sorted((shared.one, shared.other), key=lambda log: log.file)
-    where, k, j = second.where, *_rows_of(shared, first, second)
+    rows = {id(shared.one): shared.first, id(shared.other): shared.second}
+    k, j = rows[id(first)], rows[id(second)]
     if shared.whole:
-        found = f"it holds the same numbers as {first.file}, row by row, noise and all{_named(copies)}."
+        more = f" and {len(copies) - NAMED} more" if len(copies) > NAMED else ""
+        named = f"; so do {', '.join(log.file for log in copies[:NAMED])}{more}" if copies else ""
+        found = f"it holds the same numbers as {first.file}, row by row, noise and all{named}."
     else:
         late = float(first.time[k] - second.time[j])
         moved = "at the same times" if late == 0.0 else f"with {abs(late):.6g} s {'taken off' if late > 0 else 'added'}"
         found = (f"its lines {second.lines[j]} to {second.lines[j + shared.rows - 1]} hold the same numbers as lines "
                  f"{first.lines[k]} to {first.lines[k + shared.rows - 1]} of {first.file}, {moved}.")  # fmt: skip
-    return MeasurementError(where, found,
+    return MeasurementError(second.where, found,
                             "Every record counts once: the fit takes each file as new noise, and one that lies there "
                             "twice makes intervals too narrow, or is predicted after it was fitted.",
                             "Delete one of them, or cut them where they overlap; the joint fit uses every channel of a "
                             "record, whichever folder it lies in.")  # fmt: skip
 
 
-def _rows_of(shared: Shared, first: Log, second: Log) -> tuple[int, int]:
-    rows = {id(shared.one): shared.first, id(shared.other): shared.second}
-    return rows[id(first)], rows[id(second)]
-
-
-def _named(copies: Sequence[Log], most: int = DuplicateSettings().named) -> str:
-    if not copies:
-        return ""
-    more = f" and {len(copies) - most} more" if len(copies) > most else ""
-    return f"; so do {', '.join(log.file for log in copies[:most])}{more}"
-
-
-def _alike(logs: Sequence[Log], settings: DuplicateSettings) -> list[str]:
+def _alike(logs: Sequence[Log]) -> list[str]:
     """Files that agree in every number, and move, but have no noise; or, with noise, were too rough for a window."""
 
     def key(log: Log) -> bytes:
@@ -281,10 +223,10 @@ def _alike(logs: Sequence[Log], settings: DuplicateSettings) -> list[str]:
         first, *others = group
         for log in others:
             shared = Shared(first, log, 0, 0, len(log.lines))
-            if _is_record(shared, settings, settings.evidence):
-                raise _refusal(shared, _copies(shared, logs, settings))
+            if _is_record(shared, EVIDENCE):
+                raise _refusal(shared, _copies(shared, logs))
             moves = any(np.ptp(a[np.isfinite(a)]) > 0.0 for a, _ in _common(shared).values() if np.isfinite(a).any())
-            if moves and all(_agree(a, b, settings) for a, b in _common(shared).values()):
+            if moves and all(_agree(a, b) for a, b in _common(shared).values()):
                 warnings.append(f"{log.where}: the same numbers as {first.file}, and no noise in them that would tell "
                                 "a copy from a simulation made twice. Each counts as data of its own; delete one if "
                                 "it is a copy.")  # fmt: skip

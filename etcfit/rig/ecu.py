@@ -42,26 +42,19 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notat
     ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
     notation = _notation(toml, table, travel)
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
-    gains = _gains(toml, table, scales)
-    constants: dict[str, Knowledge] = {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
-    gains |= constants | {"V_e": _limit(ecu.constants["V_e"], any(_tells_volts(gain) for gain in gains.values()))}
+    read = {symbol: _gain(toml, key, table[key], scales[key]) for key, symbol in GAINS.items()}
+    gains = {symbol: gain for symbol, gain in read.items() if gain is not None}
+    # The limit of the output is a nameplate value: the supply while the ECU was at its limit was not logged, so
+    # it is believed within a share of it; and where no gain gives voltages a scale, the limit must not either.
+    volts = ecu.constants["V_e"]
+    scaled = any(isinstance(gain, (Fixed, Prior)) and gain.value > 0.0 for gain in gains.values())
+    gains |= {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
+    gains["V_e"] = Prior(volts, SUPPLY_SD * volts) if scaled else Start(volts)
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):
             raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
                              "Delete it here.")  # fmt: skip
     return ecu, notation if "unit" in table else None, gains
-
-
-def _tells_volts(gain: Knowledge) -> bool:
-    """Whether a gain gives the voltages of the model their scale."""
-    return isinstance(gain, (Fixed, Prior)) and gain.value > 0.0
-
-
-def _limit(volts: float, scaled: bool) -> Knowledge:
-    """The limit of the output, V. It is a nameplate value: what the supply was while the ECU was at its limit nobody
-    logged, so it is believed within a share of it, and where no gain gives voltages a scale the limit must not either.
-    """
-    return Prior(volts, SUPPLY_SD * volts) if scaled else Start(volts)
 
 
 def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
@@ -99,13 +92,8 @@ def _unit(toml: Toml, unit: Any, needed: bool) -> tuple[str, str]:
                      'Write unit = "%/%", say, or all gains as "free".')  # fmt: skip
 
 
-def _gains(toml: Toml, table: Mapping[str, Any], scales: Mapping[str, float]) -> dict[str, Knowledge]:
-    """By symbol, SI; one that is "free" is left out."""
-    found = {symbol: _gain(toml, key, table[key], scales[key]) for key, symbol in GAINS.items()}
-    return {symbol: knowledge for symbol, knowledge in found.items() if knowledge is not None}
-
-
 def _gain(toml: Toml, key: str, value: Any, scale: float) -> Knowledge | None:
+    """SI; None where it is "free"."""
     where = f"ecu.{key}"
     if value == "free":
         return None

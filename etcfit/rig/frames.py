@@ -40,7 +40,8 @@ def rig_from_frames(frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any
     tables = {key: _table(frames[key], f"frame {key}") for key in sorted(frames)}
     config = checked(config, tables, toml)
     read = [log_of(table, f"frame {key}", key, config, toml) for key, table in tables.items()]
-    digests = {"rig.toml": _sha256(repr(config).encode()), **{key: _digest(table) for key, table in tables.items()}}
+    digests = {"rig.toml": hashlib.sha256(repr(config).encode()).hexdigest()}
+    digests |= {key: _digest(table) for key, table in tables.items()}
     return replace(assembled(FRAMES, config, read, (), toml), digests=digests)
 
 
@@ -122,8 +123,4 @@ def _digest(table: Table) -> str:
     """Of the header and the numbers row by row, eight bytes each, the lowest first."""
     cells = np.where(np.isnan(table.cells), np.nan, table.cells)  # one NaN for all
     names = "\n".join(table.header).encode("utf-8", "backslashreplace")
-    return _sha256(names + b"\0" + np.ascontiguousarray(cells, dtype="<f8").tobytes())
-
-
-def _sha256(raw: bytes) -> str:
-    return hashlib.sha256(raw).hexdigest()
+    return hashlib.sha256(names + b"\0" + np.ascontiguousarray(cells, dtype="<f8").tobytes()).hexdigest()

@@ -71,29 +71,31 @@ class Equations:
     rows: np.ndarray
     right: np.ndarray
 
+    def scaled(self, factor: float) -> Equations:
+        """The same with the right-hand side times a factor."""
+        return Equations(self.time, self.rows, factor * self.right)
+
     def error(self, lumped: Sequence[float] | np.ndarray) -> float:
         """|right - rows lumped| / |right|."""
         return float(np.linalg.norm(self.right - self.rows @ np.asarray(lumped)) / np.linalg.norm(self.right))
 
 
-def relative_torque_error(trace: Measurement, lumped: Mapping[str, float], settings: Filter | None = None) -> float:
+def relative_torque_error(trace: Measurement, lumped: Mapping[str, float]) -> float:
     """|torque - prediction| / |torque| of a torque-driven trace at values of `LUMPED`, absent ones 0.
 
     Rest and stops count; 1/bandwidth at each end, where the filters have no data, and logging gaps do not.
     Source: Janot, Gautier, Brunot 2019, who publish 4.0834 % on the EMPS data and 5.9824 % on its pulses. Differs from
     source: they drop the first border only.
     """
-    return equations(trace, trace.channels["torque"], settings).error([lumped.get(symbol, 0.0) for symbol in LUMPED])
+    return equations(trace, trace.channels["torque"]).error([lumped.get(symbol, 0.0) for symbol in LUMPED])
 
 
-def equations(
-    trace: Measurement, right: Channel, settings: Filter | None = None, config: RigConfig | None = None
-) -> Equations:
+def equations(trace: Measurement, right: Channel, config: RigConfig | None = None) -> Equations:
     """Filtered regressors and right-hand side of a trace; with a rig, without rest and stops."""
     position = trace.channels["position"]
     time, step = even_grid(position.time)
     angle = on_times(position, time)
-    chosen = settings or filter_for(position)
+    chosen = filter_for(position)
     if len(time) < 2 * chosen.span + LONGEST_PAD:
         return Equations(np.empty(0), np.empty((0, len(LUMPED))), np.empty(0))
     smooth = chosen.position(angle)
@@ -127,14 +129,11 @@ def filter_for(position: Channel) -> Filter:
     pulse = np.zeros(len(time))
     pulse[len(time) // 2] = noise
     for candidate in chosen:
-        seen, made = (np.std(_acceleration(x, step, candidate)) for x in (angle, pulse))
+        smooth = (candidate.position(x) for x in (angle, pulse))
+        seen, made = (np.std(candidate.below(np.gradient(np.gradient(x, step), step))) for x in smooth)
         if made * np.sqrt(len(time)) < LARGEST_NOISE * seen:
             return candidate
     return chosen[-1] if chosen else Filter(BANDWIDTHS[0], 1 / step)
-
-
-def _acceleration(angle: np.ndarray, step: float, chosen: Filter) -> np.ndarray:
-    return chosen.below(np.gradient(np.gradient(chosen.position(angle), step), step))
 
 
 def solve(systems: Sequence[Equations], held: Mapping[str, float]) -> np.ndarray:

@@ -46,41 +46,25 @@ _NO_READING = 8388607  # and beyond: what Haltech writes where a channel has non
 
 @dataclass(frozen=True)
 class Layout:
-    """What reading the rows needs.
+    """What reading the rows needs."""
 
-    Args:
-        names, units: of the columns; "" where there are none.
-        head: the line of the names, counted from 1; 0 where there is none.
-        first: line of the first row, counted from 0.
-        separator: between cells.
-        short: as in `read_rows`.
-        scales: of the numbers, column by column; () where they are what they say.
-        remark: what had to be decided; "" where nothing.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    head: int
-    first: int
-    separator: str
-    short: str = ""
-    scales: tuple[float, ...] = ()
-    remark: str = ""
+    names: tuple[str, ...]  # of the columns; "" where there are none
+    units: tuple[str, ...]  # of the columns; "" where there are none
+    head: int  # the line of the names, counted from 1; 0 where there is none
+    first: int  # line of the first row, counted from 0
+    separator: str  # between cells
+    short: str = ""  # as in `read_rows`
+    scales: tuple[float, ...] = ()  # of the numbers, column by column; () where they are what they say
+    remark: str = ""  # what had to be decided; "" where nothing
 
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Named columns of a text.
+    """Named columns of a text."""
 
-    Args:
-        layout: how it was written.
-        units: of each column, that reading has settled among them.
-        numbers: shape (n, m), and where they stand.
-    """
-
-    layout: Layout
-    units: tuple[str, ...]
-    numbers: Numbers
+    layout: Layout  # how it was written
+    units: tuple[str, ...]  # of each column, that reading has settled among them
+    numbers: Numbers  # shape (n, m), and where they stand
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -91,9 +75,6 @@ class TextTable:
 def read_text(text: str, where: str) -> TextTable:
     """The table in a text of any known layout.
 
-    Args:
-        text: line ends made `\\n`.
-        where: what messages call the file.
     Raises:
         MeasurementError: no rows of numbers, or something else among them.
     """
@@ -101,9 +82,17 @@ def read_text(text: str, where: str) -> TextTable:
     for begins, layout_of in LAYOUTS:
         if begins(lines):
             return _read(*layout_of(lines, where), where)
-    lines, layout = any_layout(lines, where)
-    _refuse_spoilt(lines, layout, where)
-    return _read(lines, layout, where)
+    bare, layout = _pairs(lines) or _with_header(lines, where)
+    # a row between the header and the body that is none because of a cell must not be lost unsaid
+    for k in range(layout.head, layout.first):
+        cells = cells_of(bare[k], layout.separator)
+        filled = [cell for cell in cells if cell]
+        odd = [cell for cell in filled if not is_number(cell)]
+        if len(cells) == len(layout.names) and odd and len(odd) < len(filled):
+            raise MeasurementError(f"{where}:{k + 1}", f"'{odd[0][:40]}' among the numbers.",
+                                   "Below the header every cell must be a number or empty.",
+                                   "Correct the cell, or empty it for a gap.")  # fmt: skip
+    return _read(bare, layout, where)
 
 
 def read_msl(text: str, where: str) -> TextTable:
@@ -114,25 +103,22 @@ def read_msl(text: str, where: str) -> TextTable:
     """
     lines = text.split("\n")
     head = next((k for k, line in enumerate(lines) if "\t" in line), None)
+    required = "An .msl has a line of names, a line of units and rows, parted by tabs."
+    mend = "Export it again from MegaLogViewer or TunerStudio, or as CSV."
     if head is None or head + 2 >= len(lines):
-        raise _no_msl(where, "no header of names parted by tabs.")
+        raise MeasurementError(where, "no header of names parted by tabs.", required, mend)
     names, units = (cells_of(lines[k].strip("\r"), "\t") for k in (head, head + 1))
     first = head + 1 if _begins_with_number(lines[head + 1]) else head + 2
     units = [] if first == head + 1 else units
     kept = [line if _begins_with_number(line) else "" for line in lines[first:-1]]
     if not any(kept):
-        raise _no_msl(where, "no row of numbers below its header.")
+        raise MeasurementError(where, "no row of numbers below its header.", required, mend)
     layout = Layout(tuple(names), _padded(units, len(names)), head + 1, first, "\t", "drop")
     return _read([*lines[:first], *kept], layout, where)
 
 
 def _begins_with_number(line: str) -> bool:
     return is_number(line.partition("\t")[0].strip())
-
-
-def _no_msl(where: str, found: str) -> MeasurementError:
-    required = "An .msl has a line of names, a line of units and rows, parted by tabs."
-    return MeasurementError(where, found, required, "Export it again from MegaLogViewer or TunerStudio, or as CSV.")
 
 
 def _read(lines: Sequence[str], layout: Layout, where: str) -> TextTable:
@@ -150,9 +136,6 @@ def is_comment(line: str) -> bool:
     return _COMMENT.match(line) is not None
 
 
-# Blocks of numbers and the header above them
-
-
 @dataclass(frozen=True)
 class _Body:
     """Where the rows are: line of the first, counted from 0; what parts their cells; how many there are."""
@@ -162,14 +145,12 @@ class _Body:
     width: int
 
 
-def any_layout(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
-    """The lines, pairs of label and number made rows; and where their rows are.
+def _with_header(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
+    """The lines without comments, and where their rows are.
 
     Raises:
         MeasurementError: there are no rows of numbers.
     """
-    if made := _pairs(lines):
-        return made
     bare = ["" if is_comment(line) else line for line in lines]
     body = _find_body(bare, where)
     names, units, head = _header_above(bare, body)
@@ -197,7 +178,7 @@ def _body_at(block: Sequence[str], first: int) -> _Body | None:
     best, share = None, 0.0
     for separator in (*_TRIED, BLANKS):
         rows = [cells_of(line, separator) for line in block]
-        if len({len(row) for row in rows}) != 1 or not all(_is_row(row) for row in rows):
+        if len({len(row) for row in rows}) != 1 or not all(map(_is_row, rows)):
             continue
         filled = [cell for row in rows for cell in row if not is_gap(cell)]
         good = sum(is_number(cell) or is_instant(cell) for cell in filled) / len(filled)
@@ -207,7 +188,7 @@ def _body_at(block: Sequence[str], first: int) -> _Body | None:
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Two numbers or more, or one beside an instant; one alone among gaps, where a channel is logged now and then."""
+    """Two numbers or more, or one next to an instant; one alone among gaps, where a channel is logged now and then."""
     numbers = sum(map(is_number, cells))
     instants = sum(map(is_instant, cells))
     sparse = len(cells) > 2 and numbers + sum(map(is_gap, cells)) == len(cells)
@@ -261,28 +242,14 @@ def _padded(cells: Sequence[str], width: int) -> tuple[str, ...]:
     return tuple([*cells, *[""] * width][:width])
 
 
-def _refuse_spoilt(lines: Sequence[str], layout: Layout, where: str) -> None:
-    """Refuse a row between the header and the body that is none because of a cell: rows must not be lost unsaid.
-
-    Raises:
-        MeasurementError: naming the line and the cell.
-    """
-    for k in range(layout.head, layout.first):
-        cells = cells_of(lines[k], layout.separator)
-        filled = [cell for cell in cells if cell]
-        odd = [cell for cell in filled if not is_number(cell)]
-        if len(cells) == len(layout.names) and odd and len(odd) < len(filled):
-            raise MeasurementError(f"{where}:{k + 1}", f"'{odd[0][:40]}' among the numbers.",
-                                   "Below the header every cell must be a number or empty.",
-                                   "Correct the cell, or empty it for a gap.")  # fmt: skip
-
-
-# Labels among the numbers
-
-
 def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
     """Lines of a label before each number, as rows parted by tabs; None where the text is not so."""
-    found = [(k, _PAIR.findall(line)) for k, line in enumerate(lines) if _are_pairs(line)]
+
+    def are_pairs(line: str) -> bool:
+        start = line.lstrip()[:1]  # most texts are no pairs, and are not searched
+        return (start.isalpha() or start == "_") and not _PAIR.sub("", line).strip()
+
+    found = [(k, _PAIR.findall(line)) for k, line in enumerate(lines) if are_pairs(line)]
     if len(found) < _BLOCK:
         return None
     first, labels = found[0][0], [label for label, _ in found[1][1]]
@@ -294,18 +261,6 @@ def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
     first = min(rows)
     return made, Layout(tuple(labels), ("",) * len(labels), first + 1, first, "\t",
                         remark="names are the labels before the numbers")  # fmt: skip
-
-
-def _are_pairs(line: str) -> bool:
-    start = line.lstrip()[:1]  # most texts are no pairs, and are not searched
-    return (start.isalpha() or start == "_") and not _PAIR.sub("", line).strip()
-
-
-# Makers
-
-
-def _is_hp_tuners(lines: Sequence[str]) -> bool:
-    return any(line.strip() == "[Channel Data]" for line in lines[:200])
 
 
 def _hp_tuners(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
@@ -320,21 +275,12 @@ def _hp_tuners(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
                                "units there.", "Export it again from VCM Scanner.")  # fmt: skip
     cells = [cells_of(lines[k], ",") for k in block]
     width = max(len(cells[0]), len(cells[-1]))
-    names, units = _padded(_rejoined(cells[1], width), width), _padded(cells[2] if len(cells) > 2 else [], width)
-    return list(lines), Layout(names, units, block[1] + 1, data + 1, ",", "fill")
-
-
-def _rejoined(names: list[str], width: int) -> list[str]:
-    """Names that hold commas within brackets, in one piece."""
-    out: list[str] = []
-    for name in names:
-        cut = len(names) > width and out and out[-1].count("(") > out[-1].count(")")
-        out = [*out[:-1], f"{out[-1]},{name}"] if cut else [*out, name]
-    return out
-
-
-def _is_haltech(lines: Sequence[str]) -> bool:
-    return lines[0].strip() == "%DataLog%"
+    names: list[str] = []
+    for name in cells[1]:  # one that holds commas within brackets is one piece
+        cut = len(cells[1]) > width and names and names[-1].count("(") > names[-1].count(")")
+        names = [*names[:-1], f"{names[-1]},{name}"] if cut else [*names, name]
+    units = _padded(cells[2] if len(cells) > 2 else [], width)
+    return list(lines), Layout(_padded(names, width), units, block[1] + 1, data + 1, ",", "fill")
 
 
 def _haltech(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
@@ -361,6 +307,6 @@ def _haltech(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
 LAYOUTS: tuple[
     tuple[Callable[[Sequence[str]], bool], Callable[[Sequence[str], str], tuple[list[str], Layout]]], ...
 ] = (
-    (_is_haltech, _haltech),
-    (_is_hp_tuners, _hp_tuners),
+    (lambda lines: lines[0].strip() == "%DataLog%", _haltech),
+    (lambda lines: any(line.strip() == "[Channel Data]" for line in lines[:200]), _hp_tuners),
 )

@@ -13,7 +13,7 @@ Source: EFI Analytics, MLG binary log format, versions 1 and 2, as rusEFI quotes
 its console write it, and as mlg-converter and LibreTune read it. Differs from source: bit fields (types 10 to 12, which
 have a style, an index of names and a number of bits in place of scale, transform and digits) are skipped, as nothing
 here is a switch. A field of a type that the format does not name is skipped too: its width is what the others leave of
-a record, its meaning nobody says (mlg-converter, whose v2.mlg has such a field, reads one byte).
+a record, its meaning is unknown (mlg-converter, whose v2.mlg has such a field, reads one byte).
 """
 
 from __future__ import annotations
@@ -42,18 +42,12 @@ TIME = "Time [s]"
 
 @dataclass(frozen=True)
 class Field:
-    """One quantity of a record.
+    """One quantity of a record."""
 
-    Args:
-        kind: its type, mostly a key of the format's table.
-        header: `name [unit]`.
-        scale, transform: value = (raw + transform) scale.
-    """
-
-    kind: int
-    header: str
-    scale: float
-    transform: float
+    kind: int  # its type, mostly a key of the format's table
+    header: str  # `name [unit]`
+    scale: float  # value = (raw + transform) scale
+    transform: float  # value = (raw + transform) scale
 
     @property
     def is_scalar(self) -> bool:
@@ -63,19 +57,12 @@ class Field:
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """What follows the header, markers left out.
+    """What follows the header, markers left out."""
 
-    Args:
-        at: where the values of each begin, shape (n,).
-        ticks: when each was logged, 10 us since the first block, shape (n,).
-        fits: true where the check sum is that of the values, shape (n,).
-        end: where the last block ends, or would end.
-    """
-
-    at: np.ndarray
-    ticks: np.ndarray
-    fits: np.ndarray
-    end: int
+    at: np.ndarray  # where the values of each begin, shape (n,)
+    ticks: np.ndarray  # when each was logged, 10 us since the first block, shape (n,)
+    fits: np.ndarray  # true where the check sum is that of the values, shape (n,)
+    end: int  # where the last block ends, or would end
 
     @property
     def sound(self) -> Records:
@@ -93,9 +80,6 @@ def read_mlg(raw: bytes, where: str) -> Table:
     Records whose check sum is wrong are left out, which `losses` says; so is what was cut off. A log without a time of
     its own gets that of its blocks, which cannot tell a pause of more than 0.3 s.
 
-    Args:
-        raw: the file.
-        where: its path, as the user gave it.
     Raises:
         MeasurementError: another format or version, damaged, or cut off before the second record.
     """
@@ -108,21 +92,19 @@ def read_mlg(raw: bytes, where: str) -> Table:
     records = np.frombuffer(b"".join(raw[at : at + size] for at in kept.at), dtype=layout)
     shown = [(field, records[f"f{k}"].astype(float)) for k, field in enumerate(fields) if field.is_scalar]
     header = [field.header for field, _ in shown]
-    columns = [_finite((values + field.transform) * field.scale) for field, values in shown]
+    scaled = [(values + field.transform) * field.scale for field, values in shown]
+    columns = [np.where(np.isfinite(values), values, np.nan) for values in scaled]
     if not any(name.partition(" [")[0].casefold() == "time" for name in header):
         header, columns = [TIME, *header], [_TICK * (kept.ticks - kept.ticks[0]), *columns]
     unknown = (f"'{each.header}' is left out: its type, {each.kind}, is unknown"
                for each in fields if each.kind not in _TYPES)  # fmt: skip
-    losses = (*_losses(len(raw), found.end, found.at.size - kept.at.size), *unknown)
-    return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1), losses=losses)
-
-
-def _losses(size: int, end: int, spoilt: int) -> tuple[str, ...]:
-    """What a log lacks, of which so many records are spoilt and whose last block ends there."""
-    cut = "the last record is cut off and left out" if end > size else ""
-    unwritten = f"its last {size - end} bytes were never written: it ends where the power was cut" if end < size else ""
-    damaged = f"{spoilt} records whose check sum is wrong are left out" if spoilt else ""
-    return tuple(filter(None, (cut, unwritten, damaged)))
+    over, spoilt = len(raw) - found.end, found.at.size - kept.at.size
+    losses = [
+        "the last record is cut off and left out" if over < 0 else "",
+        f"its last {over} bytes were never written: it ends where the power was cut" if over > 0 else "",
+        f"{spoilt} records whose check sum is wrong are left out" if spoilt else "",
+    ]
+    return Table(tuple(header), 1, kept.at, np.stack(columns, axis=1), losses=(*filter(None, losses), *unknown))
 
 
 def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
@@ -140,10 +122,6 @@ def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
     return np.dtype([(f"f{k}", _TYPES.get(field.kind, f"V{width}")) for k, field in enumerate(fields)])
 
 
-def _finite(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isfinite(values), values, np.nan)
-
-
 def _header(raw: bytes, where: str) -> tuple[int, int, list[Field]]:
     """Where the data begin, bytes of a record, fields."""
     if len(raw) < _PREFIX.size or raw[: len(_MAGIC)] != _MAGIC:
@@ -154,15 +132,12 @@ def _header(raw: bytes, where: str) -> tuple[int, int, list[Field]]:
     try:
         _, start, size, count = _HEADERS[version].unpack_from(raw, _PREFIX.size)
         first = _PREFIX.size + _HEADERS[version].size
-        fields = [_field(raw, first + k * _FIELD_BYTES[version]) for k in range(count)]
+        heads = (_FIELD.unpack_from(raw, first + k * _FIELD_BYTES[version]) for k in range(count))
+        fields = [Field(kind, headed(_text(name), _text(unit)), scale, transform)
+                  for kind, name, unit, _, scale, transform, _ in heads]  # fmt: skip
     except struct.error:
         raise _unreadable(where, "it ends within its header.") from None
     return start, size, fields
-
-
-def _field(raw: bytes, at: int) -> Field:
-    kind, name, unit, _, scale, transform, _ = _FIELD.unpack_from(raw, at)
-    return Field(kind, headed(_text(name), _text(unit)), scale, transform)
 
 
 def _text(padded: bytes) -> str:
@@ -177,12 +152,14 @@ def _records(raw: bytes, at: int, size: int, where: str) -> Records:
     """Every whole record; a clock that starts anew every 0.65536 s is unrolled over all blocks, markers too."""
     found: list[tuple[int, int, bool]] = []
     lengths = {_RECORD: size + 1, _MARKER: _MESSAGE}
-    written, clock, last = _written(raw), 0, None
+    # a card's unwritten bytes follow the log where the power was cut
+    written, clock, last = min(len(raw.rstrip(b"\0")), len(raw.rstrip(b"\xff"))), 0, None
     while at < written and at + _HEAD.size <= len(raw):
         kind, _, tick = _HEAD.unpack_from(raw, at)
         if kind not in lengths:
             raise _unreadable(where, f"a block of unknown type {kind} at byte {at}.")
-        clock += 0 if last is None else _step(last, tick)
+        if last is not None:  # a step back by less than half the clock's range is no new start of it
+            clock += tick - last + (_WRAP if last - tick > _WRAP // 2 else 0)
         at, last = at + _HEAD.size, tick
         if kind == _RECORD and at + size < len(raw) and (at + size < written or any(raw[at : at + size])):
             found.append((at, clock, sum(raw[at : at + size]) % 256 == raw[at + size]))
@@ -191,16 +168,6 @@ def _records(raw: bytes, at: int, size: int, where: str) -> Records:
         at += _HEAD.size
     places, ticks, fits = zip(*found, strict=True) if found else ((), (), ())
     return Records(np.array(places, dtype=int), np.array(ticks, dtype=int), np.array(fits, dtype=bool), at)
-
-
-def _written(raw: bytes) -> int:
-    """Where a card's unwritten bytes begin, which follow the log where the power was cut."""
-    return min(len(raw.rstrip(b"\0")), len(raw.rstrip(b"\xff")))
-
-
-def _step(last: int, tick: int) -> int:
-    """Ticks from one block to the next; a step back by less than half the clock's range is no new start of it."""
-    return tick - last + (_WRAP if last - tick > _WRAP // 2 else 0)
 
 
 def _unreadable(where: str, found: str) -> MeasurementError:

@@ -41,27 +41,15 @@ class Texture:
     span: float
 
 
-def texture(time: np.ndarray, value: np.ndarray) -> Texture:
-    """Noise, resolution and range of one trace; zero where nothing is seen.
-
-    Args:
-        time: s, shape (n,), strictly rising.
-        value: SI, shape (n,).
-    """
-    return textures(time, [value])[0]
-
-
 def textures(time: np.ndarray, values: Sequence[np.ndarray]) -> list[Texture]:
     """Those of several channels logged at the same instants: what depends on these alone is done once for all."""
     quanta = [quantum(value) for value in values]
     fine = _noises(time, values, [(ROBUST, COARSE) if q else (ROBUST,) for q in quanta])
-    return [_texture(*each) for each in zip(values, quanta, fine, strict=True)]
-
-
-def _texture(value: np.ndarray, q: float, sigmas: Sequence[float]) -> Texture:
-    span = float(np.ptp(value)) if len(value) else 0.0
-    sigma = max(sigmas) if sigmas[0] < q / 2 else sigmas[0]
-    return Texture(sigma, q, span or float(np.max(np.abs(value), initial=0.0)) * 1e-3)
+    found = []
+    for value, q, sigmas in zip(values, quanta, fine, strict=True):
+        span = (float(np.ptp(value)) if len(value) else 0.0) or float(np.max(np.abs(value), initial=0.0)) * 1e-3
+        found.append(Texture(max(sigmas) if sigmas[0] < q / 2 else sigmas[0], q, span))
+    return found
 
 
 def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, float]:
@@ -81,14 +69,12 @@ def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, fl
     if here > 0 and not 0.5 <= sigma / here <= 2.0:
         sigma = here
     span = max(t.span for t in of_rig)
-    seen, seen_here = ([t.quantum for t in group if _is_resolution(t, span)] for group in (of_rig, own))
+    seen, seen_here = (
+        [t.quantum for t in group if t.span > (LEVELS - 1.5) * t.quantum or t.quantum <= FINE * span]
+        for group in (of_rig, own)
+    )
     quantum = _median(seen_here) or _median(seen)
     return max(sigma, quantum / math.sqrt(12), FLOOR * span, 1e-12), quantum
-
-
-def noise(time: np.ndarray, value: np.ndarray, clip: float = ROBUST) -> float:
-    """Standard deviation of the white part of a trace; 0 where it is frozen or too short."""
-    return _noises(time, [value], [(clip,)])[0][0]
 
 
 def _noises(
@@ -115,10 +101,6 @@ def quantum(value: np.ndarray) -> float:
     starts = (np.median(gaps), *(gaps.min() / m for m in (1, 2, 3, 4)))
     q = next((q for start in starts if (q := _lattice(gaps, float(start)))), 0.0)
     return 0.0 if q and len(gaps) >= LEVELS - 1 and _is_command(value, q) else q
-
-
-def _is_resolution(t: Texture, span: float) -> bool:
-    return t.span > (LEVELS - 1.5) * t.quantum or t.quantum <= FINE * span
 
 
 def _median(values: list[float]) -> float:

@@ -13,29 +13,18 @@ DEFAULT_TIES = {"K_m": "K_b"}  # energy conservation, SI
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What all graphs say together.
+    """What all graphs say together."""
 
-    Args:
-        values: SI, by symbol; the first test that reads a symbol has it. Also `J_eq`, `B_eq`, `series_ohm.<test>`.
-        source: the test each value comes from.
-        nominal: symbols whose scale or split is assumed, not read.
-        tests: each test's own reading, in order, for those tests that have traces.
-    """
-
+    # SI, by symbol; the first test that reads a symbol has it. Also `J_eq`, `B_eq`, `series_ohm.<test>`
     values: Mapping[str, float]
-    source: Mapping[str, str]
-    nominal: frozenset[str]
-    tests: Mapping[str, Reading]
+    source: Mapping[str, str]  # the test each value comes from
+    nominal: frozenset[str]  # symbols whose scale or split is assumed, not read
+    tests: Mapping[str, Reading]  # each test's own reading, in order, for those tests that have traces
 
     @property
     def graphs(self) -> dict[str, tuple[Graph, ...]]:
         """By test."""
         return {name: reading.graphs for name, reading in self.tests.items()}
-
-    @property
-    def notes(self) -> dict[str, tuple[str, ...]]:
-        """By test."""
-        return {name: reading.notes for name, reading in self.tests.items()}
 
 
 def read_graphs(rig: Rig) -> Readings:

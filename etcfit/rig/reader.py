@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -14,7 +14,7 @@ from ..files import digest, read_regular
 from . import TESTS
 from .base import Channel, Measurement, Rig, RigConfig
 from .checks import findings
-from .columns import Column, Log, read_columns, with_motor_current
+from .columns import DROP, Column, Log, read_columns, with_motor_current
 from .config import config_of
 from .duplicates import refuse_duplicates
 from .noise import Texture, pooled, textures
@@ -26,8 +26,6 @@ from .user_text import refuse_foreign_names
 
 # rig test -> groups of channels; a trace must hold one of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
-
-
 _LINES_ABOVE = 50  # with which a last line without an end is compared
 
 
@@ -59,7 +57,6 @@ def rig_toml(base: str, common: Toml | None = None) -> Toml:
     """The tables of a folder's rig.toml, laid over those that are common.
 
     Args:
-        base: the folder.
         common: None where nothing is; else the folder needs no rig.toml.
 
     Raises:
@@ -90,16 +87,21 @@ def _digests(folder: Path, files: Iterable[str]) -> dict[str, str]:
 def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
     """The config, once it names only tests and traces that are there.
 
-    Args:
-        config: as read.
-        files: every trace, as `Measurement.file` will have it.
-        toml: where it was read, for messages.
-
     Raises:
-        MeasurementError: a test nobody knows, or a held-out trace that is not there.
+        MeasurementError: an unknown test, or a held-out trace that is not there.
     """
-    _check_tests(config, toml)
-    return _with_holdout(config, files, toml.place("holdout.files"))
+    for test in config.series_ohm:
+        if test not in KNOWN_TESTS:
+            raise toml.wrong(f"tests.{test}", "no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
+                             closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
+    files = tuple(files)
+    for name in config.holdout:
+        if name not in files:
+            raise MeasurementError(toml.place("holdout.files"),
+                                   f"holdout.files names '{name}', which is not there.",
+                                   "Held-out files are given relative to the folder, as 'response/1.csv'.",
+                                   closest(name, files, "Correct the name, or remove it."))  # fmt: skip
+    return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
 
 
 def assembled(
@@ -108,10 +110,7 @@ def assembled(
     """The rig that these logs make.
 
     Args:
-        folder, config: of the rig.
         read: each log, and warnings about it.
-        odd: further warnings.
-        toml: where the config was read, for messages.
 
     Raises:
         MeasurementError: all logs of a test together cannot be, or one record lies there twice.
@@ -120,17 +119,13 @@ def assembled(
     for test in KNOWN_TESTS:
         check_peaks(test, [log for log in logs if log.test == test])
     twice = refuse_duplicates(logs)
-    warnings = [*odd, *(w for _, ws in read for w in ws), *_unused_columns(config, logs, toml), *twice]
+    used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
+    unused = [f'{toml.place(f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
+              for name, ours in config.columns.items() if name not in used and ours.casefold() not in DROP]  # fmt: skip
+    warnings = [*odd, *(w for _, ws in read for w in ws), *unused, *twice]
     measurements = _measurements(logs, config)
     found = findings(config, measurements)
     return Rig(folder, config, measurements, (*warnings, *map(str, found)), written(toml), findings=found)
-
-
-def _check_tests(config: RigConfig, toml: Toml) -> None:
-    for test in config.series_ohm:
-        if test not in KNOWN_TESTS:
-            raise toml.wrong(f"tests.{test}", "no such rig test.", f"Known: {', '.join(KNOWN_TESTS)}.",
-                             closest(test, KNOWN_TESTS, "Delete the table."))  # fmt: skip
 
 
 def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
@@ -162,17 +157,6 @@ def _is_csv(path: Path) -> bool:
     return path.suffix.casefold() == ".csv" and not path.name.startswith((".", "~")) and not path.is_dir()
 
 
-def _with_holdout(config: RigConfig, files: Iterable[str], place: str) -> RigConfig:
-    """The held-out files, each checked to be there; `place` is where they are named."""
-    files = tuple(files)
-    for name in config.holdout:
-        if name not in files:
-            raise MeasurementError(place, f"holdout.files names '{name}', which is not there.",
-                                   "Held-out files are given relative to the folder, as 'response/1.csv'.",
-                                   closest(name, files, "Correct the name, or remove it."))  # fmt: skip
-    return replace(config, holdout=tuple(dict.fromkeys(config.holdout)))
-
-
 def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:
     """One CSV, checked; and warnings about columns without any number."""
     where = f"{base}/{file}"
@@ -183,29 +167,19 @@ def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log,
                                "Check its permissions.") from err  # fmt: skip
     text = decode(raw, where)
     log, odd = log_of(parse(text, where), where, file, config, toml)
-    return log, [*odd, *_cut_off(text, where)]
-
-
-def _cut_off(text: str, where: str) -> list[str]:
-    """A warning where the last line has no end and its last cell is shorter than each above: digits may be lost."""
-    if text.endswith("\n"):
-        return []
-    *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
-    if not last or len(above) < 3 or len(last) >= min(map(len, above)):
-        return []
-    return [f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: the file "
-            "may be cut off. Copy it again, or delete the line."]  # fmt: skip
+    if not text.endswith("\n"):  # where the last cell is shorter than each above, digits may be lost
+        *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
+        if last and len(above) >= 3 and len(last) < min(map(len, above)):
+            odd.append(f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: "
+                       "the file may be cut off. Copy it again, or delete the line.")  # fmt: skip
+    return log, odd
 
 
 def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log, list[str]]:
     """A table as the log of a rig test, checked; and warnings about columns without any number.
 
     Args:
-        table: as written.
-        where: what messages call the table.
-        toml: where the config was read, for messages.
         file: `<test>/<name>`.
-        config: of the rig.
 
     Raises:
         MeasurementError: a column, a row or the trace as a whole cannot be.
@@ -246,48 +220,37 @@ def _check_required(log: Log, config: RigConfig) -> None:
                                    f"A {log.test} trace needs it.",
                                    "Add the column, map its header under [columns], "
                                    "or move the file to the folder of its test.")  # fmt: skip
-    if _only_duty(log) and config.supply_V is None:
+    only_duty = "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
+    if only_duty and config.supply_V is None:
         raise MeasurementError(log.where, "duty without voltage or supply.", "Voltage is duty times supply.",
                                "Add a 'supply [V]' column, or [rig] supply_V in rig.toml.")  # fmt: skip
 
 
-def _only_duty(log: Log) -> bool:
-    return "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
-
-
-def _unused_columns(config: RigConfig, logs: Iterable[Log], toml: Toml) -> list[str]:
-    used = {" ".join(c.header.split()) for log in logs for c in log.columns.values()}
-    strange = [foreign for foreign, ours in config.columns.items()
-               if foreign not in used and ours.casefold() not in ("", "ignore")]  # fmt: skip
-    return [f'{toml.place(f"columns.{name}")}: [columns] names "{name}", which no CSV has.'
-            for name in strange]  # fmt: skip
-
-
 def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:
-    bare = [_measurement(log, config.holdout) for log in logs]
-    looks = {(m.file, name): look for m in bare for name, look in _textures(m).items()}
+    """Every channel with its noise: given, or pooled over the traces logged under the same header."""
+    bare: list[Measurement] = []
+    looks: dict[tuple[str, str], Texture] = {}
+    for log in logs:
+        time = _frozen(log.time)
+        channels = {name: _channel(column, time) for name, column in log.channels.items()}
+        bare.append(Measurement(log.file, log.test, time, channels, log.file in config.holdout))
+        together: dict[bytes, list[str]] = {}  # channels logged at the same instants are looked at together
+        for name, channel in channels.items():
+            together.setdefault(channel.time.tobytes(), []).append(name)
+        for names in together.values():
+            found = textures(channels[names[0]].time, [channels[name].value for name in names])
+            looks |= {(log.file, name): look for name, look in zip(names, found, strict=True)}
+
+    def with_noise(trace: Measurement, name: str, channel: Channel) -> Channel:
+        same = [m for m in bare if name in m.channels and m.channels[name].header == channel.header]
+        own = [looks[m.file, name] for m in same if m.test == trace.test]
+        sigma, quantum = pooled(own, [looks[m.file, name] for m in same])
+        given = config.noise.get(name)
+        return replace(channel, sigma=sigma if given is None else given, sigma_estimated=given is None, quantum=quantum)
+
     return tuple(
-        replace(m, channels={name: _with_noise(c, name, m, bare, looks, config) for name, c in m.channels.items()})
-        for m in bare
+        replace(m, channels={name: with_noise(m, name, channel) for name, channel in m.channels.items()}) for m in bare
     )
-
-
-def _textures(trace: Measurement) -> dict[str, Texture]:
-    """Of every channel, those logged at the same instants together."""
-    together: dict[bytes, list[str]] = {}
-    for name, channel in trace.channels.items():
-        together.setdefault(channel.time.tobytes(), []).append(name)
-    found: dict[str, Texture] = {}
-    for names in together.values():
-        channels = [trace.channels[name] for name in names]
-        found |= zip(names, textures(channels[0].time, [each.value for each in channels]), strict=True)
-    return found
-
-
-def _measurement(log: Log, holdout: tuple[str, ...]) -> Measurement:
-    time = _frozen(log.time)
-    channels = {name: _channel(column, time) for name, column in log.channels.items()}
-    return Measurement(log.file, log.test, time, channels, log.file in holdout)
 
 
 def _channel(column: Column, time: np.ndarray) -> Channel:
@@ -303,19 +266,3 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     array = np.ascontiguousarray(array)
     array.flags.writeable = False
     return array
-
-
-def _with_noise(
-    channel: Channel,
-    name: str,
-    trace: Measurement,
-    traces: Iterable[Measurement],
-    looks: Mapping[tuple[str, str], Texture],
-    config: RigConfig,
-) -> Channel:
-    """The channel with its noise: given, or pooled over the traces logged under the same header."""
-    same = [m for m in traces if name in m.channels and m.channels[name].header == channel.header]
-    own = [looks[m.file, name] for m in same if m.test == trace.test]
-    sigma, quantum = pooled(own, [looks[m.file, name] for m in same])
-    given = config.noise.get(name)
-    return replace(channel, sigma=sigma if given is None else given, sigma_estimated=given is None, quantum=quantum)

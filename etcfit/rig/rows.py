@@ -35,25 +35,17 @@ _DAY = 86400.0  # s
 _FEW = 3  # rows from which a last one that is short was cut off
 LINES_TO_LOOK_AT = 20
 GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
-_OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of besides a decimal mark and the separator
+_OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of, with a decimal mark and the separator
 
 
 class Numbers(NamedTuple):
-    """What the rows hold.
+    """What the rows hold."""
 
-    Args:
-        cells: shape (n, width); NaN where there is no number.
-        units: that reading the cells has settled; "" elsewhere.
-        lines: where each row stands, shape (n,), counted from 1.
-        remarks: what had to be decided.
-        losses: rows or cells that were left out, each in a sentence.
-    """
-
-    cells: np.ndarray
-    units: tuple[str, ...]
-    lines: np.ndarray
-    remarks: tuple[str, ...] = ()
-    losses: tuple[str, ...] = ()
+    cells: np.ndarray  # shape (n, width); NaN where there is no number
+    units: tuple[str, ...]  # that reading the cells has settled; "" elsewhere
+    lines: np.ndarray  # where each row stands, shape (n,), counted from 1
+    remarks: tuple[str, ...] = ()  # what had to be decided
+    losses: tuple[str, ...] = ()  # rows or cells that were left out, each in a sentence
 
 
 def cells_of(line: str, separator: str) -> list[str]:
@@ -123,18 +115,15 @@ def read_rows(
 
     Args:
         rows: line, counted from 1, and its text; not blank.
-        separator: between cells.
         names: of the columns, for messages; "" where one has none.
-        where: what messages call the file.
         tolerant: take what instruments write in place of a number as a gap, a column of words as none.
         short: what a row with too few cells is: "" a mistake, "fill" one whose last cells are empty, "drop" a damaged
             one, as is a cell that is no number.
     Raises:
         MeasurementError: a row of another length, a cell that is no number, or marks that may part thousands.
     """
-    if (short != "drop") and (
-        plain := fast_cells("\n".join(text for _, text in rows), separator, len(names), HUGE)
-    ) is not None:
+    plain = None if short == "drop" else fast_cells("\n".join(text for _, text in rows), separator, len(names))
+    if plain is not None:
         return Numbers(plain, ("",) * len(names), np.array([line for line, _ in rows]))
     split = [(line, quoted_cells(text, separator, f"{where}:{line}")) for line, text in rows]
     split, losses = _of_one_width(split, separator, len(names), where, tolerant, short)
@@ -224,17 +213,15 @@ def _values(
         if words:
             raise no_number(texts[words[0]], called, f"{where}:{lines[words[0]]}")
         return values, ""
+    said = ""
+    lost = [texts[k] for k in odd if texts[k]]
     if drop:
-        return values, f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(
-            texts
-        ) else ""
-    if words:
-        return np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
-    lost = [k for k in odd if texts[k]]
-    return (
-        values,
-        f"column '{called}': {len(lost)} samples beyond the range ('{texts[lost[0]]}') are gaps" if lost else "",
-    )
+        said = f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(texts) else ""
+    elif words:
+        values, said = np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
+    elif lost:
+        said = f"column '{called}': {len(lost)} samples beyond the range ('{lost[0]}') are gaps"
+    return values, said
 
 
 def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: str) -> bool:
@@ -254,40 +241,39 @@ def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: s
 def _seconds(texts: Sequence[str]) -> np.ndarray:
     """Seconds since the first instant, NaN where there is none; what falls back began another day."""
     found = [(k, match) for k, text in enumerate(texts) if (match := _INSTANT.fullmatch(text))]
-    clock = np.array([3600.0 * _hour(m) + 60.0 * int(m["m"]) + float(m["s"].replace(",", ".")) for _, m in found])
+
+    def seconds_of_day(match: re.Match[str]) -> float:
+        hour = int(match["h"])
+        hour = hour % 12 + 12 * (match["half"].casefold() == "pm") if match["half"] else hour
+        return 3600.0 * hour + 60.0 * int(match["m"]) + float(match["s"].replace(",", "."))
+
+    clock = np.array([seconds_of_day(match) for _, match in found])
     days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
     out = np.full(len(texts), np.nan)
     out[[k for k, _ in found]] = np.round(clock + _DAY * days - clock[0], 9)
     return out
 
 
-def _hour(match: re.Match[str]) -> int:
-    hour = int(match["h"])
-    return hour % 12 + 12 * (match["half"].casefold() == "pm") if match["half"] else hour
-
-
-def fast_cells(body: str, separator: str, width: int, largest: float) -> np.ndarray | None:
+def fast_cells(body: str, separator: str, width: int) -> np.ndarray | None:
     """The numbers in these rows, shape (n, width), NaN where a cell is empty; None where the rows are not plain.
 
     Plain rows have a number or nothing in each of `width` cells and nothing between them: no comment, quote or blank
     line, and a decimal mark that cannot part thousands.
-
-    Args:
-        body: the rows, each ended by `\\n`, the last perhaps not.
-        separator: between cells.
-        width: cells in a row.
-        largest: magnitude beyond which a number is none.
     """
-    if not body.isascii():
-        return None
-    mark = _plain_mark(body, separator)
+    mark = _plain_mark(body, separator) if body.isascii() else None
     if mark is None:
         return None
-    rows = (body.replace(",", ".") if mark == "," else body).rstrip("\n").encode("ascii")
-    if not _is_regular(rows, separator.encode("ascii"), width):
+    rows, part = body.replace(mark, ".").rstrip("\n").encode("ascii"), separator.encode("ascii")
+    lines, foreign = rows.count(b"\n") + 1, rows.translate(None, _OF_NUMBERS.encode("ascii") + b"." + part)
+    blank = not rows or rows.startswith(b"\n") or b"\n\n" in rows
+    if blank or foreign or rows.count(part) != lines * (width - 1):
         return None
-    cells = _read_plain(rows, separator, width)
-    return cells if cells is not None and not np.any(np.abs(cells) > largest) else None
+    cells = _numbers(rows, separator)
+    if cells is None:  # an empty cell is no number to NumPy
+        mark_of_cells = re.escape(part)
+        empty = rb"(?m)(?:^|(?<=" + mark_of_cells + rb")) *(?=" + mark_of_cells + rb"|$)"
+        cells = _numbers(re.sub(empty, b"nan", rows), separator)
+    return cells if cells is not None and cells.shape == (lines, width) and not np.any(np.abs(cells) > HUGE) else None
 
 
 def _plain_mark(body: str, separator: str) -> str | None:
@@ -303,31 +289,9 @@ def _plain_mark(body: str, separator: str) -> str | None:
     return mark if plain and not (point and comma) else None
 
 
-def _is_regular(rows: bytes, separator: bytes, width: int) -> bool:
-    """Nothing but numbers, and as many separators in all as rows of this width have; `_read` counts row by row."""
-    if not rows or rows.startswith(b"\n") or b"\n\n" in rows:
-        return False
-    allowed = _OF_NUMBERS.encode("ascii") + b"." + separator
-    lines = rows.count(b"\n") + 1
-    return not rows.translate(None, allowed) and rows.count(separator) == lines * (width - 1)
-
-
-def _read_plain(rows: bytes, separator: str, width: int) -> np.ndarray | None:
-    cells = _numbers(rows, separator)
-    if cells is None and (filled := _filled(rows, separator)) != rows:
-        cells = _numbers(filled, separator)
-    return cells if cells is not None and cells.shape == (rows.count(b"\n") + 1, width) else None
-
-
 def _numbers(rows: bytes, separator: str) -> np.ndarray | None:
     """None where a cell is no number or rows are of unequal width."""
     try:
         return np.loadtxt(io.BytesIO(rows), delimiter=separator, comments=None, ndmin=2)
     except ValueError:
         return None
-
-
-def _filled(rows: bytes, separator: str) -> bytes:
-    """The same with NaN in empty cells, which are no numbers to NumPy."""
-    mark = re.escape(separator.encode("ascii"))
-    return re.sub(rb"(?m)(?:^|(?<=" + mark + rb")) *(?=" + mark + rb"|$)", b"nan", rows)

@@ -34,21 +34,14 @@ OHMS_VOLTAGE, OHMS_CURRENT = 0.1, 0.2  # V, A: below these peaks the ratio is on
 
 @dataclass(frozen=True)
 class Plausible:
-    """What a trace of one rig test must show.
+    """What a trace of one rig test must show."""
 
-    Args:
-        varies: channels that cannot be constant.
-        peaks: channel -> the least peak, SI, that at least one trace of the test must reach.
-        stroke: the least part of the travel that the plate must sweep.
-        shortest: s, the least duration.
-        coarsest: s, the greatest median time between samples.
-    """
-
-    varies: tuple[str, ...] = ()
+    varies: tuple[str, ...] = ()  # channels that cannot be constant
+    # channel -> the least peak, SI, that at least one trace of the test must reach
     peaks: Mapping[str, float] = field(default_factory=dict)
-    stroke: float = 0.0
-    shortest: float = SHORTEST
-    coarsest: float = float("inf")
+    stroke: float = 0.0  # the least part of the travel that the plate must sweep
+    shortest: float = SHORTEST  # s, the least duration
+    coarsest: float = float("inf")  # s, the greatest median time between samples
 
 
 DRIVEN = {"voltage": 0.02, "duty": 0.02, "torque": 1e-4}
@@ -87,15 +80,26 @@ def check_log(log: Log, config: RigConfig) -> None:
                                    f"{np.nanmin(column.logged):.6g} {column.unit}.",
                                    f"A {log.test} test needs it to move.",
                                    "Check the sensor, or delete the file.")  # fmt: skip
-    _check_stroke(log, test, config)
-    _check_ohms(log)
+    position, travel = log.channels.get("position"), config.travel[1] - config.travel[0]
+    if position is not None and np.isfinite(travel):
+        stroke = float(np.nanmax(position.value) - np.nanmin(position.value)) / travel
+        if stroke < test.stroke:
+            raise MeasurementError(log.where, f"column '{position.header}' sweeps {100 * stroke:.2g} % of the travel.",
+                                   f"A {log.test} test lets the plate go from open: at least {100 * test.stroke:g} %.",
+                                   _cure(position.unit, TOO_SMALL))  # fmt: skip
+    voltage, current = log.channels.get("voltage"), log.channels.get("current")
+    if log.test in ("resistance", "inductance") and voltage is not None and current is not None:
+        volts, amperes = _peak(voltage), _peak(current)
+        too_low = amperes > OHMS_CURRENT and volts < OHMS[0] * amperes
+        too_high = volts > OHMS_VOLTAGE and volts > OHMS[1] * amperes
+        if too_low or too_high:
+            raise MeasurementError(log.where, f"peaks of {volts:.3g} V and {amperes:.3g} A do not belong together.",
+                                   f"Voltage over current must lie between {OHMS[0]:g} and {OHMS[1]:g} ohm.",
+                                   f"Correct the unit of '{voltage.header}' or of '{current.header}'.")  # fmt: skip
 
 
 def check_peaks(test: str, logs: Iterable[Log]) -> None:
     """Refuse a rig test in all of whose traces a channel is too small to be anything but a slip of units.
-
-    Args:
-        logs: all of this test.
 
     Raises:
         MeasurementError: naming the first file.
@@ -145,7 +149,7 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
                 "`etcfit import` reads it so.")  # fmt: skip
     elif column.quantity == "duty":
         mend = f"{mend} Or give what one count is, as in 'duty [0.1 %]'."
-    if column.is_angle:
+    if column.quantity not in POSSIBLE:  # an angle
         required += ", the travel and a little more"
         mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
                 if column.unit.endswith("V") else f"{mend} Or correct [rig] travel_deg.")  # fmt: skip
@@ -159,31 +163,6 @@ def _limits(quantity: str, config: RigConfig) -> tuple[float, float]:
     part = SETPOINT_BEYOND if quantity == "setpoint" else BEYOND_STOP
     more = max(part * (high - low), BEYOND_STOP_RAD)
     return low - more, high + more
-
-
-def _check_stroke(log: Log, test: Plausible, config: RigConfig) -> None:
-    travel = config.travel[1] - config.travel[0]
-    column = log.channels.get("position")
-    if column is None or not np.isfinite(travel):
-        return
-    stroke = float(np.nanmax(column.value) - np.nanmin(column.value)) / travel
-    if stroke < test.stroke:
-        raise MeasurementError(log.where, f"column '{column.header}' sweeps {100 * stroke:.2g} % of the travel.",
-                               f"A {log.test} test lets the plate go from open: at least {100 * test.stroke:g} %.",
-                               _cure(column.unit, TOO_SMALL))  # fmt: skip
-
-
-def _check_ohms(log: Log) -> None:
-    voltage, current = log.channels.get("voltage"), log.channels.get("current")
-    if log.test not in ("resistance", "inductance") or voltage is None or current is None:
-        return
-    volts, amperes = _peak(voltage), _peak(current)
-    too_low = amperes > OHMS_CURRENT and volts < OHMS[0] * amperes
-    too_high = volts > OHMS_VOLTAGE and volts > OHMS[1] * amperes
-    if too_low or too_high:
-        raise MeasurementError(log.where, f"peaks of {volts:.3g} V and {amperes:.3g} A do not belong together.",
-                               f"Voltage over current must lie between {OHMS[0]:g} and {OHMS[1]:g} ohm.",
-                               f"Correct the unit of '{voltage.header}' or of '{current.header}'.")  # fmt: skip
 
 
 def _peak(column: Column) -> float:

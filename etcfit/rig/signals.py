@@ -197,25 +197,21 @@ def smoothing_window(position: Channel, relative: float = 0.05) -> float:
     if len(position.time) < FEWEST:
         return 0.0
     travel, step = float(np.ptp(position.value)), float(np.median(np.diff(position.time)))
-    steepest = steepest_part(position)
-    noise = max(position.sigma, position.quantum / np.sqrt(12))
-    speed = travel / max(steepest, step)
-    wanted = (12 * step * (noise / max(relative * speed, 1e-12)) ** 2) ** (1 / 3)
-    return float(np.clip(wanted, 5 * step, max(0.3 * steepest, 5 * step)))
-
-
-def steepest_part(position: Channel) -> float:
-    """Shortest time in which the position crosses the middle half of its span, doubled: the time of one travel, s."""
+    # the time of one travel, s: twice the shortest in which the position crosses the middle half of its span
     low, high = np.quantile(position.value, [0.0, 1.0])
     below = position.value < low + 0.25 * (high - low)
     above = position.value > low + 0.75 * (high - low)
     side = np.where(below, -1, np.where(above, 1, 0))
     ends = np.flatnonzero(side)
     turns = ends[1:][np.diff(side[ends]) != 0]
-    if not len(turns):
-        return float(position.time[-1] - position.time[0])
-    before = ends[np.searchsorted(ends, turns) - 1]
-    return 2 * float(np.min(position.time[turns] - position.time[before]))
+    steepest = float(position.time[-1] - position.time[0])
+    if len(turns):
+        before = ends[np.searchsorted(ends, turns) - 1]
+        steepest = 2 * float(np.min(position.time[turns] - position.time[before]))
+    noise = max(position.sigma, position.quantum / np.sqrt(12))
+    speed = travel / max(steepest, step)
+    wanted = (12 * step * (noise / max(relative * speed, 1e-12)) ** 2) ** (1 / 3)
+    return float(np.clip(wanted, 5 * step, max(0.3 * steepest, 5 * step)))
 
 
 def off_stops(angle: np.ndarray, config: RigConfig, sigma: float) -> np.ndarray:

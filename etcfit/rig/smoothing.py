@@ -5,7 +5,7 @@ Smoothing and derivative by a parabola through the samples about each one:
     y(t + k step) ~ c_0 + c_1 k + c_2 k^2,   |k| <= window // 2,   least squares;   y ~ c_0,   dy/dt ~ c_1 / step
 
 Source: Savitzky and Golay 1964 (Anal. Chem. 36), eq. 11. Differs from source: within half a window of an end the
-parabola of the end's own window is read off beside its middle. It is SciPy's `savgol_filter(y, window, 2)`.
+parabola of the end's own window is read off next to its middle. It is SciPy's `savgol_filter(y, window, 2)`.
 
 Low passes without phase: a recursive filter of even order run forwards, then backwards.
 
@@ -56,15 +56,10 @@ def _read_off(
 
 @dataclass(frozen=True)
 class LowPass:
-    """A filter.
+    """A filter."""
 
-    Args:
-        poles: p_k in the z plane, one of each conjugate pair.
-        gain: g, by which it passes a constant.
-    """
-
-    poles: tuple[complex, ...]
-    gain: float = 1.0
+    poles: tuple[complex, ...]  # p_k in the z plane, one of each conjugate pair
+    gain: float = 1.0  # g, by which it passes a constant
 
     @property
     def pad(self) -> int:
@@ -76,8 +71,6 @@ class LowPass:
 
         Both ends are continued by their own reflection through the end point.
 
-        Args:
-            x: shape (n, ...).
         Raises:
             ValueError: n is not larger than pad.
         """

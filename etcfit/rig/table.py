@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeasurementError
-from .layout import TextTable, read_text
-from .rows import HUGE, LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
+from .layout import read_text
+from .rows import LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
 
 LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
 CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends
@@ -34,23 +34,14 @@ _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Header cells as written, numbers below them.
+    """Header cells as written, numbers below them."""
 
-    Args:
-        header: shape (m,).
-        header_line: where the header stands in the file, counted from 1; 0 where there is no file.
-        lines: where each row stands in the file, shape (n,).
-        cells: shape (n, m); NaN where the cell is empty, finite elsewhere.
-        row_mark: what a message puts between the table's name and the number of a row.
-        losses: rows that were left out because they are damaged, each in a sentence.
-    """
-
-    header: tuple[str, ...]
-    header_line: int
-    lines: np.ndarray
-    cells: np.ndarray
-    row_mark: str = ":"
-    losses: tuple[str, ...] = ()
+    header: tuple[str, ...]  # shape (m,)
+    header_line: int  # where the header stands in the file, counted from 1; 0 where there is no file
+    lines: np.ndarray  # where each row stands in the file, shape (n,)
+    cells: np.ndarray  # shape (n, m); NaN where the cell is empty, finite elsewhere
+    row_mark: str = ":"  # what a message puts between the table's name and the number of a row
+    losses: tuple[str, ...] = ()  # rows that were left out because they are damaged, each in a sentence
 
     def head(self, where: str) -> str:
         """Where the header stands, for a message."""
@@ -72,7 +63,9 @@ def decode(raw: bytes, where: str) -> str:
     except UnicodeDecodeError as err:
         raise _not_text(where, f"the bytes at offset {err.start} are no {err.encoding} text.") from err
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    if control := _control(text):
+    plain = text.encode("utf-8") if text.isascii() else b""
+    is_clean = plain and len(plain.translate(None, CONTROL)) == len(plain)  # else it is searched letter by letter
+    if not is_clean and (control := re.search(rf"[{CONTROL.decode('ascii')}]", text)):
         line = text.count("\n", 0, control.start()) + 1
         raise _not_text(f"{where}:{line}", f"control character {control[0]!r} found.")
     return text
@@ -93,14 +86,6 @@ def parse(text: str, where: str) -> Table:
     return parse_with_care(text, where) if table is None else table
 
 
-def as_table(found: TextTable, losses: tuple[str, ...] = ()) -> Table:
-    """Columns called `name [unit]`; those without name and number, which a trailing separator makes, left out."""
-    layout, cells = found.layout, found.numbers.cells
-    there = [k for k, name in enumerate(layout.names) if name or np.isfinite(cells[:, k]).any()]
-    header = tuple(headed(layout.names[k] or f"column {k + 1}", found.units[k]) for k in there)
-    return Table(header, layout.head, found.numbers.lines, cells[:, there], losses=(*found.numbers.losses, *losses))
-
-
 def headed(name: str, unit: str) -> str:
     """A header as our CSVs have it."""
     return f"{name} [{unit}]" if unit and not name.rstrip().endswith("]") else name
@@ -117,7 +102,12 @@ def _of_another_layout(text: str, where: str) -> Table | None:
     first_line = layout.head == _announced_separator(numbered)[1][0][0]
     if not layout.head or (first_line and not any(layout.units)) or len(layout.names) < 2:
         return None
-    return without_blanks(as_table(found), where)
+    # without columns that have neither name nor number, which a trailing separator makes
+    cells = found.numbers.cells
+    there = [k for k, name in enumerate(layout.names) if name or np.isfinite(cells[:, k]).any()]
+    header = tuple(headed(layout.names[k] or f"column {k + 1}", found.units[k]) for k in there)
+    table = Table(header, layout.head, found.numbers.lines, cells[:, there], losses=found.numbers.losses)
+    return without_blanks(table, where)
 
 
 def parse_plain(text: str, where: str) -> Table | None:
@@ -132,7 +122,7 @@ def parse_plain(text: str, where: str) -> Table | None:
         return None
     if len(body) < LINES_TO_LOOK_AT:
         return None
-    cells = fast_cells(text.split("\n", top.line)[top.line], top.separator, len(top.header), HUGE)
+    cells = fast_cells(text.split("\n", top.line)[top.line], top.separator, len(top.header))
     if cells is None:
         return None
     lines = np.arange(top.line + 1, top.line + 1 + len(cells))
@@ -170,16 +160,12 @@ def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
                                "Log it again, or delete the file.")  # fmt: skip
     separator = separator or _separator(header_text, [row for _, row in body[:LINES_TO_LOOK_AT]], at)
     header = [cell.strip() for cell in quoted_cells(header_text, separator, at)]
-    _refuse_numbers_as_header(header, at)
+    named = [cell for cell in header if cell]
+    if named and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
+        raise MeasurementError(at, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
+                               "The first line that is no comment must name the columns.",
+                               "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
     return Top(line, header, separator), body
-
-
-def _control(text: str) -> re.Match[str] | None:
-    """The first control character that no text has; a long text without any is not searched letter by letter."""
-    raw = text.encode("utf-8") if text.isascii() else b""
-    if raw and len(raw.translate(None, CONTROL)) == len(raw):
-        return None
-    return re.search(rf"[{CONTROL.decode('ascii')}]", text)
 
 
 def _encoding(raw: bytes) -> str:
@@ -204,16 +190,15 @@ def _not_text(where: str, found: str) -> MeasurementError:
 
 def _content(text: str, where: str) -> list[tuple[int, str]]:
     lines = text.split("\n")
-    numbered = [(k, s) for k, s in enumerate(lines, 1) if s and not _is_comment(s)]
+    numbered = []
+    for k, line in enumerate(lines, 1):
+        bare = line.lstrip()
+        if bare and (not bare.startswith(("#", '"#')) or EXCEL_ERROR.match(bare)):
+            numbered.append((k, line))
     if not numbered:
         raise MeasurementError(where, "the file is empty.", "A trace needs a header and two rows.",
                                "Log it again, or delete the file.")  # fmt: skip
     return numbered
-
-
-def _is_comment(line: str) -> bool:
-    text = line.lstrip()
-    return not text or (text.startswith(("#", '"#')) and not EXCEL_ERROR.match(text))
 
 
 def _announced_separator(numbered: list[tuple[int, str]]) -> tuple[str | None, list[tuple[int, str]]]:
@@ -243,14 +228,6 @@ def _count(row: str, separator: str) -> int:
         return len(next(csv.reader([row], delimiter=separator))) if '"' in row else row.count(separator) + 1
     except csv.Error:
         return 0
-
-
-def _refuse_numbers_as_header(header: list[str], where: str) -> None:
-    named = [cell for cell in header if cell]
-    if named and all(NUMBER.fullmatch(cell.replace(",", ".")) for cell in named):
-        raise MeasurementError(where, f"numbers where the header must be: '{', '.join(named)[:60]}'.",
-                               "The first line that is no comment must name the columns.",
-                               "Add a header such as 'time [s],voltage [V]'.")  # fmt: skip
 
 
 def without_blanks(table: Table, where: str) -> Table:

@@ -22,19 +22,12 @@ MOST_BYTES = 16_000_000  # of a rig.toml: an import notes every guess in it, som
 
 @dataclass(frozen=True)
 class Toml:
-    """A parsed rig.toml that knows its own path and where each key stands.
+    """A parsed rig.toml that knows its own path and where each key stands."""
 
-    Args:
-        path: what messages call it.
-        source: its text.
-        tables: what it says.
-        layers: the files that it was laid together from, uppermost first; () where it is one file.
-    """
-
-    path: str
-    source: str
-    tables: Mapping[str, Any]
-    layers: tuple[Toml, ...] = ()
+    path: str  # what messages call it
+    source: str  # its text
+    tables: Mapping[str, Any]  # what it says
+    layers: tuple[Toml, ...] = ()  # the files that it was laid together from, uppermost first; () where it is one file
 
     def over(self, common: Toml) -> Toml:
         """This file laid over another: each key of a table as it stands here, else as it stands there."""
@@ -129,26 +122,20 @@ def read_text(path: str | Path) -> str:
     try:
         return decode(read_regular(Path(path), str(path), MOST_BYTES), str(path)).removeprefix("\ufeff")
     except OSError as err:
+        folder = Path(path).parent  # it may be one level down, or the folder may be another kind
+        below = sorted(place.parent.name for place in folder.glob("*/rig.toml"))
+        mend = 'Create it with two lines: [rig] and name = "bench".'
+        if (folder / "run.json").is_file():
+            mend = "This is a run folder, which `etcfit fit` made: name the folder of the measurements instead."
+        elif below:
+            mend = f"One level down there is one: {folder / below[0]}. Name that folder."
         raise MeasurementError(str(path), f"no rig.toml can be read here ({err.strerror}).",
-                               "Every measurement folder needs one.", _instead(Path(path).parent)) from err  # fmt: skip
-
-
-def _instead(folder: Path) -> str:
-    """What to do where a folder has no rig.toml: it may be one level down, or the folder may be another kind."""
-    if (folder / "run.json").is_file():
-        return "This is a run folder, which `etcfit fit` made: name the folder of the measurements instead."
-    below = sorted(path.parent.name for path in folder.glob("*/rig.toml"))
-    if below:
-        return f"One level down there is one: {folder / below[0]}. Name that folder."
-    return 'Create it with two lines: [rig] and name = "bench".'
+                               "Every measurement folder needs one.", mend) from err  # fmt: skip
 
 
 def parse(text: str, path: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
-    Args:
-        text: of the file.
-        path: what messages call it.
     Raises:
         MeasurementError: it is no TOML, with the line, or a value is still to be filled in.
     """
@@ -216,16 +203,13 @@ def written(toml: Toml) -> str:
     """A text that `toml.parse` makes the same tables of."""
     if not toml.layers:
         return toml.source
-    lines = [f"{toml_string(name)} = {_value(value)}" for name, value in toml.tables.items() if not _is_table(value)]
+    plain = {name: value for name, value in toml.tables.items() if not isinstance(value, Mapping)}
+    lines = [f"{toml_string(name)} = {_value(value)}" for name, value in plain.items()]
     for name, table in toml.tables.items():
-        if _is_table(table):
+        if isinstance(table, Mapping):
             lines += ["", f"[{toml_string(name)}]"]
             lines += [f"{toml_string(key)} = {_value(value)}" for key, value in table.items()]
     return "\n".join([*lines, ""]).lstrip("\n")
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping)
 
 
 def _value(value: Any) -> str:

@@ -1,15 +1,13 @@
 """What is wrong in a line of TOML that somebody wrote by hand, and what to write instead.
 
-The parser says where it gave up, in words for programmers. Each function below knows one slip; the first that knows the
-line speaks.
+The parser says where it gave up, in words for programmers.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 DOTS = ("...", "…")
@@ -25,34 +23,20 @@ _QUOTED = re.compile(r"\"(?:[^\"\\]|\\.)*\"|'[^']*'")
 
 
 class Slip(NamedTuple):
-    """One slip.
+    """One slip."""
 
-    Args:
-        line: where, counted from 1.
-        found: what stands there.
-        mend: what to write instead.
-        required: what must stand there; "" for valid TOML.
-    """
-
-    line: int
-    found: str
-    mend: str
-    required: str = ""
+    line: int  # where, counted from 1
+    found: str  # what stands there
+    mend: str  # what to write instead
+    required: str = ""  # what must stand there; "" for valid TOML
 
 
-@dataclass(frozen=True)
-class Line:
-    """One line without its remark.
+class Line(NamedTuple):
+    """One line without its remark."""
 
-    Args:
-        number: counted from 1.
-        code: what stands before a #.
-        table: the table that it belongs to, "" before the first.
-    """
-
-    number: int
-    code: str
-    table: str
+    number: int  # counted from 1
+    code: str  # what stands before a #
+    table: str  # the table that it belongs to, "" before the first
 
     @property
     def key(self) -> str:
@@ -76,8 +60,6 @@ def slip(text: str, message: str, number: int) -> Slip | None:
     """What is wrong in a text that is no TOML; None where no slip is known that looks so.
 
     Args:
-        text: of the file.
-        message: of the parser.
         number: of the line at which it gave up.
     """
     lines = list(_lines(text))
@@ -88,10 +70,10 @@ def slip(text: str, message: str, number: int) -> Slip | None:
         return _twice(lines)
     if "Unclosed" in message:
         return _unclosed(lines, here)
-    for known in _KNOWN:
-        if said := known(here, lines):
-            return said
-    return None
+    if said := _dots(here, lines):
+        return said
+    said = _of_signs(here) or _of_value(here) or _of_text(here)
+    return Slip(here.number, *said) if said else None
 
 
 def left_blank(tables: Mapping[str, Any], prefix: str = "") -> str | None:
@@ -117,155 +99,91 @@ def filled(key: str) -> str:
 def _lines(text: str) -> Iterator[Line]:
     table = ""
     for number, raw in enumerate(text.split("\n"), 1):
-        code = _without_remark(raw).strip(" \t\r")
+        masked = _QUOTED.sub(lambda match: "_" * len(match[0]), raw)  # a # in quotes begins no remark
+        code = (raw[: masked.find("#")] if "#" in masked else raw).strip(" \t\r")
         if header := re.fullmatch(r"\[+\s*([^\[\]=]+?)\s*\]+", code):
             table = header[1]
         yield Line(number, code, table)
 
 
-def _without_remark(raw: str) -> str:
-    """Up to a # that does not stand in quotes."""
-    masked = _QUOTED.sub(lambda match: "_" * len(match[0]), raw)
-    return raw[: masked.find("#")] if "#" in masked else raw
-
-
 def _dots(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not _has_dots(line):
+    def has_dots(each: Line) -> bool:
+        return bool(re.search(r"(?<![\w.])(?:\.{3}|…)(?![\w.])", each.bare if each.key else each.code))
+
+    if not has_dots(line):
         return None
-    others = [each.number for each in lines if each.number != line.number and _has_dots(each)]
-    too = ""
-    if others:
-        too = f" The same in line{'s' if len(others) > 1 else ''} {', '.join(map(str, others))}."
+    others = [str(each.number) for each in lines if each.number != line.number and has_dots(each)]
+    too = f" The same in line{'s' if len(others) > 1 else ''} {', '.join(others)}." if others else ""
     return Slip(line.number, f"{line.code}: {DOTS_FOUND}", filled(line.key) + too, DOTS_REQUIRED)
 
 
-def _has_dots(line: Line) -> bool:
-    return bool(re.search(r"(?<![\w.])(?:\.{3}|…)(?![\w.])", line.bare if line.key else line.code))
+# Found and mend of the first slip that a line shows. The order counts: what stands first explains the line better.
 
 
-def _curly_quotes(line: Line, lines: Iterable[Line]) -> Slip | None:
-    straight = re.sub("[“”„«»]", '"', re.sub("[‘’]", "'", line.code))
-    if straight == line.code:
-        return None
-    return Slip(line.number, "the quotes are those of a word processor.", f"Use straight quotes: {straight}")
-
-
-def _other_remark(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not (match := re.search(r"(?:^|\s)(//|;)", _QUOTED.sub("", line.code))):
-        return None
-    return Slip(line.number, f"{match[1]} begins no remark in TOML.", f"Write # instead of {match[1]}.")
-
-
-def _odd_blank(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not any(each.isspace() and each not in " \t" for each in line.code):
-        return None
-    return Slip(line.number, "there is a blank that is no ordinary space.", "Type the line anew; do not copy it.")
-
-
-def _comma(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not re.fullmatch(r"[+-]?\d+,\d+", line.value):
-        return None
-    return Slip(line.number, f"{line.value} has a decimal comma.", f"{line.put(line.value.replace(',', '.'))}.")
-
-
-def _unit(line: Line, lines: Iterable[Line]) -> Slip | None:
-    match = re.fullmatch(rf"({_NUMBER})\s*(?![eE]$)([A-Za-zµΩ°%][\w*/%°²+.\s-]*)", line.value)
-    if not match:
-        return None
-    if line.table == "accuracy":
-        return _no_quotes(line)
-    said = f"{line.value} has a unit behind the number."
-    return Slip(line.number, said, f"{line.put(match[1])}: the key itself says the unit.")
-
-
-def _switch(line: Line, lines: Iterable[Line]) -> Slip | None:
-    word = _SWITCHES.get(line.value.casefold())
-    return Slip(line.number, f"found {line.value}.", f"{line.put(word)}, in lower case.") if word else None
-
-
-def _nothing(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if re.fullmatch(r"[+-]?inf(inity)?", line.value, re.IGNORECASE):
-        sign = "-" if line.value.startswith("-") else ""
-        return Slip(line.number, f"found {line.value}.", f"{line.put(f'{sign}inf')}, in lower case.")
-    if line.key and line.value.casefold() in ("", "none", "null", "nan", "n/a"):
-        found = f"{line.key} has no value."
-        return Slip(line.number, found, "Write its value, or put a # before the line if there is none.")
+def _of_signs(line: Line) -> tuple[str, str] | None:
+    """In signs of TOML itself, and in names."""
+    code, key = line.code, line.key
+    straight = re.sub("[“”„«»]", '"', re.sub("[‘’]", "'", code))
+    if straight != code:
+        return "the quotes are those of a word processor.", f"Use straight quotes: {straight}"
+    if any(each.isspace() and each not in " \t" for each in code):
+        return "there is a blank that is no ordinary space.", "Type the line anew; do not copy it."
+    if match := re.search(r"(?:^|\s)(//|;)", _QUOTED.sub("", code)):
+        return f"{match[1]} begins no remark in TOML.", f"Write # instead of {match[1]}."
+    if line.value.startswith("="):
+        return "found ==.", f"{line.put(line.value[1:].strip())}."
+    if "=" not in code and re.fullmatch(r"\[+[^\[\]]+|[^\[\]]+\]+", code):
+        return f"{code}: a bracket is missing.", f"Write [{code.strip('[] ')}]."
+    if key and key[0] not in "\"'" and not re.fullmatch(r"[A-Za-z0-9_.-]+", key):
+        what = "a space" if " " in key else "a letter that TOML takes in quotes only"
+        name = "_".join(key.split()) if " " in key and line.table != "columns" else f'"{key}"'
+        return f"the name {key} has {what} in it.", f"Write {name} = {line.value}."
+    if not key and (match := re.fullmatch(r"(\w+|\"[^\"]*\")(?:\s*:\s*|\s+)(\S.*)", code)):
+        return f"{code} has no = in it.", f"Write {match[1]} = {match[2]}."
     return None
 
 
-def _number(line: Line, lines: Iterable[Line]) -> Slip | None:
+def _of_value(line: Line) -> tuple[str, str] | None:
+    """In a number, a switch, or a value that is missing."""
+    key, value = line.key, line.value
+    if re.fullmatch(r"[+-]?\d+,\d+", value):
+        return f"{value} has a decimal comma.", f"{line.put(value.replace(',', '.'))}."
+    if word := _SWITCHES.get(value.casefold()):
+        return f"found {value}.", f"{line.put(word)}, in lower case."
+    if re.fullmatch(r"[+-]?inf(inity)?", value, re.IGNORECASE):
+        sign = "-" if value.startswith("-") else ""
+        return f"found {value}.", f"{line.put(f'{sign}inf')}, in lower case."
+    if key and value.casefold() in ("", "none", "null", "nan", "n/a"):
+        return f"{key} has no value.", "Write its value, or put a # before the line if there is none."
+    if match := re.fullmatch(rf"({_NUMBER})\s*(?![eE]$)([A-Za-zµΩ°%][\w*/%°²+.\s-]*)", value):
+        if line.table == "accuracy":
+            return _no_quotes(line)
+        return f"{value} has a unit behind the number.", f"{line.put(match[1])}: the key itself says the unit."
     try:
-        value = float(line.value)
+        number = float(value)
     except ValueError:
         return None
-    if re.fullmatch(r"[+-]?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?", line.value):
+    if re.fullmatch(r"[+-]?(0|[1-9]\d*)(\.\d+)?([eE][+-]?\d+)?", value):
         return None  # the slip is elsewhere
-    return Slip(line.number, f"found {line.value}.", f"{line.put(repr(value))}: a digit on each side of the point, no "
-                "zero in front.")  # fmt: skip
+    return f"found {value}.", f"{line.put(repr(number))}: a digit on each side of the point, no zero in front."
 
 
-def _backslash(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if '"' not in line.value or "\\" not in line.value:
-        return None
-    with_slashes = line.put(line.value.replace("\\", "/"))
-    return Slip(line.number, "there is a \\ in a text.", f"{with_slashes}, with / for \\.")
-
-
-def _open_text(line: Line, lines: Iterable[Line]) -> Slip | None:
+def _of_text(line: Line) -> tuple[str, str] | None:
+    """In braces and quotes."""
+    if line.value.startswith("{") and "}" not in line.value:
+        return "what begins with { goes on in the next line.", "Put all of it, up to }, in one line."
     for quote in "\"'":
         if _QUOTED.sub("", line.code).count(quote) == 1:
-            return Slip(line.number, "a text has no closing quote.", f"Put {quote} at both ends of the text.")
-    return None
-
-
-def _bare_word(line: Line, lines: Iterable[Line]) -> Slip | None:
+            return "a text has no closing quote.", f"Put {quote} at both ends of the text."
+    if '"' in line.value and "\\" in line.value:
+        slashes = line.value.replace("\\", "/")
+        return "there is a \\ in a text.", f"{line.put(slashes)}, with / for \\."
     return _no_quotes(line) if line.key and re.match(r"[^\W\d]", line.value) else None
 
 
-def _no_quotes(line: Line) -> Slip:
+def _no_quotes(line: Line) -> tuple[str, str]:
     quoted = f'"{line.value}"'
-    return Slip(line.number, f"{line.value} is a text without quotes.", f"{line.put(quoted)}.")
-
-
-def _equals_twice(line: Line, lines: Iterable[Line]) -> Slip | None:
-    return (
-        Slip(line.number, "found ==.", f"{line.put(line.value[1:].strip())}.") if line.value.startswith("=") else None
-    )
-
-
-def _header(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if "=" in line.code or not re.fullmatch(r"\[+[^\[\]]+|[^\[\]]+\]+", line.code):
-        return None
-    name = line.code.strip("[] ")
-    return Slip(line.number, f"{line.code}: a bracket is missing.", f"Write [{name}].")
-
-
-def _odd_key(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not line.key or line.key[0] in "\"'" or re.fullmatch(r"[A-Za-z0-9_.-]+", line.key):
-        return None
-    what = "a space" if " " in line.key else "a letter that TOML takes in quotes only"
-    plain = " " in line.key and line.table != "columns"
-    name = "_".join(line.key.split()) if plain else f'"{line.key}"'
-    return Slip(line.number, f"the name {line.key} has {what} in it.", f"Write {name} = {line.value}.")
-
-
-def _no_equals(line: Line, lines: Iterable[Line]) -> Slip | None:
-    match = re.fullmatch(r"(\w+|\"[^\"]*\")(?:\s*:\s*|\s+)(\S.*)", line.code)
-    if line.key or not match:
-        return None
-    return Slip(line.number, f"{line.code} has no = in it.", f"Write {match[1]} = {match[2]}.")
-
-
-def _broken_braces(line: Line, lines: Iterable[Line]) -> Slip | None:
-    if not line.value.startswith("{") or "}" in line.value:
-        return None
-    return Slip(line.number, "what begins with { goes on in the next line.", "Put all of it, up to }, in one line.")
-
-
-_KNOWN: tuple[Callable[[Line, Iterable[Line]], Slip | None], ...] = (
-    _dots, _curly_quotes, _odd_blank, _other_remark, _equals_twice, _header, _odd_key, _no_equals, _comma, _switch,
-    _nothing, _unit, _number, _broken_braces, _open_text, _backslash, _bare_word,
-)  # fmt: skip
+    return f"{line.value} is a text without quotes.", f"{line.put(quoted)}."
 
 
 def _twice(lines: Iterable[Line]) -> Slip | None:
@@ -289,10 +207,9 @@ def _unclosed(lines: Iterable[Line], here: Line) -> Slip | None:
     begun = next((line for line in reversed(before) if re.match(r"[\[{]", line.value)), None)
     if begun is None:
         return None
-    if (dots := next((said for line in before[begun.number - 1 :] if (said := _dots(line, lines))), None)) is not None:
+    if dots := next((said for line in before[begun.number - 1 :] if (said := _dots(line, lines))), None):
         return dots
-    bare = begun.bare
     close = "]" if begun.value.startswith("[") else "}"
-    if close in bare:
+    if close in begun.bare:
         return Slip(begun.number, f"{begun.value}: a comma is missing.", "Put a comma between each two entries.")
     return Slip(begun.number, f"{begun.code}: the closing {close} is missing.", f"Put {close} behind its last entry.")

@@ -70,9 +70,7 @@ _POWERED = rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?"
 _GRAMMAR = re.compile(rf"{_POWERED}(?:\s*[*/·.]\s*{_POWERED}|\s+{_POWERED})*")
 _NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
 
-
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")  # before a unit, as in `-1 A` or `1.02 s`
-
 
 # what stands in a row of units, brackets off, in small letters: of benches, and of engines and cars
 _UNIT_TEXTS = frozenset("""
@@ -134,7 +132,7 @@ def by_pint(quantity: str, unit: str) -> Conversion:
     """As `conversion`, of a unit without a number before it, by pint alone."""
     si, logged = SI_UNIT[quantity], _pint_spelling(unit)
     try:
-        same = _root(logged) == _root(si)
+        same = len({str(_quantity(1.0, each).to_root_units().units) for each in (logged, si)}) == 1
         zero, one = (float(_quantity(x, logged).to(si).magnitude) for x in (0.0, 1.0)) if same else (0.0, 0.0)
     except Exception as err:  # whatever pint, or its tokenizer, makes of a text that is no unit
         raise UnitError(f"unit '{unit}' is not known.") from err
@@ -178,11 +176,6 @@ def _quantity(magnitude: float, unit: str) -> Any:
     if not _GRAMMAR.fullmatch(unit):
         raise UnitError(f"'{unit}' does not read as a unit.")
     return _registry().Quantity(magnitude, unit)
-
-
-@cache
-def _root(unit: str) -> str:
-    return str(_quantity(1.0, unit).to_root_units().units)
 
 
 def to_channel(

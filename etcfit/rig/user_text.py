@@ -22,7 +22,7 @@ VISIBLE = "A name must hold no control characters and no marks of direction: the
 
 
 def one_line(text: str) -> str:
-    """Printable characters alone: any white space is one space, what nobody sees is its number, as (U+202E)."""
+    """Printable characters alone: any white space is one space, what is invisible is its number, as (U+202E)."""
     return "".join(c if c.isprintable() else f"(U+{ord(c):04X})" for c in " ".join(text.split()))
 
 
@@ -78,19 +78,20 @@ def _filled(text: str, mark: str, width: int) -> str:
 
 
 def refuse_foreign_names(folder: str, *names: str) -> None:
-    r"""Refuse a name that is no UTF-8, or holds what nobody sees; Linux allows any bytes.
+    r"""Refuse a name that is no UTF-8, or holds what is invisible; Linux allows any bytes.
 
     Args:
         folder: where they lie, as the user gave it; its own name counts too.
-        names: of what lies in it.
     Raises:
         MeasurementError: at the first, its foreign bytes written as \xe9, its unseen characters as (U+202E).
     """
     for path in (folder, *(f"{folder}/{name}" for name in names)):
-        if not _is_utf8(path):
+        try:
+            path.encode("utf-8")
+        except UnicodeEncodeError:
             raise MeasurementError(escaped(path), "the name is no UTF-8.",
                                    "Names of files and folders must be UTF-8; reports and JSON files repeat them.",
-                                   "Rename it; plain letters, digits, - and _ are always right.")  # fmt: skip
+                                   "Rename it; plain letters, digits, - and _ are always right.") from None  # fmt: skip
         if found := unseen(PurePath(path).name):
             raise MeasurementError(one_line(path), f"{found} in the name.", VISIBLE, "Rename it.")
 
@@ -101,11 +102,3 @@ def escaped(path: str) -> str:
         return os.fsencode(path).decode("utf-8", "backslashreplace")
     except UnicodeEncodeError:  # half a character that no file system made
         return path.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-def _is_utf8(path: str) -> bool:
-    try:
-        path.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True

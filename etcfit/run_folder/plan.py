@@ -14,9 +14,8 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..experiment.advice import Advice, Option
-from ..experiment.campaign import Campaign, PlannedTest, band, remark
+from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, band, logger
 from ..experiment.candidates import FULL, Played
-from ..experiment.logger import LoggedColumn, logger
 from ..files import held, plain, write_json
 from ..rig.config import parse_config
 from ..rig.user_text import c_comment, hash_comment
@@ -74,7 +73,7 @@ def _test(campaign: Campaign, number: int, test: PlannedTest) -> dict[str, Any]:
         "test": plan.test,
         "shape": test.candidate.kind,
         "how": plan.says,
-        "remark": remark(test, campaign.setting) or None,
+        "remark": campaign.remark(test) or None,
         "seconds": test.candidate.seconds,
         "keeps_off_stops_s": test.candidate.window,
         "play": None if played is None else {

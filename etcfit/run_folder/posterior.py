@@ -16,10 +16,8 @@ from ..diagnosis.model_discrepancy import percent_off
 from ..errors import UsageError
 from ..estimation.identifiability import listed
 from ..files import plain, whole, write_json
-from ..posterior.predictive import Band
 from ..posterior.profile import Profile
-from ..posterior.sampling import Posterior
-from ..posterior.summary import Marginal, apart
+from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
 from .fit import effects_of, hashes, versions
 from .manifest import POSTERIOR, replacing
@@ -165,7 +163,7 @@ def write_netcdf(path: Path, posterior: Posterior) -> None:
     """
     import xarray
 
-    thin = max(1, int(np.nan_to_num(posterior.convergence.longest, nan=1.0) / posterior.settings.draws_per_tau))
+    thin = max(1, int(np.nan_to_num(posterior.convergence.longest, nan=1.0) / DRAWS_PER_TAU))
     described = posterior.described
     draws = {s: (d[:, ::thin], dict(zip(("unit", "meaning"), described[s], strict=True)))
              for s, d in posterior.draws.items()}  # fmt: skip

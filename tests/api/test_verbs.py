@@ -27,8 +27,7 @@ from etcfit.control.settings import DesignSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
-from etcfit.experiment.plan import PLANS
-from etcfit.experiment.setting import Setting
+from etcfit.experiment.plan import PLANS, Setting
 from etcfit.experiment.settings import AdviceSettings
 from etcfit.model.ecu import Ecu
 from etcfit.rig.base import Rig

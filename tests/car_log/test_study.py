@@ -15,7 +15,8 @@ from etcfit.car_log.study import verdict
 from etcfit.car_log.usage import shortest
 from etcfit.cli import app
 from etcfit.reporting.blocks import render
-from etcfit.reporting.car_log import draw, drive_table
+from etcfit.reporting.car_log import drive_table
+from etcfit.reporting.car_log.writing import draw
 from etcfit.rig.base import RigConfig
 
 

@@ -32,8 +32,8 @@ from etcfit.model.linear import closed_form
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.misses import hardest_place, misses
 from etcfit.reporting.control.responses import draw
+from etcfit.reporting.control.sentence import hardest_place, misses
 from etcfit.reporting.control.tables import design_table
 from etcfit.reporting.numbers import short
 from etcfit.run_folder.design import design_json, rusefi

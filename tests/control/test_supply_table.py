@@ -18,7 +18,7 @@ from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.ecus import ECUS, EcuProfile, Scheduling
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.supply_table import supply_table as shown
+from etcfit.reporting.control.for_an_ecu import supply_table as shown
 from etcfit.run_folder.design import supply_table_json
 from independent.bench_twin import TRUTH
 from independent.control import Computer, failing, follow

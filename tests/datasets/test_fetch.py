@@ -50,23 +50,13 @@ def test_folder_is_written(data: Path, tmp_path: Path) -> None:
     assert left_in(to.parent) == {f"tiny/{name}" for name in FILES}
 
 
-def test_environment_variable_names_the_local_copies(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("variable", "argument"), [("data", None), ("nowhere", "data")])
+def test_local_copies_are_where_the_argument_says_else_the_variable_and_an_empty_folder_is_filled(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str, argument: str | None
 ) -> None:
-    monkeypatch.setenv("ETCFIT_DATA", str(data))
-    assert left_in(fetch("tiny", tmp_path / "to")) == FILES
-
-
-def test_argument_goes_before_the_environment_variable(
-    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ETCFIT_DATA", str(tmp_path / "nowhere"))
-    assert left_in(fetch("tiny", tmp_path / "to", data)) == FILES
-
-
-def test_an_empty_folder_is_filled(data: Path, tmp_path: Path) -> None:
     (tmp_path / "to").mkdir()
-    assert left_in(fetch("tiny", tmp_path / "to", data)) == FILES
+    monkeypatch.setenv("ETCFIT_DATA", str(tmp_path / variable))
+    assert left_in(fetch("tiny", tmp_path / "to", tmp_path / argument if argument else None)) == FILES
 
 
 def test_a_folder_with_something_in_it_is_left_as_it_is(data: Path, tmp_path: Path) -> None:

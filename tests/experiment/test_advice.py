@@ -11,14 +11,13 @@ import pytest
 import results
 from etcfit import TESTS, read_folder
 from etcfit.estimation.joint_fit import fit
-from etcfit.experiment.advice import Advice, Judge, Option, advise, batched, judged_at, separated
-from etcfit.experiment.plan import PLANS, channels, sweeps, trace_of
+from etcfit.experiment.advice import Advice, Judge, Option, advise, judged_at, separated
+from etcfit.experiment.plan import PLANS, USUAL, Setting, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
-from etcfit.experiment.setting import USUAL, Setting
 from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.reporting.advice import advice_table
 from etcfit.reporting.blocks import render
+from etcfit.reporting.check_table import advice_table
 from etcfit.rig.base import Rig
 from independent.effects import NONE
 from independent.folder import SIZES, write_folder, write_trace
@@ -110,10 +109,6 @@ def test_a_sensor_the_rig_has_not_shown_is_assumed_and_said_to_be(setting: Setti
     assert setting.noise["motor_speed"] == USUAL["motor_speed"]
     assert "motor_speed" in channels(plan_viscous(setting), setting)
     assert setting.noise["current"] != USUAL["current"]
-
-
-def test_batches_leave_nothing_out() -> None:
-    assert [len(part) for part in batched([None] * 7, 3)] == [3, 3, 1]  # pyright: ignore[reportArgumentType]
 
 
 def test_the_table_names_every_option_and_every_test_not_judged(rig: Rig, setting: Setting) -> None:

@@ -1,4 +1,4 @@
-"""The next tests: candidates, limits, and what they do on the true plant."""
+"""The next tests: shapes of excitation, candidates, limits, and what they do on the true plant."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ import campaigns
 import results
 from benchmarks.plan import one
 from etcfit.errors import UsageError
-from etcfit.experiment.campaign import Criterion, band, plan_campaign, remark
-from etcfit.experiment.candidates import FULL, Candidate, candidates, free_plate
-from etcfit.experiment.excitation import SHAPES
+from etcfit.experiment.campaign import Criterion, band, logger, plan_campaign
+from etcfit.experiment.candidates import FULL, SHAPES, Candidate, Shape, candidates
 from etcfit.experiment.limits import Winding, passed
-from etcfit.experiment.logger import logger
-from etcfit.experiment.plan import PLANS, channels, sweeps
-from etcfit.experiment.setting import Setting
+from etcfit.experiment.plan import PLANS, Setting, channels, sweeps
 from etcfit.experiment.settings import CampaignSettings
+from etcfit.rig import TEST_BY_NAME
 from etcfit.rig.base import Rig
 
 SETTINGS = CampaignSettings()
+TIME = np.arange(6000) / 1000.0
+WAVES = {shape.name: shape.wave for shape in SHAPES}
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_a_limit_that_any_model_passes_is_named(
     every: list[Candidate], setting: Setting, changes: dict[str, object], says: str
 ) -> None:
     c = next(c for c in every if c.kind == "chirp")
-    assert free_plate(c)
+    assert c.free_plate
     c = replace(c, window=(0.0, c.seconds))
     assert passed(c, campaigns.forecast(c), setting, SETTINGS) == ()
     (found,) = passed(c, campaigns.forecast(c, **changes), setting, SETTINGS)  # pyright: ignore[reportArgumentType]
@@ -139,8 +139,8 @@ def test_the_logger_is_asked_for_the_headers_and_the_range_that_the_rig_needs(ri
     assert next(iter(driven)) == "time"
     current = driven["current"]
     assert current.low < 0.0 < 2.0 * 1.01 / abs(own.channels["current"].scale) < current.high
-    assert remark(plan.tests[0], plan.setting) == ""
-    assert remark(plan.tests[2], plan.setting) == "motor speed not logged so far: noise assumed"
+    assert plan.remark(plan.tests[0]) == ""
+    assert plan.remark(plan.tests[2]) == "motor speed not logged so far: noise assumed"
 
 
 def test_the_band_holds_all_models_and_some_noise(rig: Rig) -> None:
@@ -157,6 +157,55 @@ def test_what_cannot_be_planned_is_refused(rig: Rig) -> None:
         plan_campaign(rig, without=("windmill",))
     with pytest.raises(ValueError, match="must be above ambient, 25 degC"):
         CampaignSettings(temperature=20.0)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.name)
+def test_a_shape_keeps_within_one_and_uses_it(shape: Shape) -> None:
+    assert shape.test in TEST_BY_NAME
+    assert sum(each.name == shape.name for each in SHAPES) == 1
+    waves = {}
+    for hertz in shape.bands:
+        waves[hertz] = shape.wave(TIME, hertz)
+        assert waves[hertz].shape == TIME.shape
+        assert 0.95 < np.abs(waves[hertz]).max() <= 1.0
+        assert waves[hertz].min() < -0.5
+        assert waves[hertz].max() > 0.5
+        assert (shape.wave(TIME, hertz) == waves[hertz]).all()  # planned twice it is the same plan
+        assert f"{hertz:g}" in shape.says(hertz) or shape.says(hertz) != shape.says(2.0 * hertz)
+    slow, fast = (np.abs(np.diff(waves[hertz])).sum() for hertz in (min(waves), max(waves)))
+    assert fast > 1.5 * slow
+
+
+def test_a_multisine_is_made_of_its_lines_alone() -> None:
+    time = np.arange(200_000) / 1000.0  # lines resolved to 0.005 Hz
+    power = np.abs(np.fft.rfft(WAVES["multisine"](time, 10.0) * np.hanning(time.size))) ** 2
+    hertz = np.fft.rfftfreq(time.size, 1e-3)
+    lines = np.geomspace(0.4, 10.0, 8)
+    near = np.abs(hertz[:, None] - lines).min(axis=1) < 0.03
+    assert power[near].sum() > 0.9999 * power.sum()
+    each = [power[np.abs(hertz - line) < 0.03].sum() for line in lines]
+    assert np.ptp(each) < 0.01 * max(each)
+
+
+def test_a_chirp_ends_at_its_band() -> None:
+    wave = WAVES["chirp"](TIME, 10.0)
+    falls = TIME[1:][(wave[1:] < 0.0) & (wave[:-1] >= 0.0)]
+    assert 1.0 / np.diff(falls)[-1] == pytest.approx(10.0, rel=0.1)
+    assert 1.0 / np.diff(falls)[0] < 1.0
+
+
+def test_steps_go_to_either_side_and_stay() -> None:
+    wave = WAVES["steps"](TIME, 5.0)
+    jumps = np.flatnonzero(np.diff(wave))
+    assert np.diff(TIME[jumps]).min() > 0.099
+    assert np.diff(TIME[jumps]).max() < 0.301
+    assert (np.diff(np.sign(wave[np.append(jumps, -1)])) != 0.0).all()
+
+
+def test_ramps_are_straight() -> None:
+    slope = np.diff(WAVES["ramps"](TIME, 1.0)) / np.diff(TIME)
+    assert np.median(np.abs(slope)) == pytest.approx(4.0, rel=1e-6)
+    assert (np.abs(np.abs(slope) - 4.0) < 1e-6).mean() > 0.99
 
 
 @pytest.mark.slow

@@ -40,9 +40,8 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fitted_model import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
-from etcfit.exporting.formats import c
-from etcfit.exporting.formats.tune import gains_in
-from etcfit.exporting.plant import plant_of
+from etcfit.exporting.plant import c_files, plant_of
+from etcfit.exporting.tune import gains_in
 from etcfit.files import write_json
 from etcfit.model.ecu import Ecu
 from etcfit.model.ecus import ECUS
@@ -385,7 +384,7 @@ def named_in_turn(innocent: Source) -> Iterator[Source]:
 def test_no_name_of_a_rig_is_code_in_c(tmp_path: Path) -> None:
     plant = plant_of(called("rig"))
     for source in named_in_turn(called("rig")):
-        made = {**c.sources(source, plant, ("note",)), "main.c": "int main(void) { return 0; }\n"}
+        made = {**c_files(source, plant, ("note",)), "main.c": "int main(void) { return 0; }\n"}
         exports.compiled(Export(made), tmp_path / "c", "main.c")
 
 

@@ -20,8 +20,8 @@ from etcfit.control.pid.ecu import Gains, Memory, tick
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
 from etcfit.errors import UsageError
-from etcfit.exporting import Export, ExportSettings, Source
-from etcfit.exporting.formats import c, fmu
+from etcfit.exporting import Export, ExportSettings, Source, fmu
+from etcfit.exporting.plant import C
 from etcfit.model.ecu import Ecu
 
 SETPOINT = Setpoint((0.0, 0.05, 0.06, 0.3, 0.5, 0.7, 0.71, 1.0), (0.2, 0.2, 0.6, 0.6, 0.05, 0.05, 0.95, 0.95), ())
@@ -82,7 +82,7 @@ def apart(source: Source, one: np.ndarray, other: np.ndarray) -> float:
 @every_model
 def test_the_loop_around_the_c_plant_is_ours(tmp_path: Path, model: str) -> None:
     source = MODELS[model]()
-    plant = exports.CPlant(c.FORMAT.export(source), tmp_path / "c")
+    plant = exports.CPlant(C.export(source), tmp_path / "c")
     seen = plant.begin(begins(source))
 
     def drive(volts: float) -> tuple[float, float]:
@@ -104,7 +104,7 @@ def test_the_loop_around_the_fmu_is_ours(tmp_path: Path, model: str) -> None:
     from fmpy.validation import validate_fmu
 
     source = MODELS[model]()
-    (archive,) = written(fmu.FORMAT.export(source), tmp_path)
+    (archive,) = written(fmu.FMU.export(source), tmp_path)
     assert validate_fmu(str(archive)) == []
     description = fmpy.read_model_description(str(archive))
     number = {v.name: v.valueReference for v in description.modelVariables}
@@ -147,7 +147,7 @@ def test_an_importer_simulates_the_fmu_and_is_told_what_it_cannot_do(tmp_path: P
     fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install '.[test]'")
 
     source = exports.source()
-    (archive,) = written(fmu.FORMAT.export(source), tmp_path)
+    (archive,) = written(fmu.FMU.export(source), tmp_path)
     step = np.array([(0.0, 8.0, 0.0), (0.5, 8.0, 0.0)], dtype=[("time", float), ("voltage", float), ("torque", float)])
     how: dict[str, Any] = {"stop_time": 0.5, "output_interval": 5e-3, "input": step, "output": ["angle", "current"]}
     path = fmpy.simulate_fmu(str(archive), step_size=5e-3, **how)
@@ -162,7 +162,7 @@ def test_an_importer_simulates_the_fmu_and_is_told_what_it_cannot_do(tmp_path: P
 @pytest.mark.slow
 @exports.needs_a_compiler
 def test_the_harness_finds_our_stepper_and_a_wrong_compiler(tmp_path: Path) -> None:
-    made = c.FORMAT.export(exports.source(exports.SEVERAL))
+    made = C.export(exports.source(exports.SEVERAL))
     harness = exports.compiled(made, tmp_path, "etcfit_plant_test.c")
     done = subprocess.run([harness], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "0 of 24 rows differ from etcfit")
@@ -178,7 +178,7 @@ def test_the_harness_finds_our_stepper_and_a_wrong_compiler(tmp_path: Path) -> N
 def test_the_sensors_are_late_by_what_the_model_says(tmp_path: Path) -> None:
     effects = {"channel_delay": {"t_c": 1.75e-3}, "current_sensor_offset": {"I_0": 0.1}}
     source = exports.source(effects, ExportSettings(step=1e-3))
-    plant = exports.CPlant(c.FORMAT.export(source), tmp_path / "c")
+    plant = exports.CPlant(C.export(source), tmp_path / "c")
     plant.begin(0.3)
     seen = np.array([plant.drive(6.0, 1) for _ in range(30)])
     true, shown = seen[:, 0], seen[:, 4] - source.values["I_0"]
@@ -191,7 +191,7 @@ def test_the_sensors_are_late_by_what_the_model_says(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_stuck_plate_stands_still_and_an_outer_torque_moves_it(tmp_path: Path) -> None:
     source = exports.source()
-    plant = exports.CPlant(c.FORMAT.export(source), tmp_path / "c")
+    plant = exports.CPlant(C.export(source), tmp_path / "c")
     at = 0.3
     plant.begin(at)
     v = source.values
@@ -204,7 +204,7 @@ def test_a_stuck_plate_stands_still_and_an_outer_torque_moves_it(tmp_path: Path)
 @exports.needs_a_compiler
 @pytest.mark.slow
 def test_the_fmu_holds_sources_that_compile_and_says_what_it_cannot_hold(tmp_path: Path) -> None:
-    made = fmu.FORMAT.export(exports.source(exports.SEVERAL))
+    made = fmu.FMU.export(exports.source(exports.SEVERAL))
     (archive,) = written(made, tmp_path)
     with zipfile.ZipFile(archive) as packed:
         packed.extractall(tmp_path)
@@ -223,9 +223,9 @@ def test_the_fmu_holds_sources_that_compile_and_says_what_it_cannot_hold(tmp_pat
 
 @pytest.mark.slow
 def test_the_same_model_is_the_same_c_and_another_step_is_another(tmp_path: Path) -> None:
-    first, again = (c.FORMAT.export(exports.source()).files for _ in range(2))
+    first, again = (C.export(exports.source()).files for _ in range(2))
     assert first == again
-    other = c.FORMAT.export(exports.source(settings=ExportSettings(step=1e-3))).files
+    other = C.export(exports.source(settings=ExportSettings(step=1e-3))).files
     assert "#define ETCFIT_PLANT_STEP 0.001" in str(other["etcfit_plant.h"])
 
 

@@ -20,7 +20,7 @@ import foreign
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.importing import Answers, Imported, import_files
-from etcfit.importing.doubts import accept_all, refuse
+from etcfit.importing.answers import accept_all, refuse
 from etcfit.importing.formats import read_sheets
 from etcfit.importing.formats.base import Source
 from etcfit.importing.sheet import Sheet

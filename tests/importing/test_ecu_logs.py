@@ -14,8 +14,7 @@ from etcfit.car_log import study
 from etcfit.car_log.read import read_logs
 from etcfit.errors import MeasurementError
 from etcfit.importing import Answers, import_files
-from etcfit.importing.answers import target
-from etcfit.importing.doubts import accept_all, refuse
+from etcfit.importing.answers import accept_all, refuse, target
 from etcfit.rig.reader import read_folder
 
 

@@ -11,7 +11,7 @@ import pytest
 import etcfit
 import foreign
 from etcfit.importing import Answers, import_files
-from etcfit.importing.doubts import accept_all
+from etcfit.importing.answers import accept_all
 
 K_S, K_V, K_A = 0.25, 0.12, 0.02
 R, L, K = 0.3, 2e-4, 0.1  # ohm, H, V s/rad

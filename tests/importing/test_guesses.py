@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 
 from etcfit.errors import MeasurementError
-from etcfit.importing.answers import Answers, Target, target
-from etcfit.importing.doubts import accept_all
+from etcfit.importing.answers import Answers, Target, accept_all, target
 from etcfit.importing.draft import Draft, Trace, drafted
-from etcfit.importing.labels import column, split
-from etcfit.importing.rig_tests import rig_test_of
-from etcfit.importing.settings import GuessSettings
-from etcfit.importing.sheet import Column, Sheet, time_base
-from etcfit.importing.together import with_common_peaks
-from etcfit.importing.words import quantity_named
+from etcfit.importing.guesses import rig_test_of
+from etcfit.importing.names import quantity_named
+from etcfit.importing.sheet import Column, Sheet, column, split, time_base, with_common_peaks
 from etcfit.rig.base import CHANNELS
 from independent import MEDIUM, NONE, Effects, draw_truth, make_folder
 from independent import Bench as Instruments
@@ -252,7 +248,7 @@ def test_a_name_settles_what_signals_leave_open_and_is_doubted_where_they_do_not
 ) -> None:
     _, (time, response) = driven(bench)
     (trace,) = drafted_alone(sheet_of(time, response, UNITS, file)).traces
-    shown = rig_test_of(trace.record, GuessSettings())
+    shown = rig_test_of(trace.record)
     assert (shown.test, shown.sure) == (test, sure)
 
 

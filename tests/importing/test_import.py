@@ -18,8 +18,7 @@ import foreign
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.importing import Answers, import_files
-from etcfit.importing.answers import parsed
-from etcfit.importing.doubts import accept_all, refuse
+from etcfit.importing.answers import accept_all, parsed, refuse
 from etcfit.rig.checks import refuse as refuse_impossible
 from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, make_folder

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
-from etcfit.importing.nameplates import NAMEPLATES, UNKNOWN
-from etcfit.importing.new import RECORD, how_to_record, new_folder
+from etcfit.importing.new import NAMEPLATES, RECORD, UNKNOWN, how_to_record, new_folder
 from etcfit.rig import TESTS
 from etcfit.rig.config import RIG_KEYS, TABLES, TPS_KEYS, read_config
 from etcfit.rig.ecu import KEYS

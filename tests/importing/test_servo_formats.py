@@ -11,7 +11,7 @@ import pytest
 import foreign
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.importing import Answers, import_files
-from etcfit.importing.doubts import accept_all
+from etcfit.importing.answers import accept_all
 from etcfit.importing.formats import read_sheets
 from etcfit.importing.formats.base import Source
 from etcfit.importing.formats.servo import SERVOS

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import results
 from etcfit.estimation.identifiability import WIDE
-from etcfit.posterior.target import Target, believed, tempered
+from etcfit.posterior.target import Target, believed, tempered, truths
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import WeightedData
 
@@ -93,3 +97,14 @@ def test_the_chunks_of_a_large_ensemble_are_put_together_again(held: tuple[Estim
     alone = np.concatenate([whole.log_probability(points[k : k + 1]) for k in (0, 150, 299)])
     assert_allclose(whole.log_probability(points)[[0, 150, 299]], alone, rtol=1e-12)
     assert len(set(alone)) == 3
+
+
+NOTE = {"parameters": {"R_a": 1.6, "J_m": 1e-6}, "series_ohm": 1.2}
+
+
+@pytest.mark.parametrize("synthetic", [True, False])
+def test_a_note_counts_for_synthetic_data_only(synthetic: bool, tmp_path: Path) -> None:
+    rig = results.rig(tmp_path / "rig", synthetic)
+    assert truths(rig) == {}
+    (tmp_path / "rig" / "truth.json").write_text(json.dumps(NOTE), encoding="utf-8")
+    assert truths(rig) == ({"R_a": 1.6, "J_m": 1e-6, "series_ohm.inductance": 1.2} if synthetic else {})

@@ -20,10 +20,8 @@ from etcfit.control.pid.base import Task
 from etcfit.errors import command
 from etcfit.estimation.fitted_model import SOUND, FitState
 from etcfit.model.ecus import ECUS
-from etcfit.reporting.closing import Closing
-from etcfit.reporting.closing.base import counted
-from etcfit.reporting.closing.control import of_design, of_export
-from etcfit.reporting.closing.fleet import of_fleet
+from etcfit.reporting.closing import Closing, counted
+from etcfit.reporting.closing.control import of_design, of_export, of_fleet
 from etcfit.reporting.closing.model import of_run
 from partial import partial
 

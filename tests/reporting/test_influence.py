@@ -14,7 +14,7 @@ from etcfit.api.fit import Fit
 from etcfit.estimation.agreement import Compromise, Influence, Pull
 from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.joint_fit import FitResult
-from etcfit.reporting.compromise import cautioned
+from etcfit.reporting.blocks import cautioned
 from etcfit.reporting.page import write_page
 from etcfit.reporting.tables import fit_table, render
 from etcfit.run_folder.fit import fit_json

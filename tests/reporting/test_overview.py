@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etcfit.estimation.intervals import Interval
-from etcfit.reporting import overview, style
+from etcfit.reporting import pictures, style
 
 KNOWN = {
     "R_a": Interval(2.0, 0.01, 1.98, 2.02, "estimated"),
@@ -23,7 +23,9 @@ ELSEWHERE = {"R_a": 1.8, "B_L": 5e-3, "J_m": 1e-4}
 
 def drawn(**changes):
     given = {"readings": {"R_a": 2.1, "B_L": 0.0}, "table_2": ELSEWHERE} | changes
-    return overview.draw(overview.ParameterPicture("bench", "Eqs. 1-2", KNOWN, UNITS, **given, synthetic=True))
+    return pictures.draw_parameters(
+        pictures.ParameterPicture("bench", "Eqs. 1-2", KNOWN, UNITS, **given, synthetic=True)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +67,8 @@ def test_the_legend_calls_table_2_another_rigs_and_names_only_what_is_drawn() ->
 
 def test_a_compromise_is_a_range_and_called_so() -> None:
     known = {"R_a": Interval(2.0, None, 1.5, 3.0, "compromise")}
-    picture = overview.ParameterPicture("bench", "Eqs. 1-2", known, UNITS, {}, {}, synthetic=True)
-    panel = overview.draw(picture).axes[0]
+    picture = pictures.ParameterPicture("bench", "Eqs. 1-2", known, UNITS, {}, {}, synthetic=True)
+    panel = pictures.draw_parameters(picture).axes[0]
     (bar,) = [line for line in panel.lines if str(line.get_label()).startswith("compromise")]
     assert np.asarray(bar.get_xdata()).tolist() == pytest.approx([-25.0, 50.0])
     assert [text.get_text() for text in panel.texts] == ["2.00 ohm, compromise"]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from etcfit.reporting.blocks import plain_table, render
-from etcfit.reporting.plain_table import PlainTable
+from etcfit.reporting.blocks import PlainTable, plain_table, render
 
 NAMES = ("channel_gain[response.current]", "series_ohm.inductance", "R_a")
 SPANS = ("0.00141823 ... 0.00153412", "-12.5 ... 3.0", "1.45 ... 1.57")

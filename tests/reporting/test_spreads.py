@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from etcfit.reporting.posterior.spreads import Spread, draw
+from etcfit.reporting.posterior.pictures import Spread, draw_spreads
 
 
 def spread(symbol: str, stderr: float | None) -> Spread:
@@ -12,7 +12,7 @@ def spread(symbol: str, stderr: float | None) -> Spread:
 
 
 def test_a_parameter_of_a_compromise_has_a_row_by_its_posterior_alone() -> None:
-    (panel,) = draw("rig", [spread("R_a", None), spread("K_b", None)], True).axes
+    (panel,) = draw_spreads("rig", [spread("R_a", None), spread("K_b", None)], True).axes
     assert [label.get_text() for label in panel.get_yticklabels()] == ["R_a", "K_b"]
     labels = {str(line.get_label()) for line in panel.lines}
     assert {label for label in labels if not label.startswith("_")} == {"posterior, 95 %"}
@@ -20,7 +20,7 @@ def test_a_parameter_of_a_compromise_has_a_row_by_its_posterior_alone() -> None:
 
 
 def test_a_standard_error_is_the_unit_where_each_has_one() -> None:
-    (panel,) = draw("rig", [spread("R_a", 0.01)], True).axes
+    (panel,) = draw_spreads("rig", [spread("R_a", 0.01)], True).axes
     (bar,) = (line for line in panel.lines if line.get_label() == "Laplace, 95 %")
     assert np.asarray(bar.get_xdata()).round(2).tolist() == [-1.96, 1.96]
     assert "standard errors of the fit" in panel.get_xlabel()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from etcfit.model.paper import TABLE_2
-from etcfit.reporting.table_2 import beside
+from etcfit.reporting.pictures import beside
 from etcfit.rig.config import parse_config
 
 PLATE = "[rig]\ngear_ratio = 15.0\n"

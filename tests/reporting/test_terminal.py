@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import folders
 from etcfit.cli import app
 from etcfit.errors import visible
-from etcfit.reporting.terminal import console
+from etcfit.reporting.blocks import console
 
 CLEAR = "\x1b[2J\x1b]0;owned\x07\x9b31m\u202e"
 

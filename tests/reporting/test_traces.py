@@ -27,7 +27,7 @@ def picture(result: FitResult, file: str) -> traces.TracePicture:
 
 
 def test_panels_have_the_logged_units(fitted: FitResult) -> None:
-    fig = traces.draw(picture(fitted, "response/2.csv"))
+    fig = traces.draw_trace(picture(fitted, "response/2.csv"))
     labels = [panel.get_ylabel() for panel in fig.axes]
     assert labels == ["current [mA]", "error [σ]", "TPS [V]", "error [σ]", "voltage [V]"]
     assert fig.axes[-1].get_xlabel() == "time [s]"
@@ -38,13 +38,13 @@ def test_panels_have_the_logged_units(fitted: FitResult) -> None:
 
 
 def test_a_position_is_shown_in_sensor_volts(fitted: FitResult) -> None:
-    shown = traces.draw(picture(fitted, "response/1.csv")).axes[2].lines[0].get_ydata()
+    shown = traces.draw_trace(picture(fitted, "response/1.csv")).axes[2].lines[0].get_ydata()
     volts = [float(row.split(",")[3]) for row in _csv(fitted, "response/1.csv")]
     np.testing.assert_allclose(np.asarray(shown), volts, atol=1e-9)
 
 
 def test_open_terminals_have_no_drive(fitted: FitResult) -> None:
-    fig = traces.draw(picture(fitted, "back_emf/1.csv"))
+    fig = traces.draw_trace(picture(fitted, "back_emf/1.csv"))
     assert [panel.get_ylabel() for panel in fig.axes] == ["emf [V]", "error [σ]", "position [deg]", "error [σ]"]
 
 
@@ -52,7 +52,7 @@ def test_a_few_wild_residuals_are_counted_not_shown_to_scale(fitted: FitResult) 
     plain = picture(fitted, "response/1.csv")
     wild = plain.residual.copy()
     wild[30, 0] = 500.0
-    panel = traces.draw(replace(plain, residual=wild)).axes[1]
+    panel = traces.draw_trace(replace(plain, residual=wild)).axes[1]
     assert panel.get_ylim()[1] < 100.0
     assert [text.get_text() for text in panel.texts] == ["1 beyond, to 500 σ"]
 
@@ -62,7 +62,7 @@ def test_a_sensor_that_falls_as_the_plate_opens_turns_its_residual(fitted: FitRe
     channels = dict(plain.trace.measurement.channels)
     channels["position"] = replace(channels["position"], scale=-channels["position"].scale)
     trace = replace(plain.trace, measurement=replace(plain.trace.measurement, channels=channels))
-    up, down = (traces.draw(p).axes[3].lines[0].get_ydata() for p in (plain, replace(plain, trace=trace)))
+    up, down = (traces.draw_trace(p).axes[3].lines[0].get_ydata() for p in (plain, replace(plain, trace=trace)))
     np.testing.assert_allclose(np.asarray(up), -np.asarray(down))
 
 

@@ -33,19 +33,16 @@ from etcfit.estimation.joint_fit import FitResult
 from etcfit.estimation.result import Budget
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
-from etcfit.posterior.chain import Chain
-from etcfit.posterior.convergence import Convergence
+from etcfit.posterior.chain import Chain, Convergence
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.target import Target
-from etcfit.reporting.advice import advice_table
-from etcfit.reporting.blocks import render
+from etcfit.reporting.blocks import PlainTable, render
 from etcfit.reporting.car_log import drive_table
-from etcfit.reporting.check_table import check_table
+from etcfit.reporting.check_table import advice_table, check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
 from etcfit.reporting.diagnosis.table import diagnosis_table
 from etcfit.reporting.fleet import fleet_table
-from etcfit.reporting.plain_table import PlainTable
 from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior.table import posterior_table
 from etcfit.reporting.tables import fit_table
@@ -121,7 +118,7 @@ def of_posterior(fit: FitResult) -> RenderableType:
     known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, {("response/1.csv", "current"): 3.0})
     value = fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
     profile = Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))
-    return posterior_table(Posterior(fit, known, chain, Convergence.of(chain.ensembles)), {"J_L": profile})
+    return posterior_table(Posterior(fit, known, chain, Convergence.judge(chain.ensembles)), {"J_L": profile})
 
 
 def of_sines(fit: FitResult, folder: Path) -> RenderableType:

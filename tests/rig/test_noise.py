@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from etcfit.rig import noise as module
-from etcfit.rig.noise import FLOOR, noise, pooled, quantum, texture, textures
+from etcfit.rig.noise import FLOOR, Texture, pooled, quantum, textures
 
 N = 4000
 SIGMA = 0.01
@@ -23,13 +23,17 @@ SIGNALS = {
 }
 
 
+def texture(time: np.ndarray, value: np.ndarray) -> Texture:
+    return textures(time, [value])[0]
+
+
 @pytest.mark.parametrize("signal", SIGNALS.values(), ids=SIGNALS.keys())
 @pytest.mark.parametrize("jitter", [0.0, 3e-4])
 def test_noise_on_a_moving_signal(signal: np.ndarray, jitter: float) -> None:
     rng = np.random.default_rng(3)
     time = TIME + rng.uniform(-jitter, jitter, N)
     moved = np.interp(time, TIME, signal) + rng.normal(0, SIGMA, N)
-    assert noise(time, moved) == pytest.approx(SIGMA, rel=0.15)
+    assert texture(time, moved).sigma == pytest.approx(SIGMA, rel=0.15)
 
 
 @pytest.mark.parametrize("ratio", [0.2, 0.5, 1.0, 2.0, 3.0, 6.0])
@@ -93,10 +97,10 @@ def test_traces_are_pooled_robustly() -> None:
 
 def test_a_long_trace_in_blocks_is_the_trace_as_a_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     value = np.random.default_rng(5).normal(0, SIGMA, N)
-    whole = noise(TIME, value)
+    whole = texture(TIME, value)
     for block in (7, N - 2, N):
         monkeypatch.setattr(module, "BLOCK", block)
-        assert noise(TIME, value) == whole
+        assert texture(TIME, value) == whole
 
 
 def test_channels_look_the_same_alone_and_together() -> None:

@@ -137,75 +137,30 @@ def rewritten(draw: st.DrawFn) -> dict[str, str | bytes]:
     return files
 
 
-Damage = Callable[[Sheet, int, int, str], Sheet | None]
+Damage = Callable[[Sheet, int, int, str], Sheet]
 WORDS = st.sampled_from(
     ["NaN", "nan", "inf", "-inf", "x", "--", "1e999", "1_0", "0x1F", "1.2.3", "12:30", "#N/A", "٣", "1 2", "−1"]
 )
 
 
-def swap(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    other = (row + 1 + k) % len(sheet.rows)
+DAMAGES: dict[str, Damage] = {
+    "swap": lambda sheet, row, k, word: swap(sheet, row, (row + 1 + k) % len(sheet.rows)),
+    "repeat": lambda sheet, row, k, word: replace(sheet, rows=(*sheet.rows[: row + 1], *sheet.rows[row:])),
+    "say": lambda sheet, row, k, word: sheet.with_cell(row, k, word),
+    "cut cell": lambda sheet, row, k, word: sheet.with_row(row, (*sheet.rows[row][:k], *sheet.rows[row][k + 1 :])),
+    "add cell": lambda sheet, row, k, word: sheet.with_row(row, (*sheet.rows[row][:k], "1", *sheet.rows[row][k:])),
+    "lose time": lambda sheet, row, k, word: sheet.with_cell(row, 0, ""),
+    "double column": lambda sheet, row, k, word: sheet.in_order([*range(len(sheet.header)), k]),
+    "lose unit": lambda sheet, row, k, word: sheet.with_header(k, sheet.header[k].split(" [")[0]),
+    "wrong unit": lambda sheet, row, k, word: sheet.with_header(k, f"{sheet.header[k].split(' [')[0]} [kg]"),
+    "misspell": lambda sheet, row, k, word: sheet.with_header(k, sheet.header[k][1:]),
+    "lose header": lambda sheet, row, k, word: replace(sheet, header=sheet.rows[0], rows=sheet.rows[1:]),
+    "one row": lambda sheet, row, k, word: replace(sheet, rows=sheet.rows[row : row + 1]),
+}
+
+
+def swap(sheet: Sheet, row: int, other: int) -> Sheet:
     return sheet.with_row(row, sheet.rows[other]).with_row(other, sheet.rows[row])
-
-
-def repeat(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return replace(sheet, rows=(*sheet.rows[: row + 1], *sheet.rows[row:]))
-
-
-def say(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_cell(row, k, word)
-
-
-def cut_cell(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_row(row, (*sheet.rows[row][:k], *sheet.rows[row][k + 1 :]))
-
-
-def add_cell(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_row(row, (*sheet.rows[row][:k], "1", *sheet.rows[row][k:]))
-
-
-def lose_time(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_cell(row, 0, "")
-
-
-def double_column(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.in_order([*range(len(sheet.header)), k])
-
-
-def lose_unit(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_header(k, sheet.header[k].split(" [")[0])
-
-
-def wrong_unit(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_header(k, f"{sheet.header[k].split(' [')[0]} [kg]")
-
-
-def misspell(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return sheet.with_header(k, sheet.header[k][1:])
-
-
-def lose_header(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return replace(sheet, header=sheet.rows[0], rows=sheet.rows[1:])
-
-
-def one_row(sheet: Sheet, row: int, k: int, word: str) -> Sheet:
-    return replace(sheet, rows=sheet.rows[row : row + 1])
-
-
-DAMAGES: tuple[Damage, ...] = (
-    swap,
-    repeat,
-    say,
-    cut_cell,
-    add_cell,
-    lose_time,
-    double_column,
-    lose_unit,
-    wrong_unit,
-    misspell,
-    lose_header,
-    one_row,
-)
 
 
 def neutral(files: dict[str, str | bytes]) -> None:
@@ -213,14 +168,13 @@ def neutral(files: dict[str, str | bytes]) -> None:
     assert_same(reading(files), GOOD)
 
 
-def harmful(damage: Damage, name: str, style: Style, row: int, k: int, word: str) -> None:
+def harmful(damage: str, name: str, style: Style, row: int, k: int, word: str) -> None:
     sheet = SHEETS[name]
-    spoilt = damage(sheet, row, k % len(sheet.header), word)
-    assert spoilt is not None
+    spoilt = DAMAGES[damage](sheet, row, k % len(sheet.header), word)
     raw = replace(style, encoding="utf-8").raw(spoilt)
     note(raw.decode())
     found = outcome({name: raw})
-    assert isinstance(found, MeasurementError), f"{damage.__name__} went unseen"
+    assert isinstance(found, MeasurementError), f"{damage} went unseen"
     assert name in found.where
 
 
@@ -297,95 +251,41 @@ def fast_or_careful(
 
 NAMES = st.sampled_from(sorted(SHEETS))
 ROWS = st.integers(1, 28)
-NEUTRAL = given(rewritten())
-HARMFUL = given(st.sampled_from(DAMAGES), NAMES, styles(), ROWS, st.integers(0, 3), WORDS)
-LOSSY = given(NAMES, styles(), st.sets(ROWS, max_size=6), st.sets(st.tuples(ROWS, st.integers(0, 3)), max_size=6))
+CELLS = st.sets(st.tuples(ROWS, st.integers(0, 3)), max_size=6)
 LETTERS = st.text(',;.\t\n "#+-eE0123456789', max_size=3)
-SPEED = given(
-    NAMES,
-    styles(),
-    st.sets(st.tuples(ROWS, st.integers(0, 3)), max_size=6),
-    st.lists(st.tuples(st.floats(0, 1), LETTERS), max_size=5),
-    WORDS,
-)
-PIECES = st.one_of(
-    st.binary(min_size=1, max_size=4),
-    st.sampled_from(
-        [
-            b",",
-            b";",
-            b"\t",
-            b"\n",
-            b"\r",
-            b'"',
-            b"#",
-            b".",
-            b"-",
-            b"[",
-            b"]",
-            b"e",
-            b"=",
-            b"'",
-            b"\x00",
-            b"nan",
-            b"inf",
-            b"1e308",
-            b"[tps]",
-            b"0x",
-            b"{",
-            b"\xef\xbb\xbf",
-            b"\xff\xfe",
-            b" ",
-            b"%",
-            b"rad",
-        ]
-    ),
-)
+SIGNS = [bytes([sign]) for sign in b",;\t\n\r\"#.-[]e='\x00{ %"]
+LONGER = [b"nan", b"inf", b"1e308", b"[tps]", b"0x", b"\xef\xbb\xbf", b"\xff\xfe", b"rad"]
+PIECES = st.one_of(st.binary(min_size=1, max_size=4), st.sampled_from([*SIGNS, *LONGER]))
 EDITS = st.lists(
     st.tuples(st.sampled_from(["insert", "delete", "replace"]), st.floats(0, 1), PIECES), min_size=1, max_size=5
 )
-GARBLED = given(st.sampled_from(sorted(FILES)), EDITS)
+SPELT = st.lists(st.tuples(st.floats(0, 1), LETTERS), max_size=5)
+slow = pytest.mark.slow
+CASES = [
+    pytest.param(given(rewritten()), neutral, id="other words, same rig", marks=slow),
+    pytest.param(
+        given(st.sampled_from(sorted(DAMAGES)), NAMES, styles(), ROWS, st.integers(0, 3), WORDS),
+        harmful,
+        id="damage is seen",
+    ),
+    pytest.param(
+        given(NAMES, styles(), st.sets(ROWS, max_size=6), CELLS), lossy, id="gaps move nothing else", marks=slow
+    ),
+    pytest.param(given(st.sampled_from(sorted(FILES)), EDITS), garbled, id="any bytes end in an error or a sound rig"),
+    pytest.param(
+        given(NAMES, styles(), CELLS, SPELT, WORDS),
+        fast_or_careful,
+        id="the fast reader reads what the careful one reads",
+    ),
+]
 
 
-@pytest.mark.slow
-@BARE
-@NEUTRAL
-def test_other_words_same_rig(files: dict[str, str | bytes]) -> None:
-    neutral(files)
+@pytest.mark.parametrize(("strategy", "check"), CASES)
+def test_in_some_examples(strategy: Callable, check: Callable) -> None:
+    BARE(strategy(check))()
 
 
-@BARE
-@HARMFUL
-def test_damage_is_seen(damage: Damage, name: str, style: Style, row: int, k: int, word: str) -> None:
-    harmful(damage, name, style, row, k, word)
-
-
-@pytest.mark.slow
-@BARE
-@LOSSY
-def test_gaps_move_nothing_else(name: str, style: Style, dropped: set[int], gaps: set[tuple[int, int]]) -> None:
-    lossy(name, style, dropped, gaps)
-
-
-@BARE
-@SPEED
-def test_the_fast_reader_reads_what_the_careful_one_reads(
-    name: str, style: Style, gaps: set[tuple[int, int]], edits: list[tuple[float, str]], word: str
-) -> None:
-    fast_or_careful(name, style, gaps, edits, word)
-
-
-@BARE
-@GARBLED
-def test_any_bytes_end_in_an_error_or_a_sound_rig(name: str, edits: list[tuple[str, float, bytes]]) -> None:
-    garbled(name, edits)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("strategy", "check"),
-    [(NEUTRAL, neutral), (HARMFUL, harmful), (LOSSY, lossy), (GARBLED, garbled), (SPEED, fast_or_careful)],
-    ids=["neutral", "harmful", "lossy", "garbled", "fast or careful"],
-)
+@slow
+@pytest.mark.parametrize(("strategy", "check"), CASES)
 def test_thoroughly(strategy: Callable, check: Callable) -> None:
     THOROUGH(strategy(check))()

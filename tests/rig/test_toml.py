@@ -12,7 +12,7 @@ from etcfit.errors import MeasurementError
 from etcfit.rig.base import Rig
 from etcfit.rig.config import parse_config
 from etcfit.rig.reader import digests_of, read_folder
-from etcfit.rig.toml import Toml, closest, parse, place_of, read_text, shown, written
+from etcfit.rig.toml import Toml, closest, parse, place_of, shown, written
 from folders import TOML, response
 
 TEXT = '[rig]\nname = "bench"\ngear_ratio = "20"\n\n[tests.inductance]\nseries_ohm = 1\n\n[holdout]\nfiles = 3\n'
@@ -49,20 +49,6 @@ def test_values_of_the_wrong_kind_are_refused_with_place_and_cure() -> None:
     assert FILE.number("rig.x", 10**400) == float("inf")
     assert FILE.table("absent") == {}
     assert FILE.strings("absent", "files") == ()
-
-
-@pytest.mark.parametrize(("text", "place"), [("[rig]\nname = bench\n", "a.toml:2"), ("[rig", "a.toml:1")])
-def test_text_that_is_no_toml_is_refused_with_its_line(text: str, place: str) -> None:
-    with pytest.raises(MeasurementError, match=f"{place}: .*must be valid TOML"):
-        parse(text, "a.toml")
-
-
-def test_any_unicode_is_read(tmp_path: Path) -> None:
-    for encoding in ("utf-8", "utf-8-sig", "utf-16"):
-        (tmp_path / "rig.toml").write_text('name = "größe"', encoding=encoding)
-        assert read_text(tmp_path / "rig.toml") == 'name = "größe"'
-    with pytest.raises(MeasurementError, match=r"no rig\.toml can be read here"):
-        read_text(tmp_path / "absent.toml")
 
 
 def test_a_name_is_guessed_only_where_one_is_near() -> None:

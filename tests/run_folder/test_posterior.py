@@ -17,13 +17,10 @@ from jsonschema import Draft202012Validator
 import etcfit
 import results
 from etcfit.files import write_json
-from etcfit.posterior.chain import Chain
-from etcfit.posterior.convergence import Convergence
-from etcfit.posterior.predictive import Band
+from etcfit.posterior.chain import Chain, Convergence
 from etcfit.posterior.profile import Profile
-from etcfit.posterior.sampling import Posterior
+from etcfit.posterior.sampling import Band, Posterior, apart
 from etcfit.posterior.settings import SamplingSettings
-from etcfit.posterior.summary import apart
 from etcfit.posterior.target import Target
 from etcfit.ranges import from_json
 from etcfit.reporting.pictures import file_name
@@ -49,7 +46,7 @@ def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
     chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, STEPS)
     factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
     known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, factors)
-    return Posterior(fit, known, chain, Convergence.of(chain.ensembles))
+    return Posterior(fit, known, chain, Convergence.judge(chain.ensembles))
 
 
 @pytest.fixture
@@ -99,7 +96,7 @@ def test_what_is_not_identifiable_gets_no_number_but_its_profile(
 
 
 def test_a_chain_that_is_too_short_says_so_everywhere(posterior: Posterior) -> None:
-    short = replace(posterior, convergence=Convergence.of([_shorter(e) for e in posterior.chain.ensembles]))
+    short = replace(posterior, convergence=Convergence.judge([_shorter(e) for e in posterior.chain.ensembles]))
     found = posterior_json(short, {}, [])
     assert found["converged"] is False
     assert any("NO POSTERIOR YET" in text for text in found["warnings"])

@@ -14,7 +14,7 @@ import results
 from etcfit.control.pid import RULES
 from etcfit.control.settings import DesignSettings
 from etcfit.estimation.result import FitResult
-from etcfit.exporting.formats import FORMATS
+from etcfit.exporting import FORMATS
 from etcfit.model.rig_effects import rig_effect
 from etcfit.rig.base import Rig
 from etcfit.run_folder.state import save_fit

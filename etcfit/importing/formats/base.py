@@ -1,12 +1,13 @@
-"""What every format offers, and what it says when it cannot be read."""
+"""What every format offers, what it says when it cannot be read, and what several of them do alike."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ...errors import MeasurementError
 from ..sheet import Sheet
 
 MOST_BYTES = 256 * 10**6  # of a recording, unpacked: six channels at 50 kHz for 100 s
+_ANOTHER_RATE = 0.5  # of the longest channel's values: fewer are another rate, not an end that is missing
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,21 @@ def unreadable(where: str, found: str, kind: str, error: Exception | None = None
 
 
 @contextmanager
+def reading(source: Source, kind: str) -> Iterator[None]:
+    """Whatever a library's parser makes of bytes that are no such file becomes a message on it.
+
+    Raises:
+        MeasurementError: in place of any other exception.
+    """
+    try:
+        yield
+    except MeasurementError:
+        raise
+    except Exception as err:
+        raise unreadable(source.where, "it cannot be read", kind, err) from err
+
+
+@contextmanager
 def warnings_of(*names: str) -> Iterator[list[str]]:
     """What libraries warn of while they read, kept from the terminal.
 
@@ -109,3 +126,61 @@ def seconds(instants: np.ndarray) -> np.ndarray:
     if not there.any():
         return np.full(instants.size, np.nan)
     return np.where(there, (instants - instants[there][0]) / np.timedelta64(1, "s"), np.nan)
+
+
+def flat_numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
+    """Dotted names and numbers of nested dictionaries."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from flat_numbers(inner, f"{name}.{key}" if name else key)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield name, float(value)
+
+
+def common_rows(source: Source, instants: Sequence[np.ndarray], columns: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Channels at rates of their own as one table: every instant of any of them a row.
+
+    Args:
+        source: whose numbers these are.
+        instants: of each channel.
+        columns: that the table will have besides its time.
+    Returns:
+        all instants, rising, shape (n,), and the rows of each channel's own.
+    Raises:
+        MeasurementError: the table would be too large.
+    """
+    every = np.unique(np.concatenate(instants))
+    source.refuse_larger(8 * every.size * (1 + columns))
+    return every, [np.searchsorted(every, own) for own in instants]
+
+
+def with_gaps(count: int, rows: np.ndarray, values: Any) -> np.ndarray:
+    """Values in these rows, shape (count,); NaN elsewhere."""
+    out = np.full(count, np.nan)
+    out[rows] = values
+    return out
+
+
+def common_ends(names: Sequence[str], found: Sequence[int], said: Sequence[int]) -> tuple[list[int], tuple[str, ...]]:
+    """Where channels end that were recorded together, in a file that may be cut off or damaged.
+
+    Channels of which the file says the same number of values belong together; so do those of about one length.
+
+    Args:
+        names: of the channels.
+        found: values of each.
+        said: values that the file itself says each has; 0 where it says nothing.
+    Returns:
+        rows of each that all of its group have, and what the others lack, each in a sentence.
+    """
+    longest = max((n for n, each in zip(found, said, strict=True) if not each), default=0)
+    keys = [(each, each or (0 if n >= _ANOTHER_RATE * longest else n)) for n, each in zip(found, said, strict=True)]
+    groups = {key: [k for k, each in enumerate(keys) if each == key] for key in keys}
+    missing = []
+    for group in groups.values():
+        short, full = (pick(group, key=lambda k: found[k]) for pick in (min, max))
+        if found[short] < said[short]:
+            missing.append(f"it says that '{names[short]}' has {said[short]} values, and holds {found[short]}")
+        elif found[short] < found[full]:
+            missing.append(f"'{names[full]}' has {found[full]} values, '{names[short]}' has {found[short]}")
+    return [min(found[k] for k in groups[key]) for key in keys], tuple(f"rows are missing: {each}" for each in missing)

@@ -14,19 +14,18 @@ neither library reads.
 from __future__ import annotations
 
 import math
+import struct
 import warnings
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import MeasurementError
-from ..labels import column
-from ..sheet import Column, Sheet, time_base
-from . import mat_size
-from .base import Format, Source, unreadable
+from ..sheet import Column, Sheet, column, time_base
+from .base import Format, Source, reading, unreadable
 
 _KIND = "a MATLAB file of vectors or structures of vectors"
 _STEP = ("Tinterval", "Ts", "dt", "T_s", "sample_time")
@@ -35,64 +34,53 @@ _START = ("Tstart", "t0")
 _FEWEST = 3  # values of a vector to be a signal
 _WIDEST = 64  # columns of a matrix of signals
 _DEEPEST = 32  # structures within structures
+_ODD = {"MATLAB_object_decode": "a MATLAB object", "MATLAB_sparse": "sparse"}
+_HEADER = 128
+_ARRAY, _COMPRESSED = 14, 15
+_SIZES_AT = 24  # in an array: behind its own tag and its flags
+_ENOUGH = 512  # bytes of an array that hold its tags
+_MOST_SHRUNK = 100
+_NUMERIC = range(6, 16)  # classes: double to uint64
 _APART = 0.9  # of a vector's length: one that is shorter by less ends too early, one by more is something else
 
 
-@dataclass
-class _Tree:
-    """What a file holds, by name, and what of it cannot be read."""
-
-    inside: Mapping[str, Any] = field(default_factory=dict)
-    missing: list[str] = field(default_factory=list)
-
-
 def _read(source: Source) -> list[Sheet]:
-    try:
-        tree = _hdf5(source) if _is_hdf5(source.path) else _level_5(source)
-        sheets = [sheet for part, scope in _scopes(tree.inside) for sheet in _sheets(source.where, part, scope, tree)]
-    except MeasurementError:
-        raise
-    except Exception as err:  # whatever a parser makes of bytes that are no such file
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
-    if tree.missing and not sheets:
-        raise unreadable(source.where, "; ".join(tree.missing), _KIND)
+    missing: list[str] = []
+    with reading(source, _KIND):
+        with source.path.open("rb") as file:
+            is_hdf5 = b"MATLAB 7.3" in file.read(128)  # behind a block of 512 bytes
+        inside = _hdf5(source, missing) if is_hdf5 else _level_5(source, missing)
+        sheets = [sheet for part, scope in _scopes(inside) for sheet in _sheets(source.where, part, scope, missing)]
+    if missing and not sheets:
+        raise unreadable(source.where, "; ".join(missing), _KIND)
     return sheets
 
 
-def _is_hdf5(path: Path) -> bool:
-    """A v7.3 file is HDF5 behind a block of 512 bytes."""
-    with path.open("rb") as file:
-        return b"MATLAB 7.3" in file.read(128)
-
-
-def _level_5(source: Source) -> _Tree:
+def _level_5(source: Source, missing: list[str]) -> dict[str, Any]:
     import scipy.io
 
-    source.refuse_larger(mat_size.unpacked(source.path))
+    source.refuse_larger(_unpacked(source.path))
     with warnings.catch_warnings(record=True) as odd:
         warnings.simplefilter("always")
         content = scipy.io.loadmat(source.path, simplify_cells=True)
-    tree = _Tree({name: value for name, value in content.items() if not name.startswith("__")})
-    tree.missing += [str(each.message) for each in odd]
-    return _Tree(_plain(source, tree, tree.inside, ""), tree.missing)
+    missing += [str(each.message) for each in odd]
+    return _plain(source, missing, {name: value for name, value in content.items() if not name.startswith("__")}, "")
 
 
-def _plain(source: Source, tree: _Tree, scope: Mapping[str, Any], part: str) -> dict[str, Any]:
+def _plain(source: Source, missing: list[str], scope: Mapping[str, Any], part: str) -> dict[str, Any]:
     """The structure without what is no number, text or structure; sparse arrays made full."""
     out: dict[str, Any] = {}
     for name, value in scope.items():
         path = f"{part}.{name}" if part else name
         if isinstance(value, Mapping):
-            out[name] = _plain(source, tree, value, path)
+            out[name] = _plain(source, missing, value, path)
         elif hasattr(value, "toarray"):
             source.refuse_larger(8 * math.prod(value.shape))
             out[name] = value.toarray()
         elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in "cV":
-            tree.missing.append(
-                f"'{path}' cannot be read: it is complex, or a MATLAB object (save a structure of vectors)"
-            )
+            missing.append(f"'{path}' cannot be read: it is complex, or a MATLAB object (save a structure of vectors)")
         elif isinstance(value, np.ndarray) and value.dtype.kind == "O" and any(_is_vector(each) for each in value.flat):
-            tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
+            missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
         else:
             out[name] = value
     return out
@@ -103,14 +91,12 @@ def _is_vector(value: Any) -> bool:
     return dtype is not None and dtype.kind in "iuf" and value.size >= _FEWEST
 
 
-def _hdf5(source: Source) -> _Tree:
+def _hdf5(source: Source, missing: list[str]) -> dict[str, Any]:
     import h5py
 
-    tree = _Tree()
     with h5py.File(source.path, "r") as file:
         source.refuse_larger(8 * sum(each.size or 0 for each in _datasets(source, h5py, file, "", 0)))
-        tree.inside = _branch(tree, h5py, file, "")
-    return tree
+        return _branch(missing, h5py, file, "")
 
 
 def _datasets(source: Source, h5py: Any, group: Any, part: str, depth: int) -> Iterator[Any]:
@@ -133,7 +119,7 @@ def _datasets(source: Source, h5py: Any, group: Any, part: str, depth: int) -> I
             yield value
 
 
-def _branch(tree: _Tree, h5py: Any, group: Any, part: str) -> dict[str, Any]:
+def _branch(missing: list[str], h5py: Any, group: Any, part: str) -> dict[str, Any]:
     """A structure; MATLAB writes arrays the other way round, and texts as numbers of letters."""
     out: dict[str, Any] = {}
     for name, value in group.items():
@@ -142,42 +128,41 @@ def _branch(tree: _Tree, h5py: Any, group: Any, part: str) -> dict[str, Any]:
         if name.startswith("#") or "MATLAB_empty" in value.attrs or not isinstance(value, h5py.Group | h5py.Dataset):
             continue
         if odd or getattr(getattr(value, "dtype", None), "kind", "") == "V":
-            tree.missing.append(f"'{path}' cannot be read: it is {odd or 'complex'}")
+            missing.append(f"'{path}' cannot be read: it is {odd or 'complex'}")
         elif isinstance(value, h5py.Group):
-            out[name] = _branch(tree, h5py, value, path)
+            out[name] = _branch(missing, h5py, value, path)
         elif value.attrs.get("MATLAB_class", b"") == b"char":
-            out[name] = _text(np.ravel(value[()]))
+            # what is no text becomes a question mark
+            out[name] = np.asarray(np.ravel(value[()]), dtype="<u2").tobytes().decode("utf-16-le", "replace")
         elif value.dtype.kind in "iuf":
             out[name] = np.asarray(value[()]).T
-        elif value.attrs.get("MATLAB_class", b"") == b"cell" and any(_holds_vector(value)):
-            tree.missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
+        elif value.attrs.get("MATLAB_class", b"") == b"cell" and any(_refers_to_vectors(value)):
+            missing.append(f"'{path}' cannot be read: it is a cell array of vectors")
     return out
 
 
-def _holds_vector(cell: Any) -> Iterator[bool]:
+def _refers_to_vectors(cell: Any) -> Iterator[bool]:
     """For each array that a cell array refers to: whether it is a vector of numbers."""
     for reference in np.ravel(cell[()]):
         value = cell.file[reference]
         yield value.attrs.get("MATLAB_class", b"") != b"char" and _is_vector(value)
 
 
-_ODD = {"MATLAB_object_decode": "a MATLAB object", "MATLAB_sparse": "sparse"}
-
-
-def _text(letters: np.ndarray) -> str:
-    """A text from its UTF-16 numbers; what is none becomes a question mark."""
-    return np.asarray(letters, dtype="<u2").tobytes().decode("utf-16-le", "replace")
-
-
 def _scopes(tree: Mapping[str, Any], part: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Each structure with what it holds itself; a Simulink structure flattened."""
-    yield part, _simulink(tree) if {"time", "signals"} <= set(tree) else tree
     series = {
         name: value for name, value in tree.items() if isinstance(value, Mapping) and {"Time", "Data"} <= set(value)
     }
+    if is_simulink := {"time", "signals"} <= set(tree):
+        signals = tree["signals"]
+        listed = [signals] if isinstance(signals, Mapping) else list(signals)
+        named = {str(each.get("label") or f"signal {k + 1}"): each["values"] for k, each in enumerate(listed)}
+        yield part, {"time": tree["time"], **named}
+    else:
+        yield part, tree
     yield from ((part, each) for each in _of_equal_times(series))
     for name, value in tree.items():
-        if name not in series and isinstance(value, Mapping) and not ({"time", "signals"} <= set(tree)):
+        if name not in series and isinstance(value, Mapping) and not is_simulink:
             yield from _scopes(value, f"{part}.{name}" if part else name)
 
 
@@ -191,14 +176,7 @@ def _of_equal_times(series: Mapping[str, Mapping[str, Any]]) -> list[dict[str, A
     return list(found.values())
 
 
-def _simulink(tree: Mapping[str, Any]) -> Mapping[str, Any]:
-    signals = tree["signals"]
-    listed = [signals] if isinstance(signals, Mapping) else list(signals)
-    named = {str(each.get("label") or f"signal {k + 1}"): each["values"] for k, each in enumerate(listed)}
-    return {"time": tree["time"], **named}
-
-
-def _sheets(where: str, part: str, scope: Mapping[str, Any], tree: _Tree) -> list[Sheet]:
+def _sheets(where: str, part: str, scope: Mapping[str, Any], missing: Sequence[str]) -> list[Sheet]:
     """Vectors of one length belong together."""
     by_length: dict[int, list[Column]] = {}
     for name, value in scope.items():
@@ -211,7 +189,7 @@ def _sheets(where: str, part: str, scope: Mapping[str, Any], tree: _Tree) -> lis
     for length, columns in by_length.items():
         made = columns if clock is None else [time_base(clock[0] + clock[1] * np.arange(length)), *columns]
         told = f"{part} ({length} samples)".strip() if several else part
-        out.append(Sheet(where, told, tuple(made), missing=(*tree.missing, *lacking)))
+        out.append(Sheet(where, told, tuple(made), missing=(*missing, *lacking)))
     return out
 
 
@@ -249,16 +227,56 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 def _clock(scope: Mapping[str, Any]) -> tuple[float, float] | None:
     """Start and step, s, where the file gives them as numbers."""
-    step = _number(scope, _STEP)
-    rate = _number(scope, _RATE)
+
+    def number(names: tuple[str, ...]) -> float | None:
+        found = (np.asarray(scope[name]) for name in names if name in scope and not isinstance(scope[name], Mapping))
+        return next((float(each.ravel()[0]) for each in found if each.size == 1 and each.dtype.kind in "iuf"), None)
+
+    step, rate = number(_STEP), number(_RATE)
     if step is None and rate:
         step = 1.0 / rate
-    return None if not step else (_number(scope, _START) or 0.0, step)
+    return None if not step else (number(_START) or 0.0, step)
 
 
-def _number(scope: Mapping[str, Any], names: tuple[str, ...]) -> float | None:
-    found = (np.asarray(scope[name]) for name in names if name in scope and not isinstance(scope[name], Mapping))
-    return next((float(each.ravel()[0]) for each in found if each.size == 1 and each.dtype.kind in "iuf"), None)
+def _unpacked(path: Path) -> int:
+    """How large a level 5 file unpacks, by its own tags: a few bytes of each variable are unpacked for that.
+
+        file      128 bytes, the last two "IM" or "MI" for the order of bytes; then variables
+        variable  type, length, content: an array (14), or one compressed (15)
+        array     type 14, length; flags (6, 8, class, 0); sizes (5, 4 n, n_1 .. n_n); name; content
+
+    Source: MathWorks, MAT-file level 5 format. Differs from source: no.
+    Returns:
+        bytes in memory of all its variables, numbers as float64; the file's own size where it is no such file.
+    """
+    size, at, total = path.stat().st_size, _HEADER, 0
+    with path.open("rb") as file:
+        order = {b"IM": "<", b"MI": ">"}.get(file.read(_HEADER)[-2:])
+        while order and at + 8 <= size:
+            file.seek(at)
+            kind, length = struct.unpack(f"{order}II", file.read(8))
+            head = file.read(min(length, _ENOUGH))
+            if kind == _COMPRESSED:
+                head = zlib.decompressobj().decompress(head, _ENOUGH)
+            elif kind == _ARRAY:
+                head = struct.pack(f"{order}II", kind, length) + head
+            total += _of_array(head, order, length)
+            at += 8 + length
+    return total or size
+
+
+def _of_array(head: bytes, order: str, stored: int) -> int:
+    """Bytes of one array: what it says of its numbers, or of its whole content where it holds other arrays.
+
+    These may be numbers of a byte, eight in memory; nobody's measurements shrink to a hundredth.
+    """
+    if len(head) < _SIZES_AT + 8:
+        return len(head)
+    content, kind = struct.unpack_from(f"{order}I", head, 4)[0], head[16 if order == "<" else 19]
+    n = struct.unpack_from(f"{order}I", head, _SIZES_AT + 4)[0] // 4
+    if kind not in _NUMERIC or len(head) < _SIZES_AT + 8 + 4 * n:
+        return content if content < _MOST_SHRUNK * stored else 8 * content
+    return max(content, 8 * math.prod(struct.unpack_from(f"{order}{n}I", head, _SIZES_AT + 8)))
 
 
 FORMAT = Format("MATLAB", (".mat",), _read)

@@ -14,14 +14,13 @@ import struct
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...errors import MeasurementError
-from ..labels import column
-from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, unreadable
+from ..sheet import Column, Sheet, column, time_base
+from .base import Format, Source, common_rows, flat_numbers, reading, unreadable, with_gaps
 
 _KIND = "an MCAP file"
 _MAGIC = b"\x89MCAP0\r\n"  # at both ends of a whole file
@@ -42,30 +41,36 @@ class _Channel:
     published: array[int] = field(default_factory=lambda: array("Q"))
     numbers: dict[str, tuple[array[int], array[float]]] = field(default_factory=dict)
 
+    def add(self, message: Any) -> None:
+        place = len(self.logged)
+        self.logged.append(message.log_time)
+        self.published.append(message.publish_time)
+        for name, number in flat_numbers(json.loads(message.data)):
+            places, values = self.numbers.setdefault(name, (array("q"), array("d")))
+            places.append(place)
+            values.append(number)
+
 
 def _read(source: Source) -> list[Sheet]:
     from mcap import reader
 
     _check_ends(source)
-    counts = _counts(source)
-    source.refuse_larger(counts.unpacked)
+    unpacked, messages = _counts(source)
+    source.refuse_larger(unpacked)
     channels: dict[int, _Channel] = {}
     others: dict[str, str] = {}
     read = 0
-    try:
-        with source.path.open("rb") as stream:
-            for schema, channel, message in reader.make_reader(stream, validate_crcs=True).iter_messages():
-                read += 1
-                if channel.message_encoding != "json":
-                    others[channel.topic] = channel.message_encoding
-                    continue
-                if channel.id not in channels:
-                    channels[channel.id] = _Channel(channel.topic, _units(schema, channel))
-                _add(channels[channel.id], message)
-    except Exception as err:  # whatever its parser makes of damaged bytes, or json of a message that is none
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
-    if counts.messages is not None and read != counts.messages:
-        raise unreadable(source.where, f"it says that it has {counts.messages} messages, and holds {read}", _KIND)
+    with reading(source, _KIND), source.path.open("rb") as stream:
+        for schema, channel, message in reader.make_reader(stream, validate_crcs=True).iter_messages():
+            read += 1
+            if channel.message_encoding != "json":
+                others[channel.topic] = channel.message_encoding
+                continue
+            if channel.id not in channels:
+                channels[channel.id] = _Channel(channel.topic, _units(schema, channel))
+            channels[channel.id].add(message)
+    if messages is not None and read != messages:
+        raise unreadable(source.where, f"it says that it has {messages} messages, and holds {read}", _KIND)
     told = ", ".join(f"'{topic}' ({encoding or 'none named'})" for topic, encoding in others.items())
     if others and not channels:
         raise MeasurementError(source.where, f"no channel can be read; message encodings: {told}.",
@@ -76,15 +81,10 @@ def _read(source: Source) -> list[Sheet]:
     return [Sheet(source.where, "", together, remarks, missing=unread)]
 
 
-class _Counts(NamedTuple):
-    """What a file says of itself: bytes of its chunks, unpacked, and messages; None where it does not say."""
+def _counts(source: Source) -> tuple[int, int | None]:
+    """What a file says of itself: bytes of its chunks, unpacked, and messages; None where it does not say.
 
-    unpacked: int
-    messages: int | None
-
-
-def _counts(source: Source) -> _Counts:
-    """By the heads of its records, none of which is unpacked.
+    By the heads of its records, none of which is unpacked.
 
     Raises:
         MeasurementError: the records do not fill the file.
@@ -105,7 +105,7 @@ def _counts(source: Source) -> _Counts:
             at += _RECORD.size + length
     if at != size - len(_MAGIC):
         raise unreadable(source.where, "its records do not fill it", _KIND)
-    return _Counts(unpacked, messages)
+    return unpacked, messages
 
 
 def _check_ends(source: Source) -> None:
@@ -120,25 +120,6 @@ def _check_ends(source: Source) -> None:
         raise MeasurementError(source.where, "it is truncated: the mark at its end is missing.",
                                f"It must be {_KIND} that was closed.",
                                "Copy it again, or save what is whole: mcap recover FILE -o WHOLE.mcap.")  # fmt: skip
-
-
-def _add(channel: _Channel, message: Any) -> None:
-    place = len(channel.logged)
-    channel.logged.append(message.log_time)
-    channel.published.append(message.publish_time)
-    for name, number in _numbers(json.loads(message.data), ""):
-        places, values = channel.numbers.setdefault(name, (array("q"), array("d")))
-        places.append(place)
-        values.append(number)
-
-
-def _numbers(value: Any, name: str) -> Iterator[tuple[str, float]]:
-    """Dotted names and numbers of a message."""
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from _numbers(inner, f"{name}.{key}" if name else key)
-    elif isinstance(value, int | float) and not isinstance(value, bool):
-        yield name, float(value)
 
 
 def _units(schema: Any, channel: Any) -> dict[str, str]:
@@ -169,31 +150,24 @@ def _united(source: Source, channels: list[_Channel]) -> tuple[tuple[Column, ...
     times = [np.array(each.published if by_publishing else each.logged, dtype=np.uint64) for each in channels]
     first = min(each.min() for each in times)
     instants = [((each - first + np.uint64(_TICK // 2)) // np.uint64(_TICK)).astype(np.int64) for each in times]
-    ticks = np.unique(np.concatenate(instants))
     names = [name for each in channels for name in each.numbers]
-    source.refuse_larger(8 * ticks.size * (1 + len(names)))
+    ticks, places = common_rows(source, instants, len(names))
     columns = []
-    for channel, own in zip(channels, instants, strict=True):
-        if lost := own.size - np.unique(own).size:
+    for channel, rows in zip(channels, places, strict=True):
+        if lost := rows.size - np.unique(rows).size:
             remarks.append(f"'{channel.topic}': of messages at one instant the last counts; {lost} left out")
-        rows = np.searchsorted(ticks, own)
-        for name, (places, numbers) in channel.numbers.items():
-            values = np.full(ticks.size, np.nan)
-            values[rows[np.array(places)]] = numbers
-            columns.append(_column(channel, name, values, alone=names.count(name) == 1))
+        for name, (own, numbers) in channel.numbers.items():
+            values = with_gaps(ticks.size, rows[np.array(own)], numbers)
+            # called by its path; guessed by its field, and by its topic where the field does not tell
+            path = f"{channel.topic}.{name}" if name else channel.topic
+            told = name if names.count(name) == 1 and name and name not in _NAMELESS else path
+            made = column(told, values, channel.units.get(name) or channel.units[""])
+            columns.append(replace(made, label=path))
     return (time_base(1e-9 * _TICK * ticks), *columns), tuple(remarks)
 
 
 def _shared(times: Sequence[int]) -> bool:
     return len({time // _TICK for time in times}) < len(times)
-
-
-def _column(channel: _Channel, name: str, values: np.ndarray, alone: bool) -> Column:
-    """Called by its path; guessed by its field, and by its topic where the field does not tell."""
-    path = f"{channel.topic}.{name}" if name else channel.topic
-    unit = channel.units.get(name) or channel.units[""]
-    told = name if alone and name and name not in _NAMELESS else path
-    return replace(column(told, values, unit), label=path)
 
 
 FORMAT = Format("MCAP", (".mcap",), _read, "mcap")

@@ -16,34 +16,35 @@ from typing import Any
 import numpy as np
 
 from ...errors import MeasurementError
-from ..labels import column
-from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, unreadable, warnings_of
+from ..sheet import Column, Sheet, column, time_base
+from .base import Format, Source, common_rows, reading, warnings_of, with_gaps
 
 _KIND = "a measurement file of ASAM MDF"
 _TICK = 6  # decimals of a second: instants nearer than a microsecond are one
-_FRAMES = ("CAN_", "LIN_")  # names of a bus log's raw parts
+_FRAMES = ("CAN_", "LIN_")  # names of a bus log's raw parts, whose numbers mean nothing
 _FLAGS = slice(60, 64)  # of the file's first block: what its logger left undone
 
 
 def _read(source: Source) -> list[Sheet]:
     import asammdf
 
-    with _opened(source.path) as stream, warnings_of("asammdf") as odd:
+    with reading(source, _KIND), _opened(source.path) as stream, warnings_of("asammdf") as odd:
         try:
             with asammdf.MDF(stream) as mdf:
-                _refuse_large(source, mdf)
+                groups = [(group.channel_group.cycles_nr, len(group.channels)) for group in mdf.groups]
+                source.refuse_larger(sum(8 * cycles * channels for cycles, channels in groups))
                 signals = _signals(mdf, odd)
                 if source.buses:
                     databases: Any = {"CAN": [(str(path), 0) for path in source.buses]}
                     with mdf.extract_bus_logging(databases) as decoded:
-                        signals = [*_decoded_only(signals), *_signals(decoded, odd)]
-        except MeasurementError:
+                        signals = [*_meant(signals), *_signals(decoded, odd)]
+        except Exception as err:
+            # what asammdf was building when it failed is closed: else its destructor fails too, and prints that
+            for frame, _ in traceback.walk_tb(err.__traceback__):
+                with suppress(Exception):
+                    frame.f_locals["self"].close()  # a second call returns at once
             raise
-        except Exception as err:  # its parser raises whatever it meets in a damaged file
-            _close_half_opened(err)
-            raise unreadable(source.where, "it cannot be read", _KIND, err) from err
-    if signals and not _decoded_only(signals):
+    if signals and not _meant(signals):
         raise MeasurementError(source.where, "a bus log: frames, and nothing that says what they mean.",
                                "Signals are required, or the DBC that decodes them.",
                                "Name the .dbc among the files.")  # fmt: skip
@@ -58,17 +59,8 @@ def _opened(path: Path) -> io.BytesIO | io.BufferedReader:
     return io.BytesIO(path.read_bytes()) if any(head[_FLAGS]) else path.open("rb")
 
 
-def _close_half_opened(error: Exception) -> None:
-    """Close what asammdf was building when it failed: else its destructor fails too, and prints that."""
-    for frame, _ in traceback.walk_tb(error.__traceback__):
-        with suppress(Exception):
-            frame.f_locals["self"].close()  # a second call returns at once
-
-
-def _refuse_large(source: Source, mdf: Any) -> None:
-    """Refuse a file by its own counts, which a few compressed bytes can make very large."""
-    groups = [(group.channel_group.cycles_nr, len(group.channels)) for group in mdf.groups]
-    source.refuse_larger(sum(8 * cycles * channels for cycles, channels in groups))
+def _meant(signals: list[Any]) -> list[Any]:
+    return [signal for signal in signals if not signal.name.startswith(_FRAMES)]
 
 
 def _signals(mdf: Any, odd: list[str]) -> list[Any]:
@@ -76,7 +68,7 @@ def _signals(mdf: Any, odd: list[str]) -> list[Any]:
 
     Args:
         mdf: of asammdf.
-        odd: is told of arrays, which cannot be read.
+        odd: gets a sentence on each array, which cannot be read.
     Raises:
         ValueError: a group does not hold as many rows as it says, or its time falls.
     """
@@ -100,23 +92,15 @@ def _signals(mdf: Any, odd: list[str]) -> list[Any]:
     return found
 
 
-def _decoded_only(signals: list[Any]) -> list[Any]:
-    """Without the raw parts of the frames, whose numbers mean nothing."""
-    return [signal for signal in signals if not signal.name.startswith(_FRAMES)]
-
-
 def _united(source: Source, signals: list[Any]) -> tuple[tuple[Column, ...], tuple[str, ...]]:
     if not signals:
         return (), ()
     instants = [np.round(np.asarray(signal.timestamps, dtype=float), _TICK) for signal in signals]
-    time = np.unique(np.concatenate(instants))
-    source.refuse_larger(8 * time.size * (1 + len(signals)))
+    time, places = common_rows(source, instants, len(signals))
     columns, remarks = [], []
-    for signal, own in zip(signals, instants, strict=True):
-        values = np.full(time.size, np.nan)
-        values[np.searchsorted(time, own)] = signal.samples
-        columns.append(column(signal.name, values, signal.unit))
-        if lost := own.size - np.unique(own).size:
+    for signal, rows in zip(signals, places, strict=True):
+        columns.append(column(signal.name, with_gaps(time.size, rows, signal.samples), signal.unit))
+        if lost := rows.size - np.unique(rows).size:
             remarks.append(f"'{signal.name}': of samples at one instant the last counts; {lost} left out")
     return (time_base(time), *columns), tuple(remarks)
 

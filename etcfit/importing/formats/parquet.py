@@ -7,33 +7,27 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...errors import MeasurementError
 from ...rig.rows import is_number
-from ..labels import column
-from ..sheet import Column, Sheet
-from .base import Format, Source, seconds, unreadable
+from ..sheet import Column, Sheet, column
+from .base import Format, Source, reading, seconds, unreadable
 
 _KIND = "a Parquet file"
 _UNITS = (b"unit", b"units", b"Unit")
 _TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # of Arrow's times, s
 _LOOKED_AT = 1000  # texts of a column, to see whether they are numbers
+_NO_SIGNAL = ("texts", "truth values", "it is empty")
 
 
 def _read(source: Source) -> list[Sheet]:
     from pyarrow import parquet
 
-    try:
-        with parquet.ParquetFile(source.path, page_checksum_verification=True) as file:
-            rows, told = file.metadata.num_rows, {field.name: _told(file, field) for field in file.schema_arrow}
-            wanted = [name for name, why in told.items() if not why]
-            source.refuse_larger(8 * rows * len(wanted))
-            table = file.read(columns=wanted)
-            fields = [(field, k) for k, field in enumerate(table.schema) if not told.get(field.name, "nested")]
-            made = tuple(_column(field, table.column(k)) for field, k in fields)
-    except MeasurementError:
-        raise
-    except Exception as err:  # whatever its parser makes of bytes that are no such file
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
+    with reading(source, _KIND), parquet.ParquetFile(source.path, page_checksum_verification=True) as file:
+        rows, told = file.metadata.num_rows, {field.name: _why_no_signal(file, field) for field in file.schema_arrow}
+        wanted = [name for name, why in told.items() if not why]
+        source.refuse_larger(8 * rows * len(wanted))
+        table = file.read(columns=wanted)
+        fields = [(field, k) for k, field in enumerate(table.schema) if not told.get(field.name, "nested")]
+        made = tuple(_column(field, table.column(k)) for field, k in fields)
     if made and table.num_rows != rows:
         raise unreadable(source.where, f"it says that it has {rows} rows, and holds {table.num_rows}", _KIND)
     remarks = tuple(f"'{name}' is left out: {why}" for name, why in told.items() if why in _NO_SIGNAL)
@@ -41,10 +35,7 @@ def _read(source: Source) -> list[Sheet]:
     return [Sheet(source.where, "", made, remarks, missing=missing)]
 
 
-_NO_SIGNAL = ("texts", "truth values", "it is empty")
-
-
-def _told(file: Any, field: Any) -> str:
+def _why_no_signal(file: Any, field: Any) -> str:
     """Why a field is no column of numbers; "" where it is one."""
     from pyarrow import types
 
@@ -55,14 +46,9 @@ def _told(file: Any, field: Any) -> str:
         return "it is empty"
     if types.is_boolean(kind):
         return "truth values"
-    if types.is_string(kind) or types.is_large_string(kind):
-        return _of_texts(file, field.name)
-    return f"its type is {field.type}"
-
-
-def _of_texts(file: Any, name: str) -> str:
-    """Why texts are no column of numbers; "" where each is a number."""
-    batch = next(file.iter_batches(_LOOKED_AT, columns=[name]), None)
+    if not (types.is_string(kind) or types.is_large_string(kind)):
+        return f"its type is {field.type}"
+    batch = next(file.iter_batches(_LOOKED_AT, columns=[field.name]), None)
     texts = [text for text in (batch.column(0).to_pylist() if batch is not None else ()) if text]
     if not texts or not all(is_number(text) for text in texts):
         return "texts"

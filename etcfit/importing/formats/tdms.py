@@ -15,11 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import MeasurementError
-from ..labels import column
-from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, seconds, unreadable, warnings_of
-from .ends import common_ends
+from ..sheet import Column, Sheet, column, time_base
+from .base import Format, Source, common_ends, reading, seconds, unreadable, warnings_of
 
 _KIND = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
@@ -32,17 +29,16 @@ _BIG_ENDIAN, _NEVER_CLOSED = 1 << 6, (1 << 64) - 1
 def _read(source: Source) -> list[Sheet]:
     import nptdms
 
-    try:
+    with (
+        reading(source, _KIND),
         # a stream, for beside a path nptdms would believe an index file, however old
-        with source.path.open("rb") as stream, warnings_of(*_LOGGERS) as odd, nptdms.TdmsFile.open(stream) as file:
-            channels = [channel for group in file.groups() for channel in group.channels()]
-            source.refuse_larger(sum(8 * len(channel) for channel in channels))
-            cut = _cut(source.path)
-            sheets = [sheet for group in file.groups() for sheet in _sheets(source.where, file, group, cut)]
-    except MeasurementError:
-        raise
-    except Exception as err:  # whatever its parser makes of bytes that are no such file
-        raise unreadable(source.where, "it cannot be read", _KIND, err) from err
+        source.path.open("rb") as stream,
+        warnings_of(*_LOGGERS) as odd,
+        nptdms.TdmsFile.open(stream) as file,
+    ):
+        source.refuse_larger(sum(8 * len(channel) for group in file.groups() for channel in group.channels()))
+        cut = _cut(source.path)
+        sheets = [sheet for group in file.groups() for sheet in _sheets(source.where, file, group, cut)]
     if odd and not cut:
         raise unreadable(source.where, f"its counts do not fit its data ({odd[0]})", _KIND)
     return sheets
@@ -82,15 +78,15 @@ def _sheets(where: str, file: Any, group: Any, cut: str) -> list[Sheet]:
     for (first, step), channels in by_clock.items():
         found = [len(each) for each in channels]
         said = [_said(each, lost) for each in channels]
-        ends = common_ends([each.name for each in channels], found, said)
+        ends, lacking = common_ends([each.name for each in channels], found, said)
         together: dict[int, list[Column]] = {}
-        for channel, kept in zip(channels, ends.kept, strict=True):
+        for channel, kept in zip(channels, ends, strict=True):
             together.setdefault(kept, []).append(_column(channel, kept))
         for length, columns in together.items():
             several = len(by_clock) > 1 or len(together) > 1
             told = " ".join(filter(None, (part, columns[0].name if several else "")))
             time = (time_base(first + step * np.arange(length)),) if step > 0.0 else ()
-            out.append(Sheet(where, told, (*time, *columns), missing=(*missing, *ends.missing)))
+            out.append(Sheet(where, told, (*time, *columns), missing=(*missing, *lacking)))
     return out
 
 

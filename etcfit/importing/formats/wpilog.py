@@ -23,9 +23,8 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from ...errors import MeasurementError
-from ..labels import column
-from ..sheet import Column, Sheet, time_base
-from .base import Format, Source, unreadable
+from ..sheet import Sheet, column, time_base
+from .base import Format, Source, common_rows, unreadable, with_gaps
 
 _KIND = "a WPILib data log"
 _HEADER = struct.Struct("<6sHI")
@@ -153,7 +152,7 @@ def _unit(metadata: str) -> str:
 
 def _by_motor(entries: list[_Entry], states: list[_Entry]) -> dict[str, list[tuple[str, _Entry]]]:
     """Of each motor by name what its entries are called there."""
-    routines = tuple(f"-{each.name.removeprefix(_STATE)}" for each in states)
+    routines = tuple(map(_routine, states))
     motors: dict[str, list[tuple[str, _Entry]]] = {}
     if states:  # a robot logs hundreds of other entries
         entries = [each for each in entries if each.name.endswith(routines)]
@@ -171,27 +170,31 @@ def _sheets(
     source: Source, motor: str, mine: list[tuple[str, _Entry]], states: list[_Entry], remarks: tuple[str, ...]
 ) -> list[Sheet]:
     """One a test of SysId, where it has them; else one."""
-    times = [np.asarray(entry.times, dtype=np.int64) for _, entry in mine]
-    ticks = np.unique(np.concatenate(times))
-    source.refuse_larger(8 * ticks.size * (1 + len(mine)))
+    ticks, places = common_rows(source, [np.asarray(entry.times, dtype=np.int64) for _, entry in mine], len(mine))
     columns = []
-    for (name, entry), own in zip(mine, times, strict=True):
-        values = np.full(ticks.size, np.nan)
-        values[np.searchsorted(ticks, own)] = entry.values
-        made = column(_QUANTITY.get(name, name), values, entry.unit)
+    for (name, entry), rows in zip(mine, places, strict=True):
+        made = column(_QUANTITY.get(name, name), with_gaps(ticks.size, rows, entry.values), entry.unit)
         columns.append(replace(made, label=entry.name))
-    spans = [span for state in states for span in _tests(state) if any(_is_of(entry, state) for _, entry in mine)]
+
+    def within(part: str, begin: int, end: int) -> Sheet:
+        inside = (ticks >= begin) & (ticks <= end)
+        cut = [replace(each, values=each.values[inside]) for each in columns]
+        return Sheet(source.where, part, (time_base(1e-6 * (ticks[inside] - ticks[inside][0])), *cut), remarks)
+
+    routines = [state for state in states if any(entry.name.endswith(_routine(state)) for _, entry in mine)]
+    spans = [span for state in routines for span in _tests(state)]
     if not spans:
-        return [Sheet(source.where, motor, (time_base(1e-6 * (ticks - ticks[0])), *columns), remarks)]
+        return [within(motor, ticks[0], ticks[-1])]
     made, free = [], 0  # from where on no test runs
     for test, begin, end in spans:
-        made.append(_within(source, motor, test, max(free, begin - _LEAD), end, ticks, columns, remarks))
+        made.append(within(f"{motor}: {test}", max(free, begin - _LEAD), end))
         free = end + 1
     return made
 
 
-def _is_of(entry: _Entry, state: _Entry) -> bool:
-    return entry.name.endswith(f"-{state.name.removeprefix(_STATE)}")
+def _routine(state: _Entry) -> str:
+    """What the entries of a routine of SysId end in."""
+    return f"-{state.name.removeprefix(_STATE)}"
 
 
 def _tests(state: _Entry) -> list[tuple[str, int, int]]:
@@ -205,17 +208,6 @@ def _tests(state: _Entry) -> list[tuple[str, int, int]]:
         else:
             found.append((str(value), time, time))
     return [("-".join(_TESTS.get(word, word) for word in name.split("-")), begin, end) for name, begin, end in found]
-
-
-def _within(
-    source: Source, motor: str, test: str, begin: int, end: int, ticks: np.ndarray, columns: list[Column],
-    remarks: tuple[str, ...],
-) -> Sheet:  # fmt: skip
-    inside = (ticks >= begin) & (ticks <= end)
-    cut = [replace(each, values=each.values[inside]) for each in columns]
-    return Sheet(
-        source.where, f"{motor}: {test}", (time_base(1e-6 * (ticks[inside] - ticks[inside][0])), *cut), remarks
-    )
 
 
 FORMAT = Format("WPILib data log", (".wpilog",), _read, motors=True)

@@ -2,6 +2,4 @@
 
 from __future__ import annotations
 
-from .pictures import draw as draw
-from .terminal import drive_table as drive_table
-from .writing import write_drive as write_drive
+from .tables import drive_table as drive_table

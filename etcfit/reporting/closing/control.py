@@ -1,10 +1,11 @@
-"""How the commands end that go on from a model: posterior, transfer function, gains, exports."""
+"""How the commands end that go on from a model: posterior, transfer function, gains, exports, tune, fleet."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,13 +13,14 @@ from ...errors import command
 from ...model.ecus import ECUS, Pasting
 from ..control.verdicts import answer
 from ..numbers import short
-from .base import Closing, number_of
+from . import Closing, number_of
 
-if TYPE_CHECKING:  # an export needs none of what these load
+if TYPE_CHECKING:
     from ...control.design import Design
     from ...control.linearise import Reduction
     from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
+    from ..fleet.words import Content
 
 _TUNE = "msq"  # a format of `etcfit export`
 
@@ -82,3 +84,41 @@ def _with(state: FitState, run: Path, further: str) -> str:
         return further
     diagnosed = (run / "diagnosis.json").is_file()
     return command("report", run, "--interactive") if diagnosed else command("diagnose", run)
+
+
+def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
+    """The half-way gains where the present ones are known, else the proposed ones; or why there are none."""
+    look = (run / "pictures" / "tune.png",)
+    if found.why_not:
+        return Closing(f"Not from this log. {found.why_not}", _mended(found, run, files), look)
+    step = found.steps[min(1, len(found.steps) - 1)]
+    words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in
+                      zip(found.profile.gains, found.written(step.gains), strict=True))  # fmt: skip
+    which = "Half-way gains to try first" if len(found.steps) > 1 else "Proposed gains"
+    doubt = " Of a compromise: " + " ".join(found.result.state.cautions) if found.result.state.cautions else ""
+    again = f"etcfit tune NEXT_LOG --ecu {found.profile.name} --present P,I,D --out {shlex.quote(str(run))}"
+    return Closing(
+        f"{which}: {words}.{doubt}", f"type them in, engine off, log the same moves again, then {again}", look
+    )
+
+
+def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
+    stopped = found.input.stopped_by
+    if stopped:
+        return stopped[0].cure
+    listed = " ".join(shlex.quote(str(file)) for file in files)
+    return (f"look at {command('report', run)}; the gains all the same: etcfit tune {listed} --ecu "
+            f"{found.profile.name} --anyway --out {shlex.quote(str(run))}")  # fmt: skip
+
+
+def of_fleet(content: Content, run: Path) -> Closing:
+    """What somebody must do something about, else that nothing is bad; gains for all units come next."""
+    from ..fleet.page import NAME
+    from ..fleet.words import verdict
+
+    said = verdict(content)
+    bad = [sentence.text for sentence in said if sentence.bad]
+    answer = " ".join(bad) if bad else " ".join(sentence.text for sentence in said)
+    odd = content.get("odd") or ()
+    page = content["members"][odd[0]["unit"]].get("page") if odd else None  # of the oddest
+    return Closing(answer, command("design", run, "--fleet"), (run / NAME, *([run / page] if page else [])))

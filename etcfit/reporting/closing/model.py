@@ -15,7 +15,7 @@ from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run
 from ..page.verdict import left_unexplained, residuals
-from .base import Closing, counted, mended
+from . import Closing, counted, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import command
 from ...rig.base import ALLOWED_FOR
-from .base import Closing, counted, mended, number_of
+from . import Closing, counted, mended, number_of
 
 if TYPE_CHECKING:  # a check needs none of what these load
     from ...car_log import Study

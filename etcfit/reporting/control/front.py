@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from ...control.design import BEST, Design
 from .. import style
 from ..numbers import short
-from .misses import misses
+from .sentence import misses
 
 _FAR = 2.5  # times the line's worst: rules beyond are named in a corner, not drawn
 _DUTY = ("duty_activity_pct",)  # the axis itself

@@ -1,14 +1,123 @@
-"""The verdict on gains in one sentence: page, terminal and notebook have it from here."""
+"""Requirements in words, what a rule misses of them, and the verdict on gains in one sentence, for every view."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+import math
+from collections.abc import Collection, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, Requirements
 from ...estimation.fitted_model import SOUND, FitState
 from ...estimation.identifiability import listed
 from ..numbers import short
-from .words import hardest, missed_margins
+
+if TYPE_CHECKING:  # the verdict of a page needs none of what it loads
+    from ...control.judged import Tuned
+
+
+class Hardest(NamedTuple):
+    """A requirement and the figure that is held to it.
+
+    Args:
+        symbol: of `LoopFigures`.
+        figure: infinite where, say, a response does not settle.
+        limit: that it must stay below.
+    """
+
+    symbol: str
+    figure: float
+    limit: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the figure is what is required."""
+        return self.figure < self.limit
+
+    @property
+    def strain(self) -> float:
+        """The figure over its limit: above 1 it is missed."""
+        return self.figure / self.limit
+
+    @property
+    def says(self) -> str:
+        """ "overshoot 54.2 % (limit 20 %)"."""
+        of = FIGURES[self.symbol]
+        if math.isfinite(self.figure):
+            said = f"{of.name} {short(self.figure)} {of.unit}"
+        else:
+            said = "no settling" if self.symbol == "settling_s" else f"no finite {of.name}"
+        return f"{said} (limit {self.limit:g} {of.unit})"
+
+
+def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | None]) -> Hardest | None:
+    """The requirement that is missed by most, or met most narrowly; None where nothing has a limit.
+
+    Args:
+        figures: by requirement; None or NaN for what is never reached. What has no figure is not judged.
+        limits: by requirement, what a figure must stay below; None or infinite for none.
+    """
+    asked = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
+    every = [Hardest(symbol, _reached(figures[symbol]), limit) for symbol, limit in asked.items() if symbol in figures]
+    return max(every, key=lambda each: each.strain, default=None)
+
+
+def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, float]) -> list[str]:
+    """Each stability margin that is less than what is asked for, in words.
+
+    Args:
+        figures, asked: by margin; a figure is None or infinite where the loop has no such margin.
+    """
+    less = ((FIGURES[symbol], figures.get(symbol), asked[symbol]) for symbol in MARGINS if symbol in asked)
+    return [f"{of.name} {short(value)} {of.unit} (at least {least:g} {of.unit})"
+            for of, value, least in less if value is not None and value < least]  # fmt: skip
+
+
+def _reached(figure: float | None) -> float:
+    return math.inf if figure is None or math.isnan(figure) else float(figure)
+
+
+UNSTABLE = "UNSTABLE"
+
+
+class Place(NamedTuple):
+    """The scenario in which a response comes nearest to a limit, or misses it by most.
+
+    Args:
+        scenario: its name.
+        hardest: the requirement on the response.
+    """
+
+    scenario: str
+    hardest: Hardest
+
+
+def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list[str]:
+    """Every requirement and margin that the gains of a rule miss, in words, the worst first; "UNSTABLE" alone.
+
+    Args:
+        tuned: a rule that has gains.
+        asked: what is required.
+        but: requirements that do not count.
+    """
+    assert tuned.nonlinear is not None, "a rule with gains has been tried"
+    if not tuned.stable:
+        return [UNSTABLE]
+    figures, limits = tuned.nonlinear.known(), asked.limits((*REQUIRED, *MARGINS))
+    each = [hardest(figures, {symbol: limits[symbol]}) for symbol in REQUIRED if symbol not in but]
+    missed = sorted((one for one in each if one is not None and not one.met), key=lambda one: -one.strain)
+    return [one.says for one in missed] + missed_margins(figures, limits)
+
+
+def hardest_place(tuned: Tuned, asked: Requirements) -> Place | None:
+    """Where the response is hardest for the gains of a rule; None where no scenario is judged."""
+    limits = asked.limits(OF_THE_PAPER)
+    every = []
+    for name, figures in tuned.scenarios.items():
+        judged = {symbol: value for symbol, value in figures.known().items() if symbol in limits and value == value}
+        worst = hardest(judged, {symbol: limits[symbol] for symbol in judged})
+        every += [] if worst is None else [Place(name, worst)]
+    return max(every, key=lambda place: place.hardest.strain, default=None)
+
 
 CURE = ("Find what the model lacks first (etcfit diagnose), then design again; --anyway gives the gains for an ECU all "
         "the same.")  # fmt: skip

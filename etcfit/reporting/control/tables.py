@@ -20,16 +20,20 @@ from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
 from ...model.feed_forward import Term, listed
 from ...run_folder.design import written_for
-from ..blocks import headed, plain_table, rig_title, sentences
-from ..compromise import cautioned
+from ..blocks import cautioned, headed, plain_table, rig_title, sentences
 from ..numbers import Digits, short
-from .fleet import fleet_table, of_models
-from .parts import parts_table
+from .for_an_ecu import snippet, supply_table
 from .safety import safety_table
 from .sentence import CURE, doubt
-from .snippet import snippet
-from .supply_table import supply_table
-from .verdicts import against_effort, outside_the_bench, scenario_table, what_is_asked
+from .verdicts import (
+    against_effort,
+    fleet_table,
+    of_models,
+    outside_the_bench,
+    parts_table,
+    scenario_table,
+    what_is_asked,
+)
 
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:

@@ -1,4 +1,4 @@
-"""What was asked of gains, and how the proposed ones fare, for stdout."""
+"""What is required of gains, and how they fare in scenarios, outside the bench, on a fleet, on parts; for stdout."""
 
 from __future__ import annotations
 
@@ -8,11 +8,103 @@ from rich.text import Text
 
 from ...control.design import Design
 from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, LoopFigures, Requirements
+from ...control.on_units import STABLE, OddOne, OnParts, PartsVerdict, Share
 from ...run_folder.design import design_json
 from ..blocks import headed, plain_table
 from ..numbers import short
-from .fleet import of_models
 from .sentence import sentence
+
+_NAMED = 12  # units in a line
+_OF = FIGURES | {STABLE: FIGURES["gain_margin_db"]}
+
+
+def of_models(design: Design) -> str:
+    """What the models are that judge gains beside the nominal one."""
+    return "units" if design.origin == "fleet" else "draws"
+
+
+def fleet_table(design: Design) -> RenderableType | None:
+    """Share that meets everything, what the others miss, and the worst units; None for a design of one unit."""
+    found = design.fleet
+    if found is None:
+        return None
+    lines = [found.says, f"so of {share_in_words(found.share)} of such units"]
+    if found.future is not None:
+        lines.append(f"of {found.future.of} units drawn from the population, which the search did not know, "
+                     f"{found.future.met} do: {share_in_words(found.future)}")  # fmt: skip
+    lines += [f"{_OF[symbol].name} missed by {len(units)}: {some_of(units)}" for symbol, units in found.fails.items()]
+    table = plain_table("worst units", "hardest for it", "figure", "limit", "meets all")
+    for each in found.worst:
+        table.add_row(*hardest_cells(each))
+    said = (Text(f"  {line}") for line in lines)
+    return headed(f"{design.chosen.rule} on every unit of the fleet", Group(*said, table))
+
+
+def share_in_words(share: Share) -> str:
+    """With its 95 % interval."""
+    return f"{100.0 * share.value:.1f} % (95 %: {100.0 * share.low:.1f} to {100.0 * share.high:.1f} %)"
+
+
+def some_of(units: tuple[str, ...]) -> str:
+    """Names, no more than a line takes."""
+    more = f" and {len(units) - _NAMED} more" if len(units) > _NAMED else ""
+    return ", ".join(units[:_NAMED]) + more
+
+
+def hardest_cells(each: OddOne) -> tuple[str, ...]:
+    """Columns of a table: unit, requirement, figure, limit, whether it meets everything."""
+    of = _OF[each.requirement]
+    figure, limit = (f"{short(value)} {of.unit}" for value in (each.figure, each.limit))
+    return (each.unit, of.name, figure, limit, "yes" if each.meets else "no")
+
+
+def parts_table(design: Design) -> RenderableType | None:
+    """Every rule on measured and drawn units, the worst unit by name; None where no fleet tells the parts."""
+    found = design.parts
+    if found is None:
+        return None
+    drawn = next(iter(found.rules.values())).drawn.units
+    counts = f"met by of\n{len(found.units)} units", f"\n{len(drawn)} drawn"
+    share = plain_table("rule", *counts, "largest RMSE %\nunits", "\ndrawn")
+    worst = plain_table("rule", "worst unit", "hardest for it", "figure", "limit")
+    for name, each in found.rules.items():
+        largest = (short(float(np.max(on.figures.rmse_pct))) for on in each)
+        share.add_row(name, *(_share(on.share) for on in each), *largest)
+        worst.add_row(name, *hardest_cells(each.worst)[:4])
+    said = (Text(f"  {line}") for line in _words(design, found))
+    return headed(f"On the parts of {found.name}", Group(share, Text(), worst, *said))
+
+
+def _share(share: Share) -> str:
+    return f"{100.0 * share.value:.1f} %"
+
+
+def _words(design: Design, found: PartsVerdict) -> list[str]:
+    """How to read it, and how the proposed gains fare outside the bench."""
+    chosen = found.rules[design.chosen.rule]
+    said = [
+        "share that meets everything by a stable loop: of the measured units by their shrunk values, and of units "
+        f"drawn from the population of {found.where}; optimal is sought over the latter",
+        f"{design.chosen.rule}: {share_in_words(chosen.drawn.share)} of such parts",
+        *_fails(chosen),
+        f"outside the bench: {found.share_at_corners.met} of {found.share_at_corners.of} units meet everything at "
+        f"every corner of supply, winding and friction; {_share(found.anywhere.share)} of the drawn ones do, each "
+        "under conditions of its own",
+        _hardest_corner(found),
+        f"not told by the fleet, taken from the run: {', '.join(found.of_run) or 'nothing'}",
+    ]
+    return said + [f"not judged: {unit}, {why}" for unit, why in found.left_out.items()]
+
+
+def _fails(chosen: OnParts) -> list[str]:
+    return [f"{symbol.replace('_', ' ')} missed by {len(units)}: {some_of(units)}"
+            for symbol, units in chosen.measured.fails.items()]  # fmt: skip
+
+
+def _hardest_corner(found: PartsVerdict) -> str:
+    place, requirement, figure, limit, meets = hardest_cells(found.corners.named(1)[0])
+    verdict = "met all the same" if meets == "yes" else "missed"
+    return f"hardest: {place}: {requirement} {figure}, asked {limit}: {verdict}"
 
 
 def what_is_asked(asked: Requirements) -> str:

@@ -16,8 +16,8 @@ from ...problem.trace import Trace
 from .. import style
 from ..numbers import short
 from ..pictures import briefly, counted
-from ..stack import drive
-from .shown import Shown, in_degrees, scales
+from ..traces import drive
+from .ledger import Shown, in_degrees, scales
 
 _CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
 _ZOOM = 0.08  # of the trace, beside the whole of it

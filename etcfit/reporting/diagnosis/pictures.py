@@ -5,16 +5,265 @@ Those of its final model, as of any fit, are `..pictures.jobs` of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from ...diagnosis.findings import Diagnosis
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Unexplained
+from ...estimation.identifiability import listed
 from ...problem.trace import Trace
+from .. import style
 from ..drawing import Job
+from ..numbers import short
 from ..pictures import all_traces, file_name
-from . import chart, missing, overlay, rounds, unexplained
-from .ledger import headline, ledger
+from ..pool import Pool
+from . import missing, overlay
+from .ledger import DEGREES, Entry, headline, ledger, prefixed
+
+_ROW = 0.36  # inch
+
+
+def draw_ledger(entries: Sequence[Entry], headline: str, synthetic: bool) -> Figure:
+    """Held-out traces above, fitted ones below; what the errors are in the units logged stands beside them."""
+    shown = [entry for entry in entries if entry.known()]
+    heads = len({entry.held_out for entry in shown})
+    title = style.wrapped(headline, 11.0, 13)
+    tall = 1.45 + 0.24 * title.count("\n") + _ROW * (len(shown) + heads)
+    fig = style.figure(11.0, tall, synthetic)
+    panel = fig.subplots(1, 1)
+    top = 0.72 + 0.24 * title.count("\n")
+    fig.subplots_adjust(left=0.2, right=0.74, top=1.0 - top / tall, bottom=0.6 / tall)
+    panel.axvline(1.0, color=style.MEASURED, lw=1.2, ls=":", label="noise of one sample")
+    rows = _rows(panel, shown)
+    _ledger_axes(panel, rows, shown)
+    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
+    style.legend(fig, [panel], 0.2, 1.0 - (top - 0.27) / tall, "upper left")
+    return fig
+
+
+def _rows(panel: Axes, shown: Sequence[Entry]) -> dict[int, str]:
+    """Draw them; the label of each place."""
+    labels: dict[int, str] = {}
+    place, last = 0, None
+    for entry in shown:
+        if entry.held_out != last:
+            labels[place] = "HELD OUT, never fitted" if entry.held_out else "FITTED"
+            place, last = place + 1, entry.held_out
+        labels[place] = entry.name
+        _dumbbell(panel, place, entry)
+        place += 1
+    return labels
+
+
+def _dumbbell(panel: Axes, place: int, entry: Entry) -> None:
+    if entry.held_out:
+        panel.axhspan(place - 0.5, place + 0.5, color="#f3f3f3", lw=0, zorder=0)
+    before, after = entry.before.ratio, entry.after.ratio
+    panel.plot([before, after], [place, place], color="#b5b5b5", lw=4, solid_capstyle="butt", zorder=2)
+    panel.plot(before, place, "o", ms=11, color=style.BEFORE, ls="none", label="before", zorder=3)
+    panel.plot(after, place, "o", ms=8, color=style.AFTER, ls="none", label="after", zorder=4)
+    text = entry.change()
+    if entry.unknown is not None and np.isfinite(entry.unknown.ratio):
+        panel.plot(entry.unknown.ratio, place, "D", ms=7, color=style.UNKNOWN, ls="none",
+                   label="with what no effect explains", zorder=3)  # fmt: skip
+        text += f" ({short(entry.unknown.rms)})"
+    panel.text(1.015, place, text, transform=panel.get_yaxis_transform(), va="center", fontsize=10.5,
+               fontweight="bold" if entry.held_out else "normal")  # fmt: skip
+
+
+def _ledger_axes(panel: Axes, labels: dict[int, str], shown: Sequence[Entry]) -> None:
+    panel.set_xscale("log")
+    ends = [pool.ratio for e in shown for pool in (e.before, e.after, e.unknown) if pool and pool.ratio > 0.0]
+    panel.set_xlim(min(0.7, 0.8 * min(ends)), max(3.0, 1.35 * max(ends)))
+    style.log_ticks(panel.xaxis, panel.get_xlim())
+    panel.set_yticks(list(labels), list(labels.values()))
+    for tick in panel.get_yticklabels():
+        if tick.get_text().isupper() or tick.get_text().startswith("HELD OUT"):
+            tick.set_fontweight("bold")
+    panel.tick_params(axis="y", length=0)
+    panel.grid(visible=False, axis="y")
+    panel.set_ylim(max(labels) + 0.6, -0.6)
+    panel.set_xlabel("free-running error [σ of one sample]")
+    head = "rms: before → after" + (" (with unexplained)" if any(entry.unknown for entry in shown) else "")
+    panel.text(1.015, 0, head, transform=panel.get_yaxis_transform(), fontsize=10, va="center", color=style.MEASURED)
+
+
+_NAMED = 3  # rejected candidates named in a round
+_APART = 1.35  # ratio of errors above which two names do not touch
+
+
+@dataclass(frozen=True)
+class RoundPoint:
+    """One turn of the loop.
+
+    Args:
+        label: what was added.
+        fit, holdout: free-running error after it, sigma; the latter None without held-out traces.
+        others: refitted candidates that were not taken, and the error they would have left.
+    """
+
+    label: str
+    fit: float
+    holdout: float | None
+    others: tuple[tuple[str, float], ...] = ()
+
+
+def steps(diagnosis: Diagnosis) -> list[RoundPoint]:
+    """Errors from the first fit to the final one; between them those of the trials, before the full refit."""
+    before, after = diagnosis.before, diagnosis.after
+    out = [RoundPoint("start", Pool.of(before.score_fit).ratio, _ratio(before.score_holdout))]
+    if diagnosis.aside:
+        files = "\n".join(each.trace.measurement.file for each in diagnosis.aside)
+        first = diagnosis.rounds[0]
+        out.append(RoundPoint(f"without\n{files}", first.fit_rms, first.holdout_rms))
+    for each in diagnosis.rounds:
+        others = tuple((c.effect, e) for c in each.candidates if (e := _left(c, each)) and c.effect != each.added)
+        taken = next((c for c in each.candidates if c.effect == each.added), None)
+        fit, holdout = each.fit_rms, each.holdout_rms
+        if taken is not None:
+            fit *= taken.fit_rms_ratio or 1.0
+            holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
+        out.append(RoundPoint(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
+    end = RoundPoint("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout))
+    if out[-1].label == "nothing more":  # one place for both
+        end = replace(end, label="nothing more:\nfinal fit", others=out.pop().others)
+    return [*out, end]
+
+
+def _ratio(rows: tuple) -> float | None:
+    return Pool.of(rows).ratio if rows else None
+
+
+def _left(candidate: Candidate, each: RoundReport) -> float | None:
+    """The error that a candidate would have left: held out, or fitted where nothing is held out."""
+    if each.holdout_rms is None:
+        return None if candidate.fit_rms_ratio is None else each.fit_rms * candidate.fit_rms_ratio
+    return None if candidate.holdout_rms_ratio is None else each.holdout_rms * candidate.holdout_rms_ratio
+
+
+def draw_rounds(every: list[RoundPoint], added: tuple[str, ...], synthetic: bool) -> Figure:
+    """Error over rounds."""
+    title = style.wrapped(_title(every, added), 11.0, 13)
+    fig = style.figure(11.0, 5.6, synthetic)
+    panel = fig.subplots(1, 1)
+    head = 1.0 + 0.26 * title.count("\n")
+    fig.subplots_adjust(left=0.09, right=0.97, top=1.0 - head / 5.6, bottom=0.14)
+    place = np.arange(len(every))
+    panel.axhline(1.0, color=style.MEASURED, lw=1.2, ls=":", label="noise of one sample")
+    panel.plot(place, [s.fit for s in every], "o--", color=style.BEFORE, ms=7, label="fitted traces")
+    held_out = [s.holdout if s.holdout is not None else np.nan for s in every]
+    if np.isfinite(held_out).any():
+        panel.plot(place, held_out, "o-", color=style.AFTER, ms=9, lw=2.2, label="held-out traces")
+    led = held_out if np.isfinite(held_out).any() else [s.fit for s in every]
+    for k, value in enumerate(led):
+        panel.annotate(f"{short(value)} σ", (k, value), xytext=(-9, -6), textcoords="offset points", fontsize=11,
+                       va="top", ha="right", fontweight="bold")  # fmt: skip
+    _others(panel, every)
+    _round_axes(panel, every)
+    fig.suptitle(title, x=0.015, y=0.98, ha="left", va="top", fontsize=13, fontweight="bold")
+    style.legend(fig, [panel], 0.09, 1.0 - (head - 0.36) / 5.6, "upper left")
+    return fig
+
+
+def _title(every: list[RoundPoint], added: tuple[str, ...]) -> str:
+    first, last = every[0], every[-1]
+    which = "Held-out" if last.holdout is not None else "Fitted"
+    was, now = (first.holdout, last.holdout) if last.holdout is not None else (first.fit, last.fit)
+    if not added:
+        return f"{which} error {short(now)} σ: nothing was added"
+    return f"{which} error {short(was)} → {short(now)} σ with {listed(added)}"
+
+
+def _others(panel: Axes, every: list[RoundPoint]) -> None:
+    for k, step in enumerate(every):
+        others = sorted(step.others, key=lambda other: other[1])
+        for n, (_, error) in enumerate(others):
+            panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
+                       label="refitted, not taken" if n == 0 else "_")  # fmt: skip
+        for error, names in labels(others[:_NAMED]):
+            last = k == len(every) - 1  # to its right the picture ends
+            panel.annotate(", ".join(names), (k, error), xytext=(-7 if last else 7, 5), textcoords="offset points",
+                           va="bottom", ha="right" if last else "left", fontsize=9, color="#6b6b6b")  # fmt: skip
+
+
+def labels(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
+    """Names by their errors, ascending; those whose letters would lie on each other share a line."""
+    lines: list[tuple[float, list[str]]] = []
+    for name, error in others:
+        if lines and error < _APART * lines[-1][0]:
+            lines[-1][1].append(name)
+        else:
+            lines.append((error, [name]))
+    return lines
+
+
+def _round_axes(panel: Axes, every: list[RoundPoint]) -> None:
+    panel.set_yscale("log")
+    panel.set_xticks(range(len(every)), [step.label for step in every])
+    panel.set_xlim(-0.4, len(every) - 0.3)
+    low, high = panel.get_ylim()
+    panel.set_ylim(min(0.7, 0.8 * low), max(2.5, 1.2 * high))
+    style.log_ticks(panel.yaxis, panel.get_ylim())
+    panel.set_ylabel("free-running error, rms [σ of one sample]")
+
+
+_SYMBOL = {"torque": "torque", "friction": "dry friction", "voltage": "voltage", "position": "position"}
+_AXIS = {"angle": "plate angle", "speed": "plate speed", "load": "torque through the gear", "current": "current",
+         "time": "time"}  # fmt: skip
+
+
+def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], synthetic: bool) -> Figure:
+    """The curve and two standard deviations about it, over the range that was measured.
+
+    Args:
+        unknown: the curve.
+        travel: end stops, rad; infinite where there is none.
+        synthetic: the data were made up.
+    """
+    x, axis_unit = _along(unknown, travel)
+    factor, unit = prefixed(float(np.max(np.abs(unknown.curve))), unknown.unit)
+    y, sd = factor * unknown.curve, factor * unknown.sd
+    title = style.wrapped(unknown.sentence, 11.0, 13)
+    tall = 5.2 + 0.24 * title.count("\n")
+    fig = style.figure(11.0, tall, synthetic)
+    panel = fig.subplots(1, 1)
+    head = 0.95 + 0.24 * title.count("\n")
+    fig.subplots_adjust(left=0.1, right=0.985, top=1.0 - head / tall, bottom=0.6 / tall)
+    panel.axhline(0.0, color="black", lw=0.8)
+    panel.fill_between(x, y - 2.0 * sd, y + 2.0 * sd, color=style.UNKNOWN, alpha=0.3, lw=0,
+                       label="± 2 standard deviations")  # fmt: skip
+    panel.plot(x, y, color="#8a2c6b", lw=2.4, label=f"unexplained, {short(factor * unknown.size)} {unit} rms in motion")
+    panel.set_xlabel(style.unit_label(_AXIS.get(unknown.depends_on, unknown.depends_on), axis_unit))
+    panel.set_ylabel(style.unit_label(f"unexplained {_SYMBOL.get(unknown.enters, unknown.enters)}", unit))
+    panel.set_xlim(float(np.min(x)), float(np.max(x)))
+    panel.set_ylim(*_limits(y, sd))
+    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
+    style.legend(fig, [panel], 0.1, 1.0 - (head - 0.3) / tall, "upper left")
+    return fig
+
+
+def _along(unknown: Unexplained, travel: tuple[float, float]) -> tuple[np.ndarray, str]:
+    """The axis as shown; an angle given as a share of the travel (a missing stop is half a turn away) in degrees."""
+    if unknown.depends_on == "angle" and unknown.axis_unit in ("1", ""):
+        lower, upper = (stop if np.isfinite(stop) else side for stop, side in zip(travel, (-np.pi, np.pi), strict=True))
+        return DEGREES * (lower + (upper - lower) * unknown.axis), "deg"
+    factor, unit = prefixed(np.inf, unknown.axis_unit)
+    return factor * unknown.axis, unit
+
+
+def _limits(y: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
+    """Room for the curve, and for its band as far as that is not many times as wide."""
+    size = float(np.max(np.abs(y)))
+    reach = 2.0 * np.minimum(sd, 1.5 * size)
+    low, high = min(0.0, float(np.min(y - reach))), max(0.0, float(np.max(y + reach)))
+    room = 0.06 * max(high - low, 1e-12)
+    return low - room, high + room
+
 
 _FITTED = 3  # fitted traces that are drawn besides those held out
 
@@ -29,7 +278,7 @@ def summary(d: Diagnosis) -> list[Job]:
     entries = ledger(d)
     if not any(entry.known() for entry in entries):
         return []
-    return [(Path("ledger.png"), partial(chart.draw, entries, headline(d), d.after.rig.config.synthetic))]
+    return [(Path("ledger.png"), partial(draw_ledger, entries, headline(d), d.after.rig.config.synthetic))]
 
 
 def _details(d: Diagnosis) -> Iterator[Job]:
@@ -39,10 +288,13 @@ def _details(d: Diagnosis) -> Iterator[Job]:
         if picture is not None:
             yield Path(f"missing_{enters}.png"), partial(missing.draw, picture)
     if d.unexplained is not None:
-        yield Path("unexplained.png"), partial(unexplained.draw, d.unexplained, d.after.rig.config.travel, synthetic)
-    steps = rounds.steps(d)
-    if d.added or any(step.others for step in steps):
-        yield Path("rounds.png"), partial(rounds.draw, steps, d.added, synthetic)
+        yield (
+            Path("unexplained.png"),
+            partial(draw_unexplained, d.unexplained, d.after.rig.config.travel, synthetic),
+        )
+    every = steps(d)
+    if d.added or any(step.others for step in every):
+        yield Path("rounds.png"), partial(draw_rounds, every, d.added, synthetic)
 
 
 def _overlays(d: Diagnosis) -> Iterator[Job]:

@@ -4,7 +4,6 @@ units.parquet."""
 from __future__ import annotations
 
 from .page import write_fleet_page
-from .pictures import draw_fleet
 from .table import fleet_table
 
-__all__ = ["draw_fleet", "fleet_table", "write_fleet_page"]
+__all__ = ["fleet_table", "write_fleet_page"]

@@ -1,19 +1,223 @@
-"""RUN/fleet.html: one self-contained page to work with; everything of a fleet, up to ten thousand units."""
+"""RUN/fleet.html: one self-contained page to work with; everything of a fleet, up to ten thousand units.
+
+The page carries a fleet as one JSON object: units are numbers, their values packed arrays.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from ...files import whole
-from ..html import environment
-from ..page import typeset
-from ..standalone import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text
-from .content import carried
+import numpy as np
+
+from ...files import plain, whole
+from ...fleets.config import ZERO_CELSIUS
+from .. import html, packed
+from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
 from .words import JUDGEMENT, Content, Judgement, title, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+NUMBERS = ("value", "stderr", "low", "high", "shrunk_value", "shrunk_stderr")
+
+
+@dataclass(frozen=True, eq=False)
+class SymbolColumns:
+    """One symbol in every unit, NaN where a unit has nothing of it.
+
+    Args:
+        numbers: by the table's column, SI, shape (units,) each.
+        status: places in `statuses`, shape (units,); -1 where the unit has no such symbol.
+        statuses: names.
+    """
+
+    numbers: Mapping[str, np.ndarray]
+    status: np.ndarray
+    statuses: tuple[str, ...]
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        return self.numbers[column]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Every symbol in every unit.
+
+    Args:
+        units: names, in the order of fleet.json.
+        symbols: by name.
+    """
+
+    units: tuple[str, ...]
+    symbols: Mapping[str, SymbolColumns] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, names: Sequence[str], units: pd.DataFrame) -> Columns:
+        """The table's rows put in the order of `names`; rows of other units are left out.
+
+        Args:
+            names: of the units, as fleet.json has them.
+            units: units.parquet.
+        """
+        found = {str(symbol): _columns(names, rows) for symbol, rows in units.groupby("symbol", sort=False)}
+        return cls(tuple(names), found)
+
+    def place(self) -> dict[str, int]:
+        """Of each unit, by name."""
+        return {name: k for k, name in enumerate(self.units)}
+
+
+def _columns(names: Sequence[str], rows: Any) -> SymbolColumns:
+    from pandas import Categorical
+
+    aligned = rows.drop_duplicates("unit").set_index("unit").reindex(list(names))
+    status = Categorical(aligned["status"])
+    numbers = {column: aligned[column].to_numpy(dtype=float, na_value=np.nan) for column in NUMBERS}
+    return SymbolColumns(numbers, np.asarray(status.codes, dtype=int), tuple(map(str, status.categories)))
+
+
+GROUPS = ("batch", "rig", "operator", "part", "date")  # of which many units have the same
+_CARRIED = ("value", "low", "high", "shrunk_value", "shrunk_stderr")
+_OWN = ("serial", "chi2_per_dof")
+_MIDNIGHT = "T00:00:00"  # of a date without a time
+
+
+def carried(content: Content, units: pd.DataFrame) -> dict[str, Any]:
+    """What the scripts read.
+
+    Args:
+        content: fleet.json.
+        units: units.parquet.
+    """
+    columns = Columns.of(content.get("units") or (), units)
+    place, members = columns.place(), content.get("members") or {}
+    return plain({
+        "schema": "etcfit.fleet_page/1",
+        "name": title(content),
+        "units": columns.units,
+        "groups": {name: _group([_of(members, unit, name) for unit in columns.units]) for name in GROUPS},
+        "temperature": _own([_celsius(_of(members, unit, "temperature")) for unit in columns.units]),
+        **{name: _own([_of(members, unit, name) for unit in columns.units]) for name in _OWN},
+        "stuck": [k for unit, k in place.items() if _of(members, unit, "converged") is False],
+        "pages": {k: page for unit, k in place.items() if (page := _of(members, unit, "page"))},
+        "symbols": [_symbol(content, name, each) for name, each in columns.symbols.items()],
+        "correlation": content.get("correlation"),
+        "odd": [{**each, "unit": place[each["unit"]]} for each in content.get("odd") or () if each["unit"] in place],
+        "effects": [_effect(name, each, place) for name, each in (content.get("effects") or {}).items()],
+        **_charts(content, place),
+        "figures": [_figure(content, name, each, place) for name, each in (content.get("figures") or {}).items()],
+    })  # fmt: skip
+
+
+def _of(members: Mapping[str, Any], unit: str, key: str) -> Any:
+    found = (members.get(unit) or {}).get(key)
+    return found.removesuffix(_MIDNIGHT) if key == "date" and found is not None else found
+
+
+def _celsius(kelvin: float | None) -> float | None:
+    return None if kelvin is None else kelvin - ZERO_CELSIUS
+
+
+def _group(values: Sequence[Any]) -> dict[str, Any] | None:
+    """Names once, and of each unit the place among them, -1 for none; None where no unit has any."""
+    names = sorted({str(each) for each in values if each is not None})
+    where = {name: k for k, name in enumerate(names)}
+    codes = np.array([-1 if each is None else where[str(each)] for each in values], dtype=int)
+    return {"names": names, "of": packed.codes(codes)} if names else None
+
+
+def _own(values: Sequence[Any]) -> Any:
+    """Text as text, figures packed; None where no unit has any."""
+    if all(each is None for each in values):
+        return None
+    if any(isinstance(each, str) for each in values):
+        return ["" if each is None else str(each) for each in values]
+    return packed.numbers(np.array([np.nan if each is None else each for each in values], dtype=float))
+
+
+def limits_of(content: Content, name: str) -> tuple[float | None, float | None]:
+    """The specification's limits of a symbol or figure, SI; None where there is none."""
+    found = (content.get("capability") or {}).get(name) or {}
+    return found.get("low"), found.get("high")
+
+
+def _symbol(content: Content, name: str, each: SymbolColumns) -> dict[str, Any]:
+    known = (content.get("population") or {}).get(name) or {}
+    kept = {column: packed.numbers(each[column]) for column in _CARRIED}
+    other = {int(k): each.statuses[each.status[k]] for k in np.flatnonzero(each.status >= 0)
+             if each.statuses[each.status[k]] != "estimated"}  # fmt: skip
+    return {
+        "symbol": name,
+        "unit": known.get("unit", ""),
+        "mean": known.get("mean"),
+        "sd": known.get("sd"),
+        "shared": known.get("shared", False),
+        "limits": limits_of(content, name),
+        "known": bool(known),
+        "status": other,
+        **kept,
+    }
+
+
+def _effect(name: str, each: Mapping[str, Any], place: Mapping[str, int]) -> dict[str, Any]:
+    units = sorted((unit for unit in each["units"] if unit in place), key=lambda unit: place[unit])
+    strength = [(each.get("strength") or {}).get(unit) for unit in units]
+    return {
+        "name": name,
+        **{key: each.get(key) for key in ("of", "median", "unit", "symbol")},
+        "at": packed.codes(np.array([place[unit] for unit in units], dtype=int)),
+        "strength": packed.numbers(np.array([np.nan if s is None else s for s in strength], dtype=float)),
+    }
+
+
+def _charts(content: Content, place: Mapping[str, int]) -> dict[str, Any]:
+    """Charts, and the orders that they go by, each once: mostly all go by the same."""
+    orders: dict[tuple[str, ...], int] = {}
+    charts = [_chart(content, symbol, each, place, orders) for symbol, each in (content.get("charts") or {}).items()]
+    known = [packed.codes(np.array([place[unit] for unit in order if unit in place], dtype=int)) for order in orders]
+    return {"charts": charts, "orders": known}
+
+
+def _chart(
+    content: Content,
+    symbol: str,
+    each: Mapping[str, Any],
+    place: Mapping[str, int],
+    orders: dict[tuple[str, ...], int],
+) -> dict[str, Any]:
+    kept = np.array([unit in place for unit in each["order"]], dtype=bool)
+    order = tuple(unit for unit in each["order"] if unit in place)
+    spots = {unit: k for k, unit in enumerate(order)}
+    drift = [d for d in content.get("drift") or () if d["symbol"] == symbol]
+
+    def column(key: str) -> np.ndarray:
+        return np.array([np.nan if v is None else v for v in each[key]], dtype=float)[kept]
+
+    return {
+        "symbol": symbol,
+        **{key: each[key] for key in ("unit", "centre", "lower", "upper", "decision")},
+        "order": orders.setdefault(order, len(orders)),
+        "value": packed.numbers(column("value")),
+        "stderr": packed.values(column("stderr")),
+        "cusum_high": packed.values(column("cusum_high")),
+        "cusum_low": packed.values(column("cusum_low")),
+        "since": [{"at": spots[d["since"]], "size": d["size"]} for d in drift if d["since"] in spots],
+    }
+
+
+def _figure(content: Content, name: str, each: Mapping[str, Any], place: Mapping[str, int]) -> dict[str, Any]:
+    value = [(each.get("value") or {}).get(unit) for unit in place]
+    return {
+        "name": name,
+        **{key: each.get(key) for key in ("meaning", "unit", "mean", "sd", "low", "high")},
+        "limits": limits_of(content, name),
+        "value": packed.numbers(np.array([np.nan if v is None else v for v in value], dtype=float)),
+    }
+
 
 NAME = "fleet.html"
 # in the order in which they run; each is plain JavaScript that puts what others need into `etcfit`
@@ -53,11 +257,11 @@ def render(content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEME
             title=title(content),
             verdict=verdict(content, judgement),
             judgement=judgement,
-            symbol=typeset.symbol,
-            unit=typeset.unit,
-            number=typeset.number,
-            measured=typeset.measured,
-            span=typeset.span,
+            symbol=html.symbol,
+            unit=html.unit,
+            number=html.number,
+            measured=html.measured,
+            span=html.span,
             text=as_text(carried(content, units)),
             styles=part.every(_STYLES),
             scripts=part.every((LIBRARY, *SCRIPTS)),

@@ -5,12 +5,85 @@ Its data are those of the models in RUN, so it is made from their saved state, n
 
 from __future__ import annotations
 
-from ...files import whole
+from typing import Any
+
+from ... import __version__
+from ...estimation.goodness import STRAYS
+from ...estimation.settings import ContradictionSettings
+from ...files import plain, whole
 from ...run_folder.folder import RunFolder
+from ...run_folder.manifest import require
+from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
 from ..page import Page
-from .content import content
-from .printed_model import simulation
-from .render import render
+from ..page.contents import read_run
+from ..page.verdict import left_unexplained, model
+from .plant import Simulation, loop_json, plant_json, simulation
+from .traces import TraceSources, traces_json
+
+
+def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
+    """Rig, model, traces and loop; numbers in SI but where a unit stands beside them.
+
+    Args:
+        run: a run folder with a fit.
+        simulated: of its final model.
+    Raises:
+        UsageError: no fit, or a file of the run is not what it should be.
+    """
+    require(run.path, "fit")
+    contents, diagnosis, final = read_run(run.path), run.diagnosis(), run.final()
+    sources = TraceSources(None if diagnosis is None else diagnosis.before, final, diagnosis)
+    return plain({
+        "schema": "etcfit.interactive/1",
+        "version": __version__,
+        "rig": final.rig.config.name,
+        "synthetic": final.rig.config.synthetic,
+        "converged": final.converged,
+        "reason": final.reason,
+        "model": model(contents),
+        "diagnosed": diagnosis is not None,
+        "left_unexplained": left_unexplained(contents),
+        "chi2_per_dof": float(final.chi2_per_dof),
+        "plant": plant_json(final, simulated),
+        "loop": loop_json(final, contents.get("pid")),
+        "traces": traces_json(sources),
+        "hashes": dict(contents.hashes),
+    })  # fmt: skip
+
+
+# in the order in which they run, after the printed model; each is plain JavaScript that puts what others need into
+# `etcfit`
+SCRIPTS = ("trace_run.js", "loop_run.js", "decode.js", "numbers.js", "theme.js", "chart.js",
+           "list.js", "sliders.js", "trace_view.js", "loop_view.js", "main.js")  # fmt: skip
+_STYLES = (LIBRARY_STYLE, "base.css", "style.css")
+_ROOM = ("etcfit.reporting.interactive", "page")
+
+_FAR = ContradictionSettings().compromise
+
+part = Parts((_ROOM,))
+
+
+def render(data: dict[str, Any], model: str) -> str:
+    """The whole page, HTML.
+
+    Args:
+        data: see `content`.
+        model: the script that simulates, see `printed_model`.
+    """
+    return (
+        environment(_ROOM)
+        .get_template("page.html")
+        .render(
+            data=data,
+            text=as_text(data),
+            styles=part.every(_STYLES),
+            scripts=[model, *part.every((LIBRARY, *SCRIPTS))],
+            licence=part(LICENCE),
+            strays=f"{STRAYS:g}",
+            far=f"{_FAR:g}",
+        )
+    )
+
 
 NAME = "report_interactive.html"
 

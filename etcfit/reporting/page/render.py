@@ -1,4 +1,4 @@
-"""The page's parts put into its template."""
+"""The page's parts put into its template; from which files and by which versions it was made."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Any
 
 from ...diagnosis.probabilities import CALIBRATED, in_words
 from ..control.sentence import cautions, why_withheld, withheld
-from ..html import environment
-from .car_log import to_record
+from ..html import Table, environment, number, symbol, unit
 from .contents import Contents, logs_of
 from .control import (
     assumed,
@@ -20,21 +19,58 @@ from .control import (
     jam_check,
     metrics_table,
     operating_point,
+    orders,
     parts_outside,
     parts_table,
     plant_table,
     safety_tables,
     settings_table,
+    sines_table,
     supply_table,
     tables_of_gains,
 )
-from .frequency import orders, sines_table
-from .ledger import ledger_table
-from .parameters import LOST, influence_table, lumped_table, parameter_table, posterior_table
 from .pictures import BUDGET, groups
-from .provenance import files_table, stale, versions_table
-from .typeset import number, symbol, unit
+from .tables import LOST, influence_table, ledger_table, lumped_table, parameter_table, posterior_table
 from .verdict import model, verdict
+
+
+def files_table(contents: Contents) -> Table:
+    """SHA-256 of every measurement file, as it was when it was fitted, and of the run's own files as they are."""
+    fit = contents.files["fit"]
+    role = {row["file"]: "held out" for row in fit["score"]["holdout"]}
+    role |= {row["file"]: "fitted" for row in fit["score"]["fit"]}
+    rows = [
+        (file, role.get(file, "read"), digest or "no longer there") for file, digest in (fit.get("files") or {}).items()
+    ]
+    rows += [(name, "result", digest) for name, digest in contents.hashes.items()]
+    return Table("Files", ["file", "", "SHA-256"], rows, 3)
+
+
+def versions_table(contents: Contents) -> Table:
+    """Versions of each step; steps by the same versions share a line each."""
+    steps: dict[tuple[str, str], list[str]] = {}
+    for kind, content in contents.files.items():
+        for name, version in (content.get("versions") or {}).items():
+            steps.setdefault((name, version), []).append(kind.replace("_", " "))
+    rows = [(name, version, ", ".join(kinds)) for (name, version), kinds in steps.items()]
+    return Table("Versions", ["", "version", "used by"], rows, 3)
+
+
+def stale(contents: Contents) -> list[str]:
+    """Results that were not made of the files that the fit was made of."""
+    files = contents.files["fit"].get("files") or {}
+    out = []
+    for kind, content in contents.files.items():
+        theirs = content.get("files")
+        if isinstance(theirs, dict) and theirs and files and theirs != files:
+            changed = sorted(f for f in {*files, *theirs} if files.get(f) != theirs.get(f))
+            out.append(f"{kind}.json was made of other data than fit.json ({', '.join(changed[:4])}): run it again.")
+    return out
+
+
+def to_record(logs: Mapping[str, Any]) -> list[str]:
+    """A line for each log to record next; none where drive.json is older than that."""
+    return [f"Record next: {each['record']}. It tells {each['why']}." for each in logs.get("record_next") or ()]
 
 
 def render(contents: Contents, budget: int = BUDGET) -> str:

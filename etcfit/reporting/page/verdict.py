@@ -17,9 +17,9 @@ from ...estimation.joint_fit import MISFIT
 from ...problem.prediction_error import pooled
 from ...rig.base import ALLOWED_FOR
 from ..control.sentence import sentence
+from ..html import number, symbol, symbols, unit
 from ..numbers import is_share, short
 from .contents import Contents, rows_of
-from .typeset import number, symbol, symbols, unit
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:

@@ -1,8 +1,310 @@
-"""PLAN/procedure.html: what a person at the bench needs of a plan, on paper."""
+"""A plan on the terminal, and PLAN/procedure.html: what a person at the bench needs of it, on paper."""
 
 from __future__ import annotations
 
-from .page import write_sheet
-from .table import plan_table
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 
-__all__ = ["plan_table", "write_sheet"]
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.console import Group, RenderableType
+
+from ...experiment.campaign import Campaign, PlannedTest, band, logger
+from ...experiment.plan import channels
+from ...files import whole
+from ...rig import TEST_BY_NAME
+from ...rig.base import Channel
+from .. import style
+from ..blocks import headed, plain_table, rig_title, sentences
+from ..html import Table, environment
+from ..html import symbol as typeset_symbol
+from ..numbers import short
+from ..page.pictures import Picture, carried
+from ..traces import headed as panels_headed
+from ..traces import stack
+
+
+def plan_table(campaign: Campaign) -> RenderableType:
+    """A campaign for stdout."""
+    why = list(dict.fromkeys(why for _, why in campaign.left_out))
+    parts = [
+        rig_title(campaign.rig.config, f"the next {len(campaign.tests)} tests, {campaign.seconds:.0f} s of log"),
+        _tests(campaign),
+        _expected(campaign),
+        sentences("Cautions", campaign.cautions),
+        sentences(f"Left out: {len(campaign.left_out)} candidates would exceed a limit, for example", why[:3]),
+    ]
+    return Group(*(part for part in parts if part is not None))
+
+
+def _tests(campaign: Campaign) -> RenderableType:
+    table = plain_table("record as", "what", "current, A", "winding, degC", "pause, s", left=2, prose=("what",),
+                        paths=("record as",))  # fmt: skip
+    for test in campaign.tests:
+        note = campaign.remark(test)
+        says = test.candidate.plan.says + (f" ({note})" if note else "")
+        table.add_row(test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}")
+    return headed("In this order", table)
+
+
+def _expected(campaign: Campaign) -> RenderableType:
+    table = plain_table("parameter", "standard error now, %", "expected after all tests, %", "expected/now")
+    for symbol, now, expected in zip(campaign.symbols, campaign.now, campaign.expected, strict=True):
+        table.add_row(symbol, short(100.0 * now, 2), short(100.0 * expected, 2), f"{expected / now:.2f}")
+    return headed("What these tests will tell", table)
+
+
+def amps(test: PlannedTest) -> float:
+    """Largest current expected, A."""
+    current = test.forecast.shown.get("current")
+    return 0.0 if current is None else float(np.abs(current).max())
+
+
+def hottest(test: PlannedTest, campaign: Campaign) -> float:
+    """Highest temperature of the winding expected, degC."""
+    return campaign.settings.ambient + float(test.forecast.warmth.max())
+
+
+_BAND = "#f2c49b"
+_LIMIT = "#a83a00"
+# how a person reads them, where the rig has not logged them in a unit of its own
+_UNITS = {"current": ("A", 1.0), "position": ("deg", float(np.pi / 180.0)), "emf": ("V", 1.0),
+          "motor_speed": ("rpm", float(np.pi / 30.0))}  # fmt: skip
+
+
+def shown(test: PlannedTest, campaign: Campaign) -> tuple[str, ...]:
+    """Channels worth a panel: what is logged, and current and angle whether logged or not."""
+    boundary = TEST_BY_NAME[test.candidate.plan.test].boundary
+    still = {"position"} if boundary.plate_held or boundary.gear_apart else set()
+    idle = {"current"} if boundary.terminals_open else set()
+    wanted = {*channels(test.candidate.plan, campaign.setting), "current", "position"} - still - idle
+    return tuple(name for name in test.forecast.shown if name in wanted)
+
+
+def draw(test: PlannedTest, campaign: Campaign, number: int) -> Figure:
+    """Panels one above the other on one time axis."""
+    names, plan = shown(test, campaign), test.candidate.plan
+    heights = [1.1] * (plan.volts is not None) + [1.8] * len(names) + [1.0] * ("current" in names)
+    fig, panels = stack(heights, campaign.rig.config.synthetic)
+    rest = list(panels)
+    if test.candidate.played is not None:
+        panel = rest.pop(0)
+        played = test.candidate.played
+        panel.step(played.time, played.volts, where="post", color=style.DRIVE, lw=1.2, label="played")
+        panel.set_ylabel("voltage [V]")
+    for name in names:
+        _channel(rest.pop(0), test, campaign, name)
+    if "current" in names:
+        _winding(rest.pop(0), test, campaign)
+    panels[-1].set_xlim(0.0, float(plan.time[-1]))
+    return panels_headed(fig, panels, f"Test {number}: {test.file}", "")
+
+
+def _channel(panel: Axes, test: PlannedTest, campaign: Campaign, name: str) -> None:
+    own = next((m.channels[name] for m in campaign.rig.measurements if name in m.channels), None)
+    unit, value = _as_read(name, test.forecast.shown[name][0], own)
+    ends = np.stack([_as_read(name, end, own)[1] for end in band(test, campaign.setting, name)])
+    _banded(panel, test.forecast.time, value, ends)
+    panel.set_ylabel(style.unit_label(name, unit))
+    if name == "current" and np.abs(ends).max() > 0.7 * campaign.settings.current:
+        panel.axhline(campaign.settings.current, color=_LIMIT, lw=1.0, ls="--", label="limit")
+    if name == "position" and unit == "deg":
+        for stop in (campaign.setting.rest, campaign.setting.open):
+            panel.axhline(float(np.degrees(stop)), color=_LIMIT, lw=1.0, ls="--", label="rest, open stop")
+
+
+def _as_read(name: str, values: np.ndarray, own: Channel | None) -> tuple[str, np.ndarray]:
+    """Unit and values as a person reads them: in that of the rig's logs, an angle in degrees."""
+    if own is not None and name not in ("position", "current"):
+        return own.unit, own.logged(values)
+    unit, size = _UNITS[name]
+    return unit, values / size
+
+
+def _banded(panel: Axes, time: np.ndarray, value: np.ndarray, ends: np.ndarray) -> None:
+    """A line in its band; ends have shape (2, n), in either order."""
+    panel.fill_between(time, ends.min(axis=0), ends.max(axis=0), color=_BAND, lw=0, label="must stay within")
+    panel.plot(*style.thin(time, value), color=style.SIMULATED, lw=1.1, label="expected")
+
+
+def _winding(panel: Axes, test: PlannedTest, campaign: Campaign) -> None:
+    warm = campaign.settings.ambient + test.forecast.warmth
+    _banded(panel, test.forecast.time, warm[0], np.stack([warm.min(axis=0), warm.max(axis=0)]))
+    panel.set_ylabel("winding [°C]")
+
+
+_FUSES = (1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0, 30.0)  # A, blade fuses as they are sold
+_TELLS = 0.95  # share of its standard error below which a test is said to tell a parameter
+
+
+@dataclass(frozen=True)
+class Step:
+    """One test on the sheet.
+
+    Args:
+        number, title: in the order of the plan.
+        how: what is played.
+        remark: what was assumed, or "".
+        wiring: how the throttle is connected and held.
+        watch: what is particular about it.
+        play: the file that is played; "" with open terminals.
+        record: the file of the record.
+        logger: columns, ranges, resolution.
+        tells: what it will tell.
+        facts: seconds, rate, amperes, temperature, pause.
+        picture: the expected curves.
+    """
+
+    number: int
+    title: str
+    how: str
+    remark: str
+    wiring: str
+    watch: tuple[str, ...]
+    play: str
+    record: str
+    logger: Table
+    tells: Table
+    facts: str
+    picture: Picture
+
+
+def write_sheet(folder: Path, campaign: Campaign) -> Path:
+    """Draw PLAN/pictures and write PLAN/procedure.html.
+
+    Args:
+        folder: PLAN.
+        campaign: the tests.
+    Returns:
+        Where the page is.
+    """
+    steps = [_step(folder, campaign, number, test) for number, test in enumerate(campaign.tests, 1)]
+    path = folder / "procedure.html"
+    with whole(path) as draft:
+        draft.write_text(_render(campaign, steps), encoding="utf-8")
+    return path
+
+
+def _render(campaign: Campaign, steps: list[Step]) -> str:
+    rooms = ("etcfit.reporting.plan_sheet", "etcfit.reporting.page")  # style and tables are the report's
+    made = environment(*((room, "template") for room in rooms))
+    return made.get_template("sheet.html").render(
+        rig=campaign.rig.config.name,
+        synthetic=campaign.rig.config.synthetic,
+        at_fit=campaign.at_fit,
+        cautions=campaign.cautions,
+        steps=steps,
+        minutes=math.ceil((campaign.seconds + sum(t.pause + 120.0 for t in campaign.tests)) / 60.0),
+        fuse=_fuse(campaign.settings.current),
+        supply=campaign.setting.supply,
+        limits=_limits(campaign),
+        winding=campaign.winding,
+        stderr=_stderr(
+            campaign.symbols,
+            campaign.now,
+            campaign.expected,
+            "Standard errors now and expected after all tests, %",
+            2.0,
+        ),
+        apart=any(TEST_BY_NAME[t.candidate.plan.test].boundary.gear_apart for t in campaign.tests),
+        current=campaign.settings.current,
+        draws=campaign.settings.draws,
+        hot=max(hottest(t, campaign) for t in campaign.tests),
+    )
+
+
+def _fuse(current: float) -> float:
+    return next((size for size in _FUSES if size >= current), current)
+
+
+def _limits(campaign: Campaign) -> Table:
+    s, settings = campaign.setting, campaign.settings
+    margin = settings.margin * (s.open - s.rest)
+    most = max((float(np.abs(t.candidate.played.volts).max()) for t in campaign.tests if t.candidate.played),
+               default=0.0)  # fmt: skip
+    angles = [_in_window(t) for t in campaign.tests if t.candidate.window is not None]
+    rows = [
+        ("voltage", f"{s.supply:.3g} V", f"{most:.2f} V"),
+        ("current", f"{settings.current:g} A", f"{max(amps(t) for t in campaign.tests):.2f} A"),
+        ("winding", f"{settings.temperature:g} °C", f"{max(hottest(t, campaign) for t in campaign.tests):.0f} °C"),
+    ]
+    if angles:
+        span = f"{math.degrees(min(a for a, _ in angles)):.0f} to {math.degrees(max(b for _, b in angles)):.0f}°"
+        rows.append(
+            ("plate while driven", f"{math.degrees(s.rest + margin):.0f} to {math.degrees(s.open - margin):.0f}°", span)
+        )
+    return Table("Limits, and the worst expected of them", ("", "limit", "worst expected"), rows)
+
+
+def _in_window(test: PlannedTest) -> tuple[float, float]:
+    window, angle = test.candidate.window, test.forecast.shown["position"]
+    assert window is not None
+    inside = angle[:, (test.forecast.time >= window[0]) & (test.forecast.time <= window[1])]
+    return float(inside.min()), float(inside.max())
+
+
+def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> Step:
+    name, played = test.candidate.plan.test, test.candidate.played
+    path = folder / "pictures" / f"plan_{number}.png"
+    with style.drawing():
+        style.save(draw(test, campaign, number), path)
+    rate = 1.0 / float(test.candidate.plan.time[1] - test.candidate.plan.time[0])
+    facts = [f"{short(test.candidate.seconds, 2)} s", f"log at {rate:.0f} Hz or more",
+             f"up to {amps(test):.1f} A", f"winding up to {hottest(test, campaign):.0f} °C"]  # fmt: skip
+    pause = f"then wait {test.pause:.0f} s for the winding to cool" if test.pause >= 1.0 else "no pause needed after it"
+    return Step(
+        number,
+        TEST_BY_NAME[name].title,
+        test.candidate.plan.says,
+        campaign.remark(test),
+        _wiring(name),
+        tuple(_watch(name, test)),
+        "" if played is None else f"play/plan_{number}.csv, or the sketch play/plan_{number}/plan_{number}.ino",
+        f"measurements/{test.file}",
+        _logger(campaign, test),
+        _stderr(campaign.symbols, test.before, test.after, "What it will tell: standard errors, %", _TELLS),
+        ", ".join(facts) + "; " + pause,
+        carried(path),
+    )
+
+
+def _wiring(name: str) -> str:
+    boundary = TEST_BY_NAME[name].boundary
+    if boundary.gear_apart:
+        return ("Gear apart: the motor runs alone. Bridge → fuse → current sensor → motor; speed sensor on its shaft; "
+                "voltage sensed at the motor's terminals.")  # fmt: skip
+    if boundary.terminals_open:
+        return (
+            "Bridge disconnected: nothing but the logger's voltage input on the motor's terminals; position sensor on."
+        )
+    held = " Plate blocked by a wooden wedge so that it cannot move." if boundary.plate_held else ""
+    return ("Supply → fuse → bridge → current sensor → motor. Voltage sensed at the motor's own terminals, position "
+            f"sensor on the logger's reference.{held}")  # fmt: skip
+
+
+def _watch(name: str, test: PlannedTest) -> Iterator[str]:
+    boundary = TEST_BY_NAME[name].boundary
+    if boundary.released:
+        yield "Hold the plate open with a rod, start the log, pull the rod away: it slams shut. No fingers inside."
+    if boundary.plate_held:
+        yield "A held motor makes no back-EMF: the current is the whole voltage over R_a, and all of it is heat."
+    if boundary.gear_apart:
+        yield "The bare motor runs up at once: fasten it, nothing loose near the shaft."
+    if test.candidate.window is not None:
+        a, b = test.candidate.window
+        yield (f"From {a:.1f} to {b:.1f} s the plate must touch no stop. If it does, if the current leaves its band, "
+               "or if nothing moves by 1 s, stop: it is not the rig that this plan was made for.")  # fmt: skip
+
+
+def _logger(campaign: Campaign, test: PlannedTest) -> Table:
+    rows = [(c.header, short(c.low, 3), short(c.high, 3), short(c.resolution, 2)) for c in logger(test, campaign)]
+    return Table("Logger: columns of the CSV, range, resolution", ("header", "from", "to", "resolution or finer"), rows)
+
+
+def _stderr(symbols: tuple[str, ...], before: np.ndarray, after: np.ndarray, caption: str, below: float) -> Table:
+    rows = [(typeset_symbol(s), short(100.0 * b, 2), short(100.0 * a, 2), f"{a / b:.2f}")
+            for s, b, a in zip(symbols, before, after, strict=True) if a < below * b]  # fmt: skip
+    return Table(caption, ("parameter", "now", "expected", "share"), rows)

@@ -2,22 +2,261 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from ...estimation.intervals import intervals, lumped
-from ...posterior.predictive import Band
-from ...posterior.profile import Profile
-from ...posterior.sampling import Posterior
-from ...posterior.truth import truths
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from ...estimation.intervals import Z_95, intervals, lumped
+from ...posterior.profile import RISE, Profile
+from ...posterior.sampling import Band, Posterior
+from ...posterior.target import truths
 from ...run_folder.fit import readings_of
 from ...run_folder.posterior import disagree
+from .. import style
 from ..drawing import Job
+from ..numbers import Digits
 from ..pictures import file_name
-from . import bands as bands_
-from . import corner, spreads
-from . import profiles as profiles_
+from ..traces import headed, name_of, signal, source, stack
+
+_INSIDE = "#f2c49b"
+_ERRORS_SHOWN = 0.998  # of the errors lie inside their panel
+
+
+def draw_band(band: Band, synthetic: bool) -> Figure:
+    """Two panels a channel: the signal, and measured - predicted with the band about zero."""
+    trace = band.trace
+    heights = [h for _ in trace.channels for h in (1.7, 1.3)]
+    fig, panels = stack(heights, synthetic)
+    for m in range(len(trace.channels)):
+        signal(panels[2 * m], trace, m, band.mean[:, m], "posterior mean")
+        _error(panels[2 * m + 1], band, m)
+    return headed(fig, panels, f"{name_of(trace)}, posterior predictive", _inside(band))
+
+
+def _inside(band: Band) -> str:
+    each = (f"{name.replace('_', ' ')} {100.0 * share:.1f} %"
+            for name, share in zip(band.trace.channels, band.inside, strict=True))  # fmt: skip
+    return "inside the 95 % band: " + ", ".join(each)
+
+
+def _error(panel: Axes, band: Band, m: int) -> None:
+    trace, channel = band.trace, source(band.trace, band.trace.channels[m])
+    t, half = trace.instants, Z_95 * band.sd[:, m] / abs(channel.scale)
+    error = (trace.data[:, m] - band.mean[:, m]) / channel.scale
+    size = np.abs(error[np.isfinite(error)])
+    limit = 1.15 * max(float(np.quantile(size, _ERRORS_SHOWN)), float(np.quantile(half, _ERRORS_SHOWN)))
+    panel.fill_between(t, -half, half, color=_INSIDE, lw=0, label="95 % band")
+    panel.plot(*style.thin(t, np.clip(error, -limit, limit)), ".", ms=2.0, color=style.MEASURED)
+    panel.axhline(0.0, color=style.SIMULATED, lw=1.0)
+    panel.set_ylim(-limit, limit)
+    panel.set_ylabel(f"error [{channel.unit or '1'}]")
+
+
+with warnings.catch_warnings():  # it loads ArviZ, which announces its next version once a day
+    warnings.simplefilter("ignore", FutureWarning)
+    import corner
+
+
+_CELL = 1.15  # inches
+_SHOWN = 4.0  # standard deviations either way
+
+
+@dataclass(frozen=True, eq=False)
+class CornerPicture:
+    """What a corner plot shows.
+
+    Args:
+        rig: its name.
+        draws: SI by symbol, shape (D,) each.
+        units: by symbol.
+        truths: SI by symbol, where known.
+        synthetic: the data were made up.
+    """
+
+    rig: str
+    draws: Mapping[str, np.ndarray]
+    units: Mapping[str, str]
+    truths: Mapping[str, float]
+    synthetic: bool
+
+
+def draw_corner(picture: CornerPicture) -> Figure:
+    """Each axis is a distance from the posterior mean in per cent of it, so that ticks stay short."""
+    symbols = list(picture.draws)
+    side = 1.6 + _CELL * len(symbols)
+    fig = style.figure(side, side, picture.synthetic)
+    percent = {s: _percent(d, d) for s, d in picture.draws.items()}
+    limit = [_SHOWN * float(np.std(d)) for d in percent.values()]
+    corner.corner(
+        np.stack(list(percent.values()), axis=1),
+        fig=fig,
+        range=[(-w, w) for w in limit],
+        bins=25,
+        smooth=1.0,
+        levels=(0.393, 0.865),
+        color=style.READING,
+        plot_datapoints=False,
+        fill_contours=True,
+        max_n_ticks=3,
+        labels=[f"{s.replace('series_ohm.', 'R ')} [%]" for s in symbols],
+        label_kwargs={"fontsize": 10},
+        labelpad=0.12,
+        truths=[_truth(picture, s) for s in symbols],
+        truth_color=style.SIMULATED,
+    )
+    fig.subplots_adjust(left=0.085, right=0.985, bottom=0.085, top=0.985, wspace=0.06, hspace=0.06)
+    drawn = [axes for axes in fig.axes if axes.get_frame_on()]
+    for axes in drawn:  # corner empties those above the diagonal
+        axes.tick_params(labelsize=8)
+        axes.grid(False)
+        axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
+        axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
+    fig.text(0.985, 0.955, _means(picture), ha="right", va="top", fontsize=11, linespacing=1.5)
+    return fig
+
+
+def _percent(value: np.ndarray | float, draws: np.ndarray) -> np.ndarray:
+    mean = float(np.mean(draws))
+    return 100.0 * (np.asarray(value) - mean) / abs(mean)
+
+
+def _truth(picture: CornerPicture, symbol: str) -> float | None:
+    return float(_percent(picture.truths[symbol], picture.draws[symbol])) if symbol in picture.truths else None
+
+
+def _means(picture: CornerPicture) -> str:
+    """Means, since the axes show distances from them."""
+    lines = [f"{picture.rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
+    lines += ["orange: what the data were made from"] if picture.truths else []
+    for s, d in picture.draws.items():
+        digits = Digits.of(float(np.mean(d)), float(np.std(d)))
+        lines.append(f"{s} = {digits(float(np.mean(d)))} ± {digits(float(np.std(d)))} {picture.units[s]}")
+    return "\n".join(lines)
+
+
+_ACROSS = 3
+
+
+def draw_profiles(rig: str, profiles: Sequence[Profile], units: Mapping[str, str], synthetic: bool) -> Figure:
+    """chi2's rise over its least as one parameter is held and the others follow."""
+    across = min(_ACROSS, len(profiles))
+    down = -(-len(profiles) // across)
+    tall = 0.7 + 2.9 * down
+    fig = style.figure(max(5.0, 4.2 * across), tall, synthetic)
+    grid = fig.subplots(down, across, squeeze=False)
+    for panel, profile in zip(grid.flat, profiles, strict=False):
+        _panel(panel, profile, units[profile.symbol])
+    for panel in grid.flat[len(profiles) :]:
+        panel.set_visible(False)
+    fig.suptitle(f"{rig}  ·  profile likelihood", x=0.015, y=1.0 - 0.08 / tall, ha="left", va="top", fontsize=13)
+    fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.4 / tall))
+    return fig
+
+
+def _panel(panel: Axes, profile: Profile, unit: str) -> None:
+    panel.plot(profile.value, profile.rise, "o-", color=style.READING, ms=4)
+    panel.axhline(RISE, color=style.SIMULATED, ls="--", lw=1.2)
+    for end in (profile.low, profile.high):
+        if end is not None:
+            panel.axvline(end, color=style.SIMULATED, lw=1.0)
+    panel.set_ylim(-0.3, min(3.0 * RISE, max(1.5 * RISE, 1.1 * float(np.max(profile.rise)))))
+    panel.set_xlabel(f"{profile.symbol} [{unit}]")
+    panel.set_ylabel("rise of chi2 [1]")
+    panel.set_title(f"{profile.symbol}: {profile.kind}", loc="left")
+
+
+_EDGE = 6.0  # of the unit of the axis
+LAPLACE, PROFILE, POSTERIOR = style.SIMULATED, "#009e73", style.READING
+
+
+@dataclass(frozen=True)
+class Spread:
+    """One parameter, SI.
+
+    Args:
+        symbol, unit: which.
+        fitted, stderr: of the fit; no standard error where it is a compromise.
+        mean, sd, low, high: of the posterior.
+        profile: its interval, or None.
+        reading, truth: or None.
+        apart: they differ in width by more than 20 %.
+    """
+
+    symbol: str
+    unit: str
+    fitted: float
+    stderr: float | None
+    mean: float
+    sd: float
+    low: float
+    high: float
+    profile: tuple[float, float] | None
+    reading: float | None
+    truth: float | None
+    apart: bool
+
+    @property
+    def scale(self) -> float:
+        """Unit of the axis: the standard error of the fit, or where it has none the posterior's standard deviation."""
+        return self.sd if self.stderr is None else self.stderr
+
+
+def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
+    """A row a parameter; 95 % intervals about the fitted value, see `Spread.scale`."""
+    tall = 1.6 + 0.46 * max(1, len(spreads))
+    fig = style.figure(11.0, tall, synthetic)
+    panel = fig.subplots(1, 1)
+    fig.subplots_adjust(left=0.2, right=0.62, top=1.0 - 0.8 / tall, bottom=0.62 / tall)
+    panel.axvline(0.0, color="black", lw=0.8)
+    if any(spread.reading is not None for spread in spreads):
+        panel.plot([], [], "o", color=style.MEASURED, label="graph reading")  # one beyond the edge is an arrow
+    for row, spread in enumerate(spreads):
+        _row(panel, row, spread)
+        panel.text(1.02, row, _words(spread), transform=panel.get_yaxis_transform(), va="center", fontsize=10)
+    panel.set_yticks(range(len(spreads)), [s.symbol for s in spreads])
+    panel.set_ylim(len(spreads) - 0.4, -0.6)
+    panel.set_xlim(-_EDGE, _EDGE)
+    unit = "standard errors of the fit" if all(s.stderr is not None for s in spreads) else "standard deviations"
+    panel.set_xlabel(f"distance from the fitted value [{unit}]")
+    fig.suptitle(f"{rig}  ·  how sure", x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.legend(fig, [panel], 0.015, 1.0 - 0.42 / tall, "upper left")
+    return fig
+
+
+def _row(panel: Axes, row: int, spread: Spread) -> None:
+    def at(value: float) -> float:
+        return float(np.clip((value - spread.fitted) / spread.scale, -_EDGE, _EDGE))
+
+    bars = [((spread.low, spread.high), 0.2, POSTERIOR, "posterior, 95 %")]
+    if spread.stderr is not None:
+        ends = spread.fitted - 1.96 * spread.stderr, spread.fitted + 1.96 * spread.stderr
+        bars.insert(0, (ends, -0.2, LAPLACE, "Laplace, 95 %"))
+    if spread.profile is not None:
+        bars.append((spread.profile, 0.0, PROFILE, "profile, 95 %"))
+    for (low, high), shift, colour, label in bars:
+        panel.plot([at(low), at(high)], [row + shift] * 2, color=colour, lw=4, solid_capstyle="butt", label=label)
+    panel.plot(at(spread.mean), row + 0.2, "|", color="white", ms=5)
+    if spread.reading is not None:
+        x = at(spread.reading)
+        marker = "o" if abs(x) < _EDGE else ("<" if x < 0.0 else ">")
+        panel.plot(x, row, marker, color=style.MEASURED, ms=7, ls="none", clip_on=False)
+    if spread.truth is not None:
+        panel.plot(
+            at(spread.truth), row, "D", color="black", mfc="white", ms=6, ls="none", label="truth", clip_on=False
+        )
+
+
+def _words(spread: Spread) -> str:
+    digits = Digits.of(spread.mean, spread.sd)
+    flag = "   > 20 % apart" if spread.apart else ""
+    return f"{digits(spread.mean)} ± {digits(spread.sd)} {spread.unit}{flag}"
 
 
 def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> list[Job]:
@@ -26,17 +265,20 @@ def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[
     units = {s: unit for s, (unit, _) in posterior.described.items()}
     profiled: Job = (
         Path("profiles.png"),
-        partial(profiles_.draw, config.name, [*profiles.values()], units, config.synthetic),
+        partial(draw_profiles, config.name, [*profiles.values()], units, config.synthetic),
     )
     return [
-        (Path("intervals.png"), partial(spreads.draw, config.name, _spreads(posterior, profiles), config.synthetic)),
-        (Path("corner.png"), partial(corner.draw, _corner(posterior, units))),
+        (
+            Path("intervals.png"),
+            partial(draw_spreads, config.name, _spreads(posterior, profiles), config.synthetic),
+        ),
+        (Path("corner.png"), partial(draw_corner, _corner_picture(posterior, units))),
         *([profiled] if profiles else []),
-        *((Path("bands") / file_name(b.trace), partial(bands_.draw, b, config.synthetic)) for b in bands),
+        *((Path("bands") / file_name(b.trace), partial(draw_band, b, config.synthetic)) for b in bands),
     ]
 
 
-def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[spreads.Spread]:
+def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[Spread]:
     """Of whatever both the fit and the posterior put a number to, ties aside."""
     fit, read, true = posterior.fit, readings_of(posterior.fit), truths(posterior.fit.rig)
     known = intervals(fit) | lumped(fit)
@@ -47,12 +289,12 @@ def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[spre
             continue
         ends = None if profile is None or profile.low is None or profile.high is None else (profile.low, profile.high)
         unit = posterior.described[s][0]
-        out.append(spreads.Spread(s, unit, fitted.value, fitted.stderr or None, m.mean, m.sd, m.low, m.high, ends,
+        out.append(Spread(s, unit, fitted.value, fitted.stderr or None, m.mean, m.sd, m.low, m.high, ends,
                                   read.get(s), true.get(s), disagree(m, profile)))  # fmt: skip
     return out
 
 
-def _corner(posterior: Posterior, units: Mapping[str, str]) -> corner.CornerPicture:
+def _corner_picture(posterior: Posterior, units: Mapping[str, str]) -> CornerPicture:
     config = posterior.fit.rig.config
     draws = {s: posterior.draws[s].ravel() for s in posterior.chain.symbols}
-    return corner.CornerPicture(config.name, draws, units, truths(posterior.fit.rig), config.synthetic)
+    return CornerPicture(config.name, draws, units, truths(posterior.fit.rig), config.synthetic)

@@ -8,8 +8,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...posterior.profile import Profile
-from ...posterior.sampling import Posterior
-from ...posterior.summary import Marginal
+from ...posterior.sampling import Marginal, Posterior
 from ...run_folder.posterior import disagree, narrower
 from ..blocks import headed, plain_table, rig_title, sentences, spaced
 from ..numbers import Digits, short

@@ -44,10 +44,6 @@ DETECTORS: tuple[Detector, ...] = (
 def refuse(folder: str, found: Iterable[Finding]) -> None:
     """Refuse data that physics rules out.
 
-    Args:
-        folder: what the message calls the rig.
-        found: of its records.
-
     Raises:
         MeasurementError: naming the first such find, and how many more there are.
     """

@@ -21,14 +21,11 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """All traces of a rig, held out ones too, and what several detectors read off them.
-
-    Args:
-        blamed: tests whose circuit is known to be read wrong, because of a mistake found before.
-    """
+    """All traces of a rig, held out ones too, and what several detectors read off them."""
 
     config: RigConfig
     traces: tuple[Measurement, ...]
+    # tests whose circuit is known to be read wrong, because of a mistake found before
     blamed: frozenset[str] = frozenset()
 
     def without(self, tests: Iterable[str]) -> Records:
@@ -68,7 +65,7 @@ class Records:
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
         """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test.
 
-        One trace tells little apart: a sign of its own is believed against its test's only for a value about as large.
+        One trace separates little: a sign of its own is believed against its test's only for a value about as large.
         """
         both = [c for c in (self.circuit_of.get(trace.file), self.circuits.get(trace.test)) if c is not None]
         if not both:
@@ -85,7 +82,7 @@ class Records:
 
 
 class Signs(NamedTuple):
-    """-1, 1, or 0 where it cannot be told."""
+    """-1, 1, or 0 where the sign is not significant."""
 
     R: int
     L: int
@@ -94,15 +91,10 @@ class Signs(NamedTuple):
 
 @dataclass(frozen=True)
 class Detector:
-    """Finds one kind of mistake or habit of the rig before any fit.
+    """Finds one kind of mistake or habit of the rig before any fit."""
 
-    Args:
-        find: every finding, the surest first; the function's name is the kind.
-        explains: a finding makes the circuit of its test wrong: no later detector reads it.
-    """
-
-    find: Callable[[Records], Iterator[Finding]]
-    explains: bool = False
+    find: Callable[[Records], Iterator[Finding]]  # every finding, the surest first; the function's name is the kind
+    explains: bool = False  # a finding makes the circuit of its test wrong: no later detector reads it
 
     @property
     def kind(self) -> str:
@@ -111,12 +103,7 @@ class Detector:
 
 
 def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Finding) -> Finding:
-    """The finding with its place in front of its sentence: every trace of a rig test, or these files of it.
-
-    Args:
-        files: that show it.
-        traces: all of the test.
-    """
+    """The finding with its place in front of its sentence: every trace of a rig test, or these files of it."""
     test, shown = traces[0].test, list(files)
     if len(shown) < len(traces):
         more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""

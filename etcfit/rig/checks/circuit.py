@@ -5,7 +5,7 @@
 over windows of some samples, [x] being what x gained over the window. Nothing is differentiated, so noise hardly
 matters, and it holds whatever torque acts on the plate: with the plate held [theta] = 0, with open terminals i = 0,
 with the gear apart theta is the motor's angle and k its K_b; at the plate k = N K_b. Robust least squares: L over all
-windows, all else over those without a jump of the voltage, whose instant within a sample nobody knows.
+windows, all else over those without a jump of the voltage, whose instant within a sample is unknown.
 
 Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
 
@@ -16,7 +16,7 @@ Is the logged current that of the motor, or what another place or another instru
     without its sign   |i|                          so   i = |i| sgn(v - k w)
 
 Each reading is put into the equation, over the same windows, and the right one leaves the least. What is near no
-voltage tells nothing: the duty d is zero there.
+voltage says nothing: the duty d is zero there.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (mean current of the source of a bridge). Differs from source: no.
 """
@@ -38,8 +38,8 @@ SAMPLES, LEAST_SAMPLES, WINDOWS = 20, 5, 20  # in a window, at least, and how ma
 FEWEST = 12  # windows that carry a reading
 SEEN = 5.0  # noises that a gain over a window must reach, rms, to say anything
 JUMP, JUMP_SHARE = 8.0, 0.02  # noises, and of the span: a change from sample to sample that is a jump
-ALIKE = 0.97  # correlation at which brushes and resistance cannot be told apart
-NEAR = 0.1  # of the largest voltage: a smaller one tells nothing of another current
+ALIKE = 0.97  # correlation at which brushes and resistance cannot be separated
+NEAR = 0.1  # of the largest voltage: windows at a smaller one are left out where currents are compared
 ROUNDS = 3  # in which the sign of the current and k are found together
 
 
@@ -56,27 +56,17 @@ class Value(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Integrals and gains over each window, SI, shape (n,) each.
+    """Integrals and gains over each window, SI, shape (n,) each."""
 
-    Args:
-        volts: integral of the voltage, V s; with open terminals of the EMF.
-        amperes: integral of the current, A s.
-        rise: gain of the current, A.
-        turn: gain of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held.
-        brushes: integral of the current's sign, s.
-        seconds: length of the window, s.
-        calm: 1 where the voltage does not jump within the window, else 0.
-        heard: noises of rise and turn, to tell a gain from noise.
-    """
-
-    volts: np.ndarray
-    amperes: np.ndarray
-    rise: np.ndarray
+    volts: np.ndarray  # integral of the voltage, V s; with open terminals of the EMF
+    amperes: np.ndarray  # integral of the current, A s
+    rise: np.ndarray  # gain of the current, A
+    # gain of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held
     turn: np.ndarray
-    brushes: np.ndarray
-    seconds: np.ndarray
-    calm: np.ndarray
-    heard: tuple[float, float]
+    brushes: np.ndarray  # integral of the current's sign, s
+    seconds: np.ndarray  # length of the window, s
+    calm: np.ndarray  # 1 where the voltage does not jump within the window, else 0
+    heard: tuple[float, float]  # noises of rise and turn, to tell a gain from noise
 
     def where(self, rows: np.ndarray) -> Windows:
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "heard"})
@@ -84,21 +74,13 @@ class Windows:
 
 @dataclass(frozen=True)
 class Circuit:
-    """What the windows say; None where they say nothing of it.
+    """What the windows say; None where they say nothing of it."""
 
-    Args:
-        R: ohm; of the whole circuit.
-        L: H.
-        k: V s/rad; N K_b at the plate, K_b where the gear is apart.
-        drop: V, at the brushes; 0 where it cannot be told from R.
-        amperes: typical current, rms, A.
-    """
-
-    R: Value | None
-    L: Value | None
-    k: Value | None
-    drop: float
-    amperes: float
+    R: Value | None  # ohm; of the whole circuit
+    L: Value | None  # H
+    k: Value | None  # V s/rad; N K_b at the plate, K_b where the gear is apart
+    drop: float  # V, at the brushes; 0 where it cannot be separated from R
+    amperes: float  # typical current, rms, A
 
 
 def read_circuit(traces: Sequence[Measurement], config: RigConfig) -> Circuit | None:
@@ -187,7 +169,7 @@ def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:
 
 
 def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Value | None:
-    """R of these traces' circuit, the brushes' drop (V) being known from another test; None where it cannot be told."""
+    """R of these traces' circuit, the brushes' drop (V) being known from another test; None where it is unknown."""
     w = joined(windows_of(trace, config) for trace in traces)
     if w is None:
         return None
@@ -241,17 +223,11 @@ def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[st
 
 @dataclass(frozen=True, eq=False)
 class OtherCurrent:
-    """One rig test, its current read in three ways.
+    """One rig test, its current read in three ways."""
 
-    Args:
-        motor: windows with the current as logged.
-        supply: with that of the motor, were a supply's logged; for a supply of `volts`.
-        volts: of the supply; 1 where nobody knows it, and then R is one of 1 V.
-    """
-
-    motor: Windows
-    supply: Windows
-    volts: float
+    motor: Windows  # windows with the current as logged
+    supply: Windows  # with that of the motor, were a supply's logged; for a supply of `volts`
+    volts: float  # of the supply; 1 where it is unknown, and then R is one of 1 V
 
     @cached_property
     def sign(self) -> np.ndarray:
@@ -314,7 +290,7 @@ def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurr
 
 
 def supply_of(traces: Sequence[Measurement], config: RigConfig) -> float | None:
-    """Voltage of the supply, logged or in rig.toml, V; None where nobody knows it."""
+    """Voltage of the supply, logged or in rig.toml, V; None where it is unknown."""
     logged = [float(np.median(t.channels["supply"].value)) for t in traces if "supply" in t.channels]
     return float(np.median(logged)) if logged else config.supply_V
 

@@ -4,9 +4,9 @@ Mains hum is a line at 50 or 60 Hz in a channel, the same in every trace of a te
 
     chance = P(chi2_(2n) > -2 sum log p_j),   p_j from `line.py`, over the n traces of the test
 
-It must be far clearer than the clearest line in the bands beside it, which motion that repeats itself makes as well.
+It must be far clearer than the clearest line in the neighbouring bands, which motion that repeats itself makes as well.
 
-A time base that runs fast or slow in one rig test, where it can be told without a fit.
+A time base that runs fast or slow in one rig test, where it shows without a fit.
 
     logged = s x true time:  mains hum at f/s   or   back-EMF constant s k and duration of the fall s T, both alike
 
@@ -51,28 +51,19 @@ LOST_SHARE = 1e-4  # of the samples, the least that are lost
 
 
 class Mains(NamedTuple):
-    """The mains as one channel of one rig test shows it.
+    """The mains as one channel of one rig test shows it."""
 
-    Args:
-        nominal: Hz.
-        lines: of each trace in which a line could be sought.
-        chance: of all of them together.
-        beside: that of the clearest lines in the bands beside it.
-        amplitude: median, SI.
-        frequency: weighted mean by the log's clock, Hz; error: its standard error.
-    """
-
-    nominal: float
-    lines: tuple[Line, ...]
-    chance: float
-    beside: float
-    amplitude: float
-    frequency: float
-    error: float
+    nominal: float  # Hz
+    lines: tuple[Line, ...]  # of each trace in which a line could be sought
+    chance: float  # of all of them together
+    neighbours: float  # that of the clearest lines in the neighbouring bands
+    amplitude: float  # median, SI
+    frequency: float  # weighted mean by the log's clock, Hz
+    error: float  # of the frequency, Hz
 
     def is_clear(self, chance: float) -> bool:
-        """Rarer than this, and than the square of what is seen beside it."""
-        return self.chance < chance and self.chance < max(self.beside, 1e-150) ** 2
+        """Rarer than this, and than the square of what the neighbouring bands show."""
+        return self.chance < chance and self.chance < max(self.neighbours, 1e-150) ** 2
 
 
 def _mains_in(records: Records, test: str, name: str, band: float) -> Mains | None:
@@ -86,7 +77,7 @@ def _at(spectra: Sequence[Spectrum], nominal: float, band: float) -> Mains:
     lines = tuple(line_near(s, nominal, band) for s in spectra)
     weight = np.array([1.0 / line.error**2 for line in lines])
     frequency = float(np.sum(weight * [line.frequency for line in lines]) / max(float(np.sum(weight)), 1e-300))
-    return Mains(nominal, lines, _together([line.chance for line in lines]), _together([x.beside for x in lines]),
+    return Mains(nominal, lines, _together([line.chance for line in lines]), _together([x.neighbours for x in lines]),
                  float(np.median([line.amplitude for line in lines])), frequency,
                  float(1.0 / np.sqrt(max(float(np.sum(weight)), 1e-300))))  # fmt: skip
 

@@ -50,10 +50,10 @@ SURELY = 100.0  # factor beyond which no rig explains it
 CLOSELY = 0.03
 GEAR_SHARE = 0.1  # by which the gear ratio must be off
 
-REFERENCE = ("resistance", "static_load", "response")  # where the resistance is told best first
+REFERENCE = ("resistance", "static_load", "response")  # tests that show the resistance, best first
 MORE = 0.12  # of R, the least difference; below it a warm winding does as much
 MOST = 5.0  # times R; beyond it a unit is the likelier slip
-LEAST_AMPERES = 0.05  # typical current that tells a resistance
+LEAST_AMPERES = 0.05  # least typical current that shows a resistance
 
 
 def unit_scale(records: Records) -> Iterator[Finding]:

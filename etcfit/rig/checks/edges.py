@@ -2,7 +2,7 @@
 
     y_j = (i_j - i_before) / (v_after - v_before) = (1 - a^(phi + j)) / R,   a = exp(-R dt / L),   j = 0, 1, 2, ...
 
-With y_(j+1) = (1 - a)/R + a y_j every edge tells a and R; a robust line through those of all edges of a test is taken,
+With y_(j+1) = (1 - a)/R + a y_j every edge gives a and R; a robust line through those of all edges of a test is taken,
 and with it each edge's own phase phi = log(1 - R y_0)/log a, in sample intervals: 0 where the edge came with the sample
 that first shows it, 1 where it came a whole interval earlier. One clock for output and logger makes them all the same;
 else they are uniform. A common phase is a habit, no mistake, but a fit that takes each instant as independent is biased
@@ -38,15 +38,10 @@ ERROR = 0.1  # of a phase; less sure ones are left out
 
 
 class OnCircle(NamedTuple):
-    """Where points lie.
+    """Where points lie."""
 
-    Args:
-        mean: turns, from -0.5 to 0.5.
-        length: of their mean vector: 1 where all are the same, 0 where they cancel.
-    """
-
-    mean: float
-    length: float
+    mean: float  # turns, from -0.5 to 0.5
+    length: float  # of their mean vector: 1 where all are the same, 0 where they cancel
 
     @property
     def spread(self) -> float:
@@ -80,19 +75,13 @@ def arc_chance(points: Float[np.ndarray, " n"]) -> float:
 
 @dataclass(frozen=True)
 class EdgePhase:
-    """Phase of the edges of one rig test, in sample intervals before the sample that first shows them.
+    """Phase of the edges of one rig test, in sample intervals before the sample that first shows them."""
 
-    Args:
-        phase: mean on the circle, 0 to 1; of edges on the samples the end that most of them show.
-        error: its standard error.
-        edges: how many told it.
-        chance: probability that edges at any instants would have phases as close together: twice
-            the lesser of Rayleigh's and that of the arc they lie in.
-    """
-
-    phase: float
-    error: float
-    edges: int
+    phase: float  # mean on the circle, 0 to 1; of edges on the samples the end that most of them show
+    error: float  # its standard error
+    edges: int  # how many it was read from
+    # probability that edges at any instants would have phases as close together: twice the lesser of Rayleigh's and
+    # that of the arc they lie in
     chance: float
 
 
@@ -110,8 +99,7 @@ def synchronous_edges(records: Records) -> Iterator[Finding]:
 
 
 def edge_phase(traces: Sequence[Measurement]) -> EdgePhase | None:
-    """The common phase of the voltage's edges in traces of one rig test; None where they have none, or it cannot be
-    told."""
+    """The common phase of the voltage's edges in traces of one rig test; None where there is none."""
     phases = edge_phases(traces)
     if phases.size < FEWEST:
         return None
@@ -124,13 +112,20 @@ def edge_phase(traces: Sequence[Measurement]) -> EdgePhase | None:
 
 
 def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
-    """Of every edge that tells its phase, in sample intervals, shape (edges,)."""
+    """Of every edge that shows its phase, in sample intervals, shape (edges,)."""
     read = [row for trace in traces for row in _edges(trace)]
     if not read:
         return np.empty(0)
     y = np.array([row[0] for row in read])
     noise = np.array([row[1] for row in read])
-    a, R = _circuit(y)
+    # a and R of all edges together: y_(j+1) = (1 - a)/R + a y_j, medians of slope and level
+    x, z = y[:, :-1].ravel(), y[:, 1:].ravel()
+    slope, level = np.polyfit(x, z, 1) if np.ptp(x) > 0.0 else (0.0, 1.0)
+    for _ in range(10):
+        miss = np.abs(z - slope * x - level)
+        near = miss <= max(3.0 * float(np.median(miss)), 1e-12)
+        slope, level = np.polyfit(x[near], z[near], 1)
+    a, R = float(slope), float((1.0 - slope) / level) if level > 0.0 else -1.0
     if not (0.0 < a < 1.0 - MIN_RISE and R > 0.0):
         return np.empty(0)
     left = 1.0 - R * y[:, 0]
@@ -138,17 +133,6 @@ def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
     sure = (left > 0.0) & (error < ERROR)
     phases = np.log(left[sure]) / np.log(a)
     return phases[(phases > -0.3) & (phases < 1.3)]
-
-
-def _circuit(y: np.ndarray) -> tuple[float, float]:
-    """a and R of all edges together: y_(j+1) = (1 - a)/R + a y_j, medians of slope and level."""
-    x, z = y[:, :-1].ravel(), y[:, 1:].ravel()
-    slope, level = np.polyfit(x, z, 1) if np.ptp(x) > 0.0 else (0.0, 1.0)
-    for _ in range(10):
-        miss = np.abs(z - slope * x - level)
-        near = miss <= max(3.0 * float(np.median(miss)), 1e-12)
-        slope, level = np.polyfit(x[near], z[near], 1)
-    return float(slope), float((1.0 - slope) / level) if level > 0.0 else -1.0
 
 
 def _edges(trace: Measurement) -> list[tuple[np.ndarray, float]]:

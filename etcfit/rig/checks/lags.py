@@ -6,17 +6,17 @@ The rise of a held winding's current after a step has two time constants behind 
     two lags   y = y_0 + A (1 - (T_a exp(-s/T_a) - T_b exp(-s/T_b)) / (T_a - T_b))
 
 t_0 is free in both, so a channel that is merely late is none. The rise is the same with T_a and T_b exchanged: which of
-them is L/R and which is the channel's, no current tells. A low-pass that is much faster than L/R, or than the log,
+them is L/R and which is the channel's, no current shows. A low-pass that is much faster than L/R, or than the log,
 leaves one lag; then R T is an upper bound of L, and no record says so, but one much slower than a winding's.
 
 Source: Doebelin 2003, ch. 3 (two instruments of first order in a row). Differs from source: no.
 
-A log is slower than what acts in it where the input changes between two samples, and nobody can say when.
+A log is slower than what acts in it where the input changes between two samples, and when is unknown.
 
     y_(k+1) - y_k = a + sum_j b_j y_(k-j) + sum_j c_j u_(k-j) + d u_(k+1),   j = 0 ... 3
 
-An input that is held from sample to sample, or that a log follows, tells the next position by what was logged up to
-now. Where a controller acted several times between two samples, the next input u_(k+1) tells of it besides, d > 0. A
+An input that is held from sample to sample, or that a log follows, gives the next position from what was logged up to
+now. Where a controller acted several times between two samples, the next input u_(k+1) shows it too, d > 0. A
 controller that reads the position also makes d other than zero, but below it: it pulls back. Samples about a lone edge
 are left out: its instant is sought by the fit.
 """
@@ -76,18 +76,15 @@ def slow_current(records: Records) -> Iterator[Finding]:
     """By the two time constants of a held winding; else by an L/R that no winding has."""
     found = []
     for test, traces in records.tests.items():
-        if TEST_BY_NAME[test].boundary.plate_held and test not in records.blamed:
-            rises = {t.file: rise for t in traces if (rise := _rise(t, records.config)) is not None}
-            if rises and _are_slow([*rises.values()]):
-                found.append(_of_two_lags(rises, traces, records))
+        if not TEST_BY_NAME[test].boundary.plate_held or test in records.blamed:
+            continue
+        read = {t.file: rise for t in traces if (rise := _rise(t, records.config)) is not None}
+        rises, fast = [*read.values()], [rise.fast for rise in read.values()]
+        sound = rises and all(r.left < LEFT and r.gain > 0.0 for r in rises) and max(fast) < ALIKE * min(fast)
+        sure = sound and sum(r.error**-2 for r in rises) ** -0.5 < LAG_ERROR
+        if sure and sum(r.gain for r in rises) > GAIN:
+            found.append(_of_two_lags(read, traces, records))
     yield from found or _of_circuit(records)
-
-
-def _are_slow(rises: list[Rise]) -> bool:
-    fast = [rise.fast for rise in rises]
-    error = sum(rise.error**-2 for rise in rises) ** -0.5
-    sound = all(rise.left < LEFT and rise.gain > 0.0 for rise in rises) and max(fast) < ALIKE * min(fast)
-    return sound and error < LAG_ERROR and sum(rise.gain for rise in rises) > GAIN
 
 
 def _of_two_lags(rises: dict[str, Rise], traces: tuple[Measurement, ...], records: Records) -> Finding:
@@ -191,7 +188,7 @@ class Look(NamedTuple):
 
 
 def slow_log(records: Records) -> Iterator[Finding]:
-    """Logs in which the next input tells the motion before it."""
+    """Logs in which the next input predicts the motion before it."""
     for traces in records.tests.values():
         looks = {t.file: look for t in traces if (look := _look(t, records.config)) is not None}
         slow = {file: look for file, look in looks.items() if look.ahead > AHEAD}
@@ -230,14 +227,12 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
         return None
     past = np.column_stack([own, *(y[k - j] for j in range(LAGS))])
     rate = 1.0 / float(np.median(np.diff(drive.time)))
-    return Look(_t_of_next(_remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])), new, rate)
-
-
-def _t_of_next(ahead: np.ndarray, move: np.ndarray) -> float:
-    """t of d: both less what the past tells of them (Frisch and Waugh 1933)."""
+    # t of d: both less what the past explains of them (Frisch and Waugh 1933)
+    ahead, move = _remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])
     power = float(ahead @ ahead)
     slope = float(ahead @ move) / max(power, 1e-300)
-    return slope / max(float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300))), 1e-300)
+    error = float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300)))
+    return Look(slope / max(error, 1e-300), new, rate)
 
 
 def _about_lone_edges(u: np.ndarray, sigma: float) -> np.ndarray:

@@ -110,8 +110,8 @@ def _zero(trace: Measurement, name: str, records: Records) -> Value | None:
 
 
 def _unexplained(current: Value, volts: Channel, samples: int, trace: Measurement, records: Records) -> Value | None:
-    """The part of a mean current that the voltage of these samples does not explain; None where it may explain any,
-    for nobody knows the resistance: that of the trace's test, else of any."""
+    """The part of a mean current that the voltage of these samples does not explain; None where it may explain any
+    because the resistance is unknown: that of the trace's test, else of any."""
     circuits = [records.circuits.get(trace.test), *records.circuits.values()]
     ohms = next((c.R.value for c in circuits if c is not None and c.R is not None and c.R.value > 0.0), None)
     mean, error = float(np.mean(volts.value[:samples])), _error(volts) / np.sqrt(samples)

@@ -7,8 +7,8 @@ y_k is the Fourier transform of the trace under the k-th of K sine tapers, U_k t
 phase and size under all tapers; a motion that has power there too has not. Before, the trace is differenced twice (slow
 motion goes), and what exceeds its noise is cut (steps and impacts go).
 
-Periodic motion makes lines too. They are no mains where they are as clear in the bands beside it, so `beside` says how
-clear the clearest of those is.
+Periodic motion makes lines too. They are no mains where they are as clear in the bands next to it, so `neighbours` says
+how clear the clearest of those is.
 
 Source: Thomson 1982, harmonic F-test; Riedel and Sidorenko 1995, sine tapers. Differs from source: differences first.
 """
@@ -28,43 +28,28 @@ UNEVEN = 0.2  # rms of the intervals over their median; beyond it a Fourier tran
 LONGEST = 1 << 16  # samples looked at
 TRIED = 8.0  # frequencies that count as tried, times the band over the resolution; 2 would be independent ones
 RATE = 6.0  # times the frequency: a faster log is averaged down to that
-UNCLEAR = 0.1  # chance above which no line beside it need be looked for
-BESIDE = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
+UNCLEAR = 0.1  # chance above which no neighbouring line need be looked for
+NEIGHBOURS = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
 
 
 class Line(NamedTuple):
-    """A sine in one channel.
+    """A sine in one channel."""
 
-    Args:
-        frequency: Hz, by the log's own clock.
-        error: of the frequency, Hz.
-        amplitude: SI.
-        chance: probability that noise would show one as clear within the band that was searched.
-        beside: that of the clearest line in the bands beside it.
-    """
-
-    frequency: float
-    error: float
-    amplitude: float
-    chance: float
-    beside: float = 1.0
+    frequency: float  # Hz, by the log's own clock
+    error: float  # of the frequency, Hz
+    amplitude: float  # SI
+    chance: float  # probability that noise would show one as clear within the band that was searched
+    neighbours: float = 1.0  # that of the clearest line in the bands next to it
 
 
 class Spectrum(NamedTuple):
-    """A channel under each taper.
+    """A channel under each taper."""
 
-    Args:
-        grid: Hz, shape (m,).
-        y: Fourier transforms, shape (K, m).
-        sums: of the tapers, shape (K,).
-        step, duration: s.
-    """
-
-    grid: np.ndarray
-    y: np.ndarray
-    sums: np.ndarray
-    step: float
-    duration: float
+    grid: np.ndarray  # Hz, shape (m,)
+    y: np.ndarray  # Fourier transforms, shape (K, m)
+    sums: np.ndarray  # of the tapers, shape (K,)
+    step: float  # s
+    duration: float  # s
 
 
 def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
@@ -79,7 +64,10 @@ def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
         return None
     even = np.interp(np.arange(time[0], time[-1], step), time, value)
     block = max(1, int(1.0 / (RATE * frequency * step)))
-    x = _bare(even[: even.size // block * block].reshape(-1, block).mean(axis=1))
+    second = np.diff(even[: even.size // block * block].reshape(-1, block).mean(axis=1), 2)
+    second = second - np.median(second)
+    most = CUT * MAD_TO_SIGMA * float(np.median(np.abs(second)))
+    x = np.clip(second, -most, most) if most > 0.0 else second
     size, index = 1 << int(np.ceil(np.log2(4 * x.size))), np.arange(1, x.size + 1)
     order = np.arange(1, tapers + 1)[:, None]
     windows = np.sqrt(2.0 / (x.size + 1)) * np.sin(np.pi * order * index / (x.size + 1))
@@ -94,15 +82,7 @@ def line_near(s: Spectrum, frequency: float, band: float) -> Line:
     line = _clearest(s, frequency, band)
     if line.chance > UNCLEAR:
         return line
-    return line._replace(beside=min(_clearest(s, part * frequency, band).chance for part in BESIDE))
-
-
-def _bare(value: np.ndarray) -> np.ndarray:
-    """Second differences without what exceeds their noise."""
-    second = np.diff(value, 2)
-    second = second - np.median(second)
-    spread = CUT * MAD_TO_SIGMA * float(np.median(np.abs(second)))
-    return np.clip(second, -spread, spread) if spread > 0.0 else second
+    return line._replace(neighbours=min(_clearest(s, part * frequency, band).chance for part in NEIGHBOURS))
 
 
 def _clearest(s: Spectrum, frequency: float, band: float) -> Line:

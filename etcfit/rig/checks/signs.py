@@ -33,7 +33,7 @@ from .base import Records, Signs, column, found_in
 ERRORS = 5.0  # standard errors by which a reading must lie below zero
 OPPOSED = 10.0  # of the channel's noise, by which an integral must
 INVERSE = 0.15  # relative deviation of R from 1/R of the other tests that counts as the same
-APART = 1.5  # factor by which R, or the steps of two converters, must differ to be told apart
+APART = 1.5  # factor by which R, or the steps of two converters, must differ to count as different
 LEADS = 0.1  # share of the samples of a trace that a position may lead its setpoint by, at most, in the search
 BETTER = 0.02  # correlation that the lead must gain over the lag
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from etcfit.car_log import DriveLog, Series, study
-from etcfit.reporting.car_log import write_drive
+from etcfit.reporting.car_log.writing import write_drive
 from etcfit.rig.base import RigConfig
 from independent import hunting
 

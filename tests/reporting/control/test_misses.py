@@ -8,8 +8,7 @@ from typing import Any
 from etcfit.control.judged import Tuned
 from etcfit.control.loop_figures import LoopFigures
 from etcfit.control.pid import Requirements
-from etcfit.reporting.control.misses import UNSTABLE, hardest_place, misses
-from etcfit.reporting.control.words import hardest
+from etcfit.reporting.control.sentence import UNSTABLE, hardest, hardest_place, misses
 from partial import partial
 
 GOOD = LoopFigures(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)

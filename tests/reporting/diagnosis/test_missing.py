@@ -12,8 +12,7 @@ import diagnoses
 import results
 from etcfit.diagnosis.findings import Diagnosis, Motion, Share
 from etcfit.reporting.diagnosis import missing
-from etcfit.reporting.diagnosis.missing import MissingPicture
-from etcfit.reporting.diagnosis.samples import Bins, Samples, curve_rms, ways
+from etcfit.reporting.diagnosis.missing import Bins, MissingPicture, Samples, curve_rms, ways
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,7 @@ from etcfit.api.progress import silent
 from etcfit.api.work import keep_diagnosis, keep_fit
 from etcfit.diagnosis.findings import Diagnosis, SetAside
 from etcfit.reporting import draw_others
-from etcfit.reporting.diagnosis import chart, overlay, pictures, rounds, unexplained
+from etcfit.reporting.diagnosis import overlay, pictures
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
@@ -110,7 +110,7 @@ def test_without_held_out_traces(found: Diagnosis) -> None:
     left = replace(found.unexplained, holdout=())
     d = replace(found, before=alone[0], after=alone[1], rounds=turns, unexplained=left)
     assert not [name for name in names(d) if "response__2" in name]
-    steps = rounds.steps(d)
+    steps = pictures.steps(d)
     assert [step.holdout for step in steps] == [None, None, None]
     for _, draw in pickle.loads(pickle.dumps(pictures.jobs(d))):  # as a process beside this one is handed them
         draw()
@@ -118,7 +118,7 @@ def test_without_held_out_traces(found: Diagnosis) -> None:
 
 def test_the_chart_shows_each_entry_before_and_after(found: Diagnosis) -> None:
     entries = ledger(found)
-    (panel,) = chart.draw(entries, headline(found), True).axes
+    (panel,) = pictures.draw_ledger(entries, headline(found), True).axes
     before = [float(np.asarray(line.get_xdata())[0]) for line in panel.lines if line.get_label() == "before"]
     after = [float(np.asarray(line.get_xdata())[0]) for line in panel.lines if line.get_label() == "after"]
     assert before == pytest.approx([e.before.ratio for e in entries])
@@ -132,7 +132,7 @@ def test_the_chart_shows_each_entry_before_and_after(found: Diagnosis) -> None:
 
 
 def test_the_error_falls_by_the_trials_ratio_and_ends_at_the_final_fit(found: Diagnosis) -> None:
-    start, added, end = rounds.steps(found)
+    start, added, end = pictures.steps(found)
     assert added.label == "+ limp_home_spring"
     assert added.fit == pytest.approx(0.06 * start.fit)
     assert start.holdout is not None
@@ -141,27 +141,29 @@ def test_the_error_falls_by_the_trials_ratio_and_ends_at_the_final_fit(found: Di
                                                 "stribeck_friction": 0.93 * start.holdout})  # fmt: skip
     n = sum(row.n for row in found.after.score_fit)
     assert end.fit == pytest.approx(np.sqrt(sum(r.n * (r.rms / r.sigma) ** 2 for r in found.after.score_fit) / n))
-    (panel,) = rounds.draw([start, added, end], found.added, True).axes
+    (panel,) = pictures.draw_rounds([start, added, end], found.added, True).axes
     assert [tick.get_text() for tick in panel.get_xticklabels()] == ["start", added.label, "nothing more:\nfinal fit"]
 
 
 def test_the_unexplained_curve_and_its_band_in_degrees(found: Diagnosis) -> None:
     left = found.unexplained
     assert left is not None
-    fig = unexplained.draw(left, (0.1, 1.1), True)
+    fig = pictures.draw_unexplained(left, (0.1, 1.1), True)
     (panel,) = fig.axes
     line = panel.lines[-1]
     np.testing.assert_allclose(np.asarray(line.get_xdata()), np.degrees(0.1 + left.axis))
     np.testing.assert_allclose(np.asarray(line.get_ydata()), 1e3 * left.curve)
     assert panel.get_xlabel() == "plate angle [deg]"
     assert panel.get_ylabel() == "unexplained torque [mN m]"
-    speed = unexplained.draw(replace(left, depends_on="speed", axis_unit="rad/s"), (0.0, np.inf), False).axes[0]
+    speed = pictures.draw_unexplained(replace(left, depends_on="speed", axis_unit="rad/s"), (0.0, np.inf), False).axes[
+        0
+    ]
     assert speed.get_xlabel() == "plate speed [rad/s]"
 
 
 def test_an_angle_without_stops_is_still_legible(found: Diagnosis) -> None:
     assert found.unexplained is not None
-    panel = unexplained.draw(found.unexplained, (-np.inf, np.inf), False).axes[0]
+    panel = pictures.draw_unexplained(found.unexplained, (-np.inf, np.inf), False).axes[0]
     assert panel.get_xlim() == pytest.approx((-180.0, 180.0))
 
 
@@ -203,7 +205,7 @@ def test_a_trace_of_another_rig_is_drawn_under_both_bodies(mixed: Diagnosis) -> 
 def test_the_ledger_and_the_rounds_are_of_the_other_traces(mixed: Diagnosis) -> None:
     of_before = [row for row in mixed.before.score_fit if row.file != "response/1.csv"]
     assert sum(entry.before.traces for entry in ledger(mixed) if not entry.held_out) == len(of_before)
-    labels = [step.label for step in rounds.steps(mixed)]
+    labels = [step.label for step in pictures.steps(mixed)]
     assert labels[:2] == ["start", "without\nresponse/1.csv"]
 
 
@@ -223,11 +225,11 @@ def test_a_long_trace_is_shown_where_the_first_model_is_worst(found: Diagnosis) 
 def test_a_trials_error_is_of_the_model_that_it_began_with(found: Diagnosis) -> None:
     """Far from the data that one is guided along them, and its free run is not the first fit's."""
     far = replace(found.rounds[0], fit_rms=1000.0, holdout_rms=500.0)
-    _, added, _ = rounds.steps(replace(found, rounds=(far, *found.rounds[1:])))
+    _, added, _ = pictures.steps(replace(found, rounds=(far, *found.rounds[1:])))
     assert (added.fit, added.holdout) == (pytest.approx(60.0), pytest.approx(25.0))
     assert dict(added.others)["airflow_torque"] == pytest.approx(0.47 * 500.0)
 
 
 def test_names_that_would_lie_on_each_other_share_a_line() -> None:
     others = [("a", 100.0), ("b", 110.0), ("c", 134.0), ("d", 136.0), ("e", 400.0)]
-    assert rounds.labels(others) == [(100.0, ["a", "b", "c"]), (136.0, ["d"]), (400.0, ["e"])]
+    assert pictures.labels(others) == [(100.0, ["a", "b", "c"]), (136.0, ["d"]), (400.0, ["e"])]

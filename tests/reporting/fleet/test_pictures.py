@@ -12,10 +12,9 @@ from matplotlib.text import Text
 
 import fleet_pages as made
 from etcfit.reporting import style
-from etcfit.reporting.fleet import draw_fleet
-from etcfit.reporting.fleet.columns import Columns
-from etcfit.reporting.fleet.drawn import charts, correlation, odd, population
-from etcfit.reporting.fleet.drawn.frame import power_of
+from etcfit.reporting.fleet import pictures
+from etcfit.reporting.fleet.page import Columns
+from etcfit.reporting.fleet.pictures import draw_fleet, power_of
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +51,9 @@ def test_a_fleet_of_which_nothing_is_known_has_no_picture(fleet: made.Made, tmp_
 def test_every_picture_says_what_is_made_up_in_letters_that_can_be_read(fleet: made.Made, synthetic: bool) -> None:
     content = few(fleet) | {"synthetic": synthetic}
     with style.drawing():
-        figures = [population.draw(content, Columns.of(fleet.content["units"], fleet.units)), correlation.draw(content),
-                   charts.draw(content, "K_s"), odd.draw(content)]  # fmt: skip
+        columns = Columns.of(fleet.content["units"], fleet.units)
+        figures = [pictures.draw_population(content, columns), pictures.draw_correlation(content),
+                   pictures.draw_chart(content, "K_s"), pictures.draw_odd(content)]  # fmt: skip
     for fig in figures:
         fig.canvas.draw()
         assert any(text.get_text() == "SYNTHETIC DATA" for text in words(fig)) == synthetic
@@ -63,7 +63,7 @@ def test_every_picture_says_what_is_made_up_in_letters_that_can_be_read(fleet: m
 def test_the_control_chart_has_every_unit_its_limits_and_the_change(fleet: made.Made) -> None:
     content, chart = few(fleet), fleet.content["charts"]["K_s"]
     with style.drawing():
-        top, below = charts.draw(content, "K_s").axes
+        top, below = pictures.draw_chart(content, "K_s").axes
     lines = {str(line.get_label()): line for line in top.get_lines()}
     assert np.allclose(np.asarray(lines["unit"].get_ydata()), chart["value"])
     levels = [float(np.asarray(line.get_ydata())[0]) for line in top.get_lines() if line.get_label() == "control limit"]

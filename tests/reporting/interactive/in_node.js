@@ -4,7 +4,7 @@ const fs = require("fs"), path = require("path"), vm = require("vm");
 const reporting = path.join(__dirname, "../../../etcfit/reporting"), { script, asked } = JSON.parse(fs.readFileSync(0, "utf8"));
 vm.runInThisContext(script);
 for (const name of ["trace_run.js", "loop_run.js"]) require(path.join(reporting, "interactive/page", name));
-require(path.join(reporting, "standalone/assets/decode.js"));
+require(path.join(reporting, "assets/decode.js"));
 const etcfit = globalThis.etcfit;
 
 function trace({ sim, values, instants }) {

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from etcfit.reporting.interactive.bins import Bins
+from etcfit.reporting.interactive.traces import Bins
 
 
 def test_a_short_trace_is_carried_whole() -> None:

@@ -21,12 +21,9 @@ from etcfit.errors import UsageError
 from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.goodness import Goodness, Left, warnings_of
 from etcfit.estimation.result import FitResult
-from etcfit.reporting.interactive import NAME, write_interactive
-from etcfit.reporting.interactive.closed_loop import loop_json
-from etcfit.reporting.interactive.cures import cures
-from etcfit.reporting.interactive.lights import Light, lights
-from etcfit.reporting.interactive.printed_model import simulation
-from etcfit.reporting.interactive.render import SCRIPTS, part
+from etcfit.reporting.interactive import NAME, SCRIPTS, part, write_interactive
+from etcfit.reporting.interactive.lights import Light, cures, lights
+from etcfit.reporting.interactive.plant import loop_json, simulation
 from etcfit.reporting.pictures import all_traces
 from etcfit.run_folder.folder import RunFolder
 from etcfit.run_folder.state import save_fit

@@ -42,8 +42,7 @@ from etcfit.model.throttle import Throttle
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
-from etcfit.reporting.interactive.plant import plant_json
-from etcfit.reporting.interactive.printed_model import CHANNELS, Types, script, simulation
+from etcfit.reporting.interactive.plant import CHANNELS, Types, plant_json, script, simulation
 from etcfit.reporting.interactive.traces import TraceSources, traces_json
 from etcfit.rig.reader import read_folder
 

@@ -13,9 +13,8 @@ import pytest
 import runs
 from etcfit.errors import UsageError
 from etcfit.reporting.page import write_page
-from etcfit.reporting.page.captions import caption
 from etcfit.reporting.page.contents import read_run
-from etcfit.reporting.page.pictures import carried
+from etcfit.reporting.page.pictures import caption, carried
 from etcfit.reporting.page.render import render
 
 LIMIT = 5_000_000

@@ -1,0 +1,205 @@
+"""Gains, limits and bias table as a TunerStudio tune file (.msq) that holds nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree as Xml
+from xml.parsers import expat
+
+from .. import __version__
+from ..errors import MeasurementError, UsageError
+from ..files import read_regular
+from ..model.ecus import PROFILES, EcuProfile, Pasting
+from ..model.ecus import named as ecu_named
+from ..reporting.control.for_an_ecu import constants
+from ..rig.user_text import one_line, xml_comment
+from .base import Export, Format, Source
+
+_NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files
+_WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is Pasting.TUNE_FILE)
+
+
+def _written(source: Source) -> Mapping[str, Any]:
+    """Settings of the ECU that the gains were sought for.
+
+    Raises:
+        UsageError: there are none, that ECU has no tune file, or the model behind them is no estimate.
+    """
+    again = f"Run `{source.designing} --ecu NAME` with one of {_WITH_TUNE_FILES}."
+    if source.pid is None:
+        raise UsageError(f"A .msq holds gains, and none were designed for this model. {again}")
+    written = source.pid["profile"]
+    if written is None:
+        raise UsageError(f"The gains of this run were sought for no make of ECU, and a .msq is one's tune. {again}")
+    if ecu_named(written["name"]).pasting is not Pasting.TUNE_FILE:
+        raise UsageError(f"The gains of this run are for {written['title']}, whose settings are typed in; a .msq is "
+                         f"TunerStudio's. {again}")  # fmt: skip
+    if (cautions := source.fitted.state.cautions) and not source.anyway:
+        raise UsageError(f"{' '.join(cautions)} No tune is written with gains of it. Run `etcfit diagnose`, then "
+                         f"`{source.designing}`; --anyway (Python: anyway=True) writes it all the same.")  # fmt: skip
+    return written
+
+
+def _cannot_hold(source: Source, written: Mapping[str, Any]) -> Iterator[str]:
+    if source.into is None:
+        yield ("It holds these settings only and not your firmware's signature, so that TunerStudio will say that the "
+               "signatures do not match.")  # fmt: skip
+        yield "Given your own tune (the option into), etcfit changes a copy of that instead."
+    yield "Keep your old tune, and compare before you burn."
+    yield f"The gains are for {written['title']}. Another firmware may give the same names another meaning."
+    yield from (f"Assumed of that ECU: {each}." for each in written["assumed"])
+    jam = ((source.pid or {}).get("safety") or {}).get("jam") or {}
+    for name, value in (jam.get("written") or {}).items():
+        yield f"The jam check is typed in by hand: {name} {value:g}."
+    if source.pid is not None and not source.pid["feed_forward"] and written["bias"] is not None:
+        yield "The gains were found without feed-forward: the bias table is all 0."
+
+
+def _export(source: Source) -> Export:
+    written = _written(source)
+    lost = (*source.cautions, *_cannot_hold(source, written))
+    if source.into is None:
+        return Export({f"etcfit_{written['name']}.msq": _new(source, written, lost)}, lost)
+    return Export({f"{source.into.stem}_etcfit.msq": _changed(source, source.into, written, lost)}, lost)
+
+
+def _new(source: Source, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
+    """A tune of these settings alone."""
+    root = Xml.Element("msq", {"xmlns": _NAMESPACE})
+    root.append(_comment(source, lost))
+    about = {"author": f"etcfit {__version__}", "tuneComment": one_line(source.title)}
+    Xml.SubElement(root, "bibliography", about)
+    Xml.SubElement(root, "versionInfo", {"fileFormat": "5.0", "nPages": "1", "signature": one_line(written["title"])})
+    Xml.SubElement(root, "page", {"number": "0"}).extend(constants(written))
+    Xml.indent(root)
+    head = '<?xml version="1.0" encoding="ISO-8859-1"?>\n'
+    # as TunerStudio reads it; what Latin-1 lacks becomes a reference
+    return f"{head}{Xml.tostring(root, 'unicode')}\n".encode("iso-8859-1", "xmlcharrefreplace")
+
+
+def _comment(source: Source, lost: tuple[str, ...]) -> Any:
+    return Xml.Comment(xml_comment((source.title, source.origin, *lost)))
+
+
+class _Setting(NamedTuple):
+    """A setting of a tune.
+
+    Args:
+        attributes: of its tag.
+        begin, end: of what stands between its tags, bytes from the begin of the file.
+    """
+
+    attributes: Mapping[str, str]
+    begin: int
+    end: int
+
+
+def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
+    """A copy of a tune in which nothing but these settings has changed, byte for byte.
+
+    Raises:
+        MeasurementError: it is no tune, or one whose firmware has no such settings.
+    """
+    data, title = read_regular(path, str(path)), written["title"]
+    settings, end = _read(path, data, title)
+    # ASCII alone, which every encoding of a tune has in common
+    note = Xml.tostring(_comment(source, lost), "unicode").encode("ascii", "xmlcharrefreplace")
+    new = [(end, end, note + b"\n")]
+    for ours in constants(written):
+        place = _place(path, settings, ours.attrib, title)
+        new.append((place.begin, place.end, _content(ours).encode("ascii")))
+    for begin, finish, content in sorted(new, reverse=True):
+        data = data[:begin] + content + data[finish:]
+    return data
+
+
+def gains_in(path: Path, profile: EcuProfile) -> tuple[float, float, float]:
+    """P, I and D that a tune holds, as the ECU writes them.
+
+    Raises:
+        UsageError: that make of ECU has no tune file.
+        MeasurementError: it is no tune, one without these settings, or a setting of it is no number.
+    """
+    if profile.pasting is not Pasting.TUNE_FILE:
+        raise UsageError(f"{profile.title} has no tune file of TunerStudio ({_WITH_TUNE_FILES} have). Type the gains: "
+                         "--present P,I,D.")  # fmt: skip
+    data = read_regular(path, str(path))
+    settings, _ = _read(path, data, profile.title)
+    found = []
+    for name in profile.gains:
+        place = _place(path, settings, {"name": name}, profile.title)
+        text = data[place.begin : place.end].decode("ascii", "replace").strip().strip('"')
+        try:
+            found.append(float(text))
+        except ValueError:
+            raise MeasurementError(f"{path}: {name}", f"found '{text[:40]}'.", "A number is required.",
+                                   "Save the tune again in TunerStudio.") from None  # fmt: skip
+    return found[0], found[1], found[2]
+
+
+def _content(ours: Xml.Element) -> str:
+    if "rows" not in ours.attrib:
+        return ours.text or ""
+    return "".join(f"\n         {each}" for each in (ours.text or "").split()) + "\n      "
+
+
+def _place(path: Path, settings: list[_Setting], ours: Mapping[str, str], title: str) -> _Setting:
+    """The one setting of a tune with this name and number of rows."""
+    name, rows = ours["name"], ours.get("rows")
+    found = [each for each in settings if each.attributes.get("name") == name]
+    if len(found) != 1 or (rows is not None and found[0].attributes.get("rows") != rows):
+        asked = f"{name} with {rows} rows" if rows else name
+        raise MeasurementError(str(path), f"no setting {asked} in it.", f"A tune of {title} is required.",
+                               "Name one of the firmware that runs on your ECU.")  # fmt: skip
+    return found[0]
+
+
+def _read(path: Path, data: bytes, title: str) -> tuple[list[_Setting], int]:
+    """Settings of a tune, and where its root ends, bytes from the begin of the file.
+
+    By a parser's own events, so that a setting within a comment is none.
+
+    Raises:
+        MeasurementError: it is no tune.
+    """
+    settings: list[_Setting] = []
+    begun: list[tuple[str, Mapping[str, str], int | None]] = []  # of each open element its name, attributes, content
+    ends: list[int] = []
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def seen(*_: Any) -> None:
+        """The first event after a tag stands where its content begins."""
+        if begun and begun[-1][2] is None:
+            begun[-1] = (*begun[-1][:2], parser.CurrentByteIndex)
+
+    def opened(name: str, attributes: dict[str, str]) -> None:
+        seen()
+        begun.append((name, attributes, None))
+
+    def closed(name: str) -> None:
+        seen()
+        _, attributes, begin = begun.pop()
+        empty = begin is None or data.endswith(b"/>", 0, begin)
+        if name == f"{_NAMESPACE} constant" and begin is not None and not empty:
+            settings.append(_Setting(attributes, begin, parser.CurrentByteIndex))
+        if not begun and name == f"{_NAMESPACE} msq":
+            ends.append(parser.CurrentByteIndex)
+
+    def refused(*_: Any) -> None:
+        raise expat.ExpatError("a tune has no document type")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.DefaultHandler = opened, closed, seen
+    parser.StartDoctypeDeclHandler = refused
+    try:
+        parser.Parse(data, True)
+    except (expat.ExpatError, ValueError, LookupError):
+        ends.clear()
+    if not ends or not data.startswith(b"</", ends[0]):
+        raise MeasurementError(str(path), "it is no tune of TunerStudio.", f"A .msq of {title} is required.",
+                               "Save one in TunerStudio: File, Save Tune As.")  # fmt: skip
+    return settings, ends[0]
+
+
+MSQ = Format("msq", "gains and bias table for TunerStudio (rusEFI, FOME)", _export, changes=True)

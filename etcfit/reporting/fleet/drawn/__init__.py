@@ -1,1 +1,0 @@
-"""A picture a file."""
