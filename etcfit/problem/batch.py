@@ -22,7 +22,7 @@ from ..rig.base import RigConfig
 from . import edges
 from .breaks import Breaks, breaks_of
 from .packing import pack
-from .ticks import asked, broken
+from .ticks import broken, commands
 from .trace import Trace
 
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
@@ -310,7 +310,7 @@ def _under_ecu(
     if config.ecu is None or trace.setpoint is None:
         return breaks_of(trace, edges.halved(trace, substeps)), {}
     breaks, ticks = broken(trace, trace.setpoint, substeps, config.ecu)
-    return breaks, asked(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu)
+    return breaks, commands(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu)
 
 
 def _target(trace: Trace, ends: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:

@@ -18,7 +18,7 @@ from ..rig.base import RigConfig
 from . import filter_kernels, residual_kernels
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
+from .innovations import InnovationsFilter, Moved, kalman, plain, shifted_samples
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised
@@ -166,7 +166,7 @@ class EstimationProblem:
             variance = filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter)
         else:
             variance = _free_run_variance(*self.at(x), arrays, self.jitter)
-        return columns(self.batch, variance if where is None else moved_here(np.asarray(variance), where.back))
+        return columns(self.batch, variance if where is None else shifted_samples(np.asarray(variance), where.back))
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[np.ndarray, "T L M"]:
         """Simulated samples of the whole batch, SI, shape (T, L, M).
@@ -200,7 +200,7 @@ class EstimationProblem:
         return (
             (filter_, timing)
             if where is None
-            else (filter_._replace(moved=where), moved_here(np.asarray(timing), where.back))
+            else (filter_._replace(moved=where), shifted_samples(np.asarray(timing), where.back))
         )
 
     def _where_they_belong(self, x: Float[np.ndarray, " P"]) -> tuple[BatchArrays, Moved | None]:
@@ -210,7 +210,7 @@ class EstimationProblem:
         where = moved_samples(self.batch, self.layout.types, self.layout.values(x, self.free_parameters.held))
         if where is None:
             return arrays, None
-        present, sigma = (moved_here(each, where.forth) for each in (arrays.slots.weight, arrays.slots.sigma))
+        present, sigma = (shifted_samples(each, where.forth) for each in (arrays.slots.weight, arrays.slots.sigma))
         sigma = np.where(present > 0.0, sigma, 1.0)
         return arrays._replace(slots=arrays.slots._replace(weight=present, sigma=sigma)), where
 
@@ -309,7 +309,7 @@ class EstimationProblem:
         length, lanes, slots = self.batch.slots.value.shape
         return (0, 0, slots) if available() else (length, lanes, slots)
 
-    def beside(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
+    def for_traces(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem of other traces of the same rig, in a batch of the same shape where they fit, so that nothing is
         compiled again.
 
