@@ -27,7 +27,7 @@ from jaxtyping import Array, Float, Int
 
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import StatePath
-from ..model.tangents import once
+from ..model.tangents import fusion_barrier
 from ..model.throttle import Throttle
 from .batch import BatchArrays, SampleSlots
 from .process_noise import ORDER, ErrorProcess, error_process
@@ -140,11 +140,11 @@ def innovate(
     """
     transition, sense, gain, weight, _ = filter_
     order = range(len(state))
-    state = once(tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order))
+    state = fusion_barrier(tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order))
     out = []
     for m in range(error.shape[-1]):
         here = weight[..., m]
-        nu = once(jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0))
+        nu = fusion_barrier(jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0))
         state = tuple(state[q] + gain[..., m, q] * nu for q in order)
         out.append(nu * here)
     return state, jnp.stack(out, axis=-1)
