@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from etcfit.fleets.settings import FleetSettings, PopulationSettings
 from etcfit.fleets.statistics.odd import odd_units
 from etcfit.fleets.statistics.population import population, shrink
-from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
 from etcfit.fleets.statistics.stack import Stack
 
 NO_PROFILES = FleetSettings(PopulationSettings(wald=10.0))  # where intervals are not looked at

@@ -47,7 +47,7 @@ from .experiment.settings import AdviceSettings as AdviceSettings
 from .experiment.settings import CampaignSettings as CampaignSettings
 from .experiment.settings import CheckSettings as CheckSettings
 from .exporting.base import ExportSettings as ExportSettings
-from .fleets.statistics.settings import FleetSettings as FleetSettings
+from .fleets.settings import FleetSettings as FleetSettings
 from .importing.tuning import TuneSettings as TuneSettings
 from .model.ecus import ECUS as ECUS
 from .model.effects import EFFECTS as EFFECTS

@@ -9,15 +9,17 @@ from __future__ import annotations
 import ctypes
 import functools
 import gc
+import inspect
 import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from math import inf, pi
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, cast, get_type_hints
 
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperOption
@@ -57,18 +59,6 @@ Interactive = Annotated[
                  "parameters and gains, every trace with its verdict."),
 ]  # fmt: skip
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
-Ecu = Annotated[
-    str | None,
-    typer.Option(
-        help="Make of the ECU that gains are for, as rusefi; a wrong name lists all.",
-        metavar="NAME",
-        show_default="no particular make",
-    ),
-]
-Anyway = Annotated[
-    bool,
-    typer.Option("--anyway", help="Give gains for an ECU even where the fit did not converge or is a compromise."),
-]
 Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
 At = Annotated[
     Path | None,
@@ -124,16 +114,14 @@ def _contract(command: Callable[..., None]) -> Callable[..., None]:
     return guarded
 
 
-@contextmanager
-def _progress(quiet: bool, expected: Expected | None = None) -> Iterator[Callable[[str, float], None]]:
+def _progress(quiet: bool, expected: Expected | None = None) -> AbstractContextManager[Callable[[str, float], None]]:
     """A bar on stderr: report(what is being done, fraction of it done). Where stderr is no terminal, lines.
 
     `expected` is how long it will take; None where nothing is known of that.
     """
     from .api.progress import progress
 
-    with progress(quiet, expected, lambda line: _stderr().print(line, markup=False)) as report:
-        yield report
+    return progress(quiet, expected, lambda line: _stderr().print(line, markup=False))
 
 
 def _stage(run: Path, stage: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
@@ -148,6 +136,49 @@ _ON_THE_TWIN = {"check": 15.0, "advise": 25.0, "plan": 40.0}
 def _usual(what: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
     """Progress of a command whose steps are few and long."""
     return _progress(quiet, Expected(_ON_THE_TWIN[what], "as for a folder like measurements/bench_twin"))
+
+
+def _option(
+    default: Any, help: str, metavar: str | None = None, shown: str | None = None, *names: str, **more: Any
+) -> Any:
+    """A field that is an option of a command.
+
+    Args:
+        default: of the field; Ellipsis for one that must be given.
+        help, metavar: of `--help`.
+        shown: the default in words, for `--help`.
+        names: of the option, where they are not the field's; more: further arguments of `typer.Option`.
+    """
+    option = typer.Option(*names, help=help, metavar=metavar, show_default=shown or True, **more)
+    return field(default=default, metadata={"option": option})
+
+
+def _with_options(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose argument `options` is an object takes the fields of its class one by one, as typer has them."""
+    hints = get_type_hints(command, include_extras=True)
+    if "options" not in hints:
+        return command
+    kind, taken = hints["options"], []
+    for each in inspect.signature(command).parameters.values():
+        own = fields(kind) if each.name == "options" else ()
+        theirs = get_type_hints(kind) if own else {}
+        taken += [
+            inspect.Parameter(
+                f.name, each.KEYWORD_ONLY, default=f.default, annotation=Annotated[theirs[f.name], f.metadata["option"]]
+            )
+            for f in own
+        ]
+        if not own:
+            taken.append(each.replace(kind=each.KEYWORD_ONLY, annotation=hints[each.name]))
+
+    @functools.wraps(command)
+    def spread(**given: Any) -> None:
+        options = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
+        command(options=options, **given)
+
+    spread.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
+    spread.__annotations__ = {each.name: each.annotation for each in taken}
+    return spread
 
 
 _TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # what rich takes for markup
@@ -180,9 +211,15 @@ def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callab
     def registered(command: Callable[..., None]) -> Callable[..., None]:
         cls = cast("type[TyperCommand]", _literal_command)
         register = app.command(name, cls=cls, rich_help_panel=panel, epilog=f"Example: {example}")
-        return register(_contract(command))
+        return register(_contract(_with_options(command)))
 
     return registered
+
+
+_ECU = _option(None, "Make of the ECU that gains are for, as rusefi; a wrong name lists all.", "NAME",
+               "no particular make")  # fmt: skip
+_ANYWAY = _option(False, "Give gains for an ECU even where the fit did not converge or is a compromise.", None, None,
+                  "--anyway")  # fmt: skip
 
 
 def _must_be_writable(out: Path | None) -> None:
@@ -281,31 +318,32 @@ def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> 
     _tell(done)
 
 
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of `etcfit run`."""
+
+    ecu: str | None = _ECU
+    until: str | None = _option(
+        None,
+        f"The last stage that is done: {', '.join(stages.LAST)}. The page is written all the same.",
+        "STAGE",
+        stages.LAST[-1],
+    )
+    no_sample: bool = _option(False, "No posterior, which takes longest.", None, None, "--no-sample")
+
+
 @_verb("Fit", "etcfit run measurements/bench_twin --out runs/bench_twin --until diagnose", name="run")
-def run_(
-    folder: Folder,
-    out: Out,
-    ecu: Ecu = None,
-    until: Annotated[
-        str | None,
-        typer.Option(
-            help=f"The last stage that is done: {', '.join(stages.LAST)}. The page is written all the same.",
-            metavar="STAGE",
-            show_default=stages.LAST[-1],
-        ),
-    ] = None,
-    no_sample: Annotated[bool, typer.Option("--no-sample", help="No posterior, which takes longest.")] = False,
-    quiet: Quiet = False,
-) -> None:
+def run_(folder: Folder, out: Out, options: RunOptions, quiet: Quiet = False) -> None:
     """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again.
 
     Fit, diagnosis, page; transfer function, gains, page; posterior, page.
     """
+    until, no_sample = options.until, options.no_sample
     if no_sample and until == "sample":
         raise UsageError("--no-sample and --until sample exclude each other.")
     last = until or ("design" if no_sample else stages.LAST[-1])
-    with _of_option("--ecu"):  # a wrong name is told before an hour's work
-        asked = stages.designed_for(ecu)
+    with _of_option("--ecu"):  # a wrong name is refused before an hour's work
+        asked = stages.designed_for(options.ecu)
     with _of_option("--until"):
         wanted = stages.stages_until(last)
 
@@ -374,66 +412,52 @@ def drive(
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
 
 
+@dataclass(frozen=True)
+class TuneOptions:
+    """Options of `etcfit tune`."""
+
+    ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME")
+    present: str | None = _option(None, "P,I,D that are in it now, as it writes them.", "P,I,D")
+    msq: Path | None = _option(None, "Its tune, in which they stand.", "FILE", exists=True, dir_okay=False)
+    hold_out: float = _option(40.0, "Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
+    supply: float | None = _option(None, "V.", None, "as logged, else 13.5", min=1.0, max=100.0)
+    ecu_period: str | None = _option(None, "Of the ECU's clock.", "TIME", "as its maker publishes")
+    ecu_delay: str | None = _option(None, "From its reading to its output.", "TIME", "0ms")
+    column: list[str] | None = _option(None, "HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", "TEXT")
+    anyway: bool = _ANYWAY
+
+
 @_verb("Control", "etcfit tune lap.csv --ecu rusefi --present 6.2,40,0.05 --out runs/car")
 def tune(
     logs: Annotated[list[Path], typer.Argument(help="Logs of one car, of any known format.", metavar="LOG...")],
     out: Out,
-    ecu: Annotated[
-        str, typer.Option(help="Make of the ECU that made the logs and gets the gains.", metavar="NAME")
-    ] = "generic",
-    present: Annotated[
-        str | None, typer.Option(help="P,I,D that are in it now, as it writes them.", metavar="P,I,D")
-    ] = None,
-    msq: Annotated[
-        Path | None, typer.Option(help="Its tune, in which they stand.", exists=True, dir_okay=False, metavar="FILE")
-    ] = None,
-    hold_out: Annotated[
-        float, typer.Option(help="Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
-    ] = 40.0,
-    supply: Annotated[
-        float | None, typer.Option(help="V.", min=1.0, max=100.0, show_default="as logged, else 13.5")
-    ] = None,
-    ecu_period: Annotated[
-        str | None, typer.Option(help="Of the ECU's clock.", metavar="TIME", show_default="as its maker publishes")
-    ] = None,
-    ecu_delay: Annotated[
-        str | None, typer.Option(help="From its reading to its output.", metavar="TIME", show_default="0ms")
-    ] = None,
-    column: Annotated[
-        list[str] | None, typer.Option(help="HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", metavar="TEXT")
-    ] = None,
-    anyway: Anyway = False,
+    options: TuneOptions,
     quiet: Quiet = False,
 ) -> None:
     """From logs of a car to gains: checks, model, diagnosis, gains beside those that are in the ECU now.
 
     A half-way step comes first, with what the next log should show.
     """
-    from dataclasses import replace
-
     from .api.tuned import TuneRequest
     from .importing.answers import parsed
     from .importing.tuning import TuneSettings
 
-    if present is not None and msq is not None:
+    ecu, present = options.ecu, options.present
+    if present is not None and options.msq is not None:
         raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
     gains = None if present is None else _three_gains(present)
-    if msq is not None:
+    if options.msq is not None:
         from .exporting.tune import gains_in
         from .model.ecus import named
 
         with _of_option("--ecu"):
             profile = named(ecu)
-        gains = gains_in(msq, profile)
-    times = {"period": ("--ecu-period", ecu_period), "delay": ("--ecu-delay", ecu_delay)}
-    given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
-    if given.get("period") == 0.0:
-        raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
-    if clash := _clashes(ecu, given):
-        raise UsageError(f"{times[clash[0]][0]}: {ecu} fixes it. Leave it out.")
-    answers = parsed(column or (), (), [str(file) for file in logs])
-    request = TuneRequest(ecu, gains, tuple(given.items()), supply, answers, anyway,
-                          replace(TuneSettings(), hold_out=0.01 * hold_out))  # fmt: skip
+        gains = gains_in(options.msq, profile)
+    given = _times_of_ecu(options)
+    _refuse_what_a_make_fixes(ecu, given)
+    answers = parsed(options.column or (), (), [str(file) for file in logs])
+    request = TuneRequest(ecu, gains, tuple(given.items()), options.supply, answers, options.anyway,
+                          TuneSettings(hold_out=0.01 * options.hold_out))  # fmt: skip
     with _progress(quiet) as progress:
         done = stages.tune_logs(logs, stages.opened(out), progress, request)
     _tell(done)
@@ -488,150 +512,119 @@ def reduce(
     _tell(done)
 
 
+@dataclass(frozen=True)
+class DesignOptions:
+    """Options of `etcfit design`."""
+
+    rule: str = _option("optimal", "The tuning rule whose gains are proposed.", "NAME")
+    ecu: str | None = _ECU
+    ecu_period: str | None = _option(None, "Period of the ECU's clock.", "TIME", "that of [ecu] in rig.toml, else 1ms")
+    ecu_delay: str | None = _option(
+        None, "Delay from reading to acting.", "TIME", "that of [ecu] in rig.toml, else 0ms"
+    )
+    ecu_filter: str | None = _option(None, "Time constant of the filter ahead of the ECU's converter.", "TIME", "0ms")
+    divides_by_battery: bool | None = _option(
+        None,
+        "Whether the ECU divides its duty by the battery voltage, so that its output means volts.",
+        None,
+        "as the make is known, else not",
+        "--divides-by-battery/--no-divides-by-battery",
+    )
+    present: str | None = _option(None, "Gains that the ECU has now, in its own numbers, as 60,80,120.", "P,I,D")
+    swings_at: float | None = _option(
+        None, "The P, in the ECU's own number, at which P alone makes the plate swing on.", min=0.0
+    )
+    sensor_noise: str | None = _option(
+        None,
+        "Noise of one position reading, 1 sd, as 0.1deg.",
+        "ANGLE",
+        "that of the rig's logs, as fit.json has it; 0deg where none logs a position",
+    )
+    adc_bits: int = _option(12, "Bits of the position sensor's converter, over the travel.", min=6, max=24)
+    feed_forward: bool = _option(False, "The ECU has a bias curve.", None, None, "--feed-forward")
+    feed_forward_terms: str | None = _option(
+        None, "Feed-forward that code of yours adds: friction, rate or both, as friction,rate.", "TERMS"
+    )
+    overshoot: float = _option(20.0, "Largest overshoot, %.", min=0.0)
+    settling: str = _option("0.2s", "Longest settling time, as 0.2s.", "TIME")
+    error: float = _option(0.5, "Largest steady-state error, %.", min=0.0)
+    duty_activity: float = _option(5.0, "Largest standard deviation of the duty at rest, %.", min=0.0)
+    rms_current: float = _option(inf, "Largest rms current, A.", None, "no limit", min=0.0)
+    winding_heat: float = _option(inf, "Most heat in the winding, W.", None, "no limit", min=0.0)
+    bridge_heat: float = _option(inf, "Most heat in the bridge, W.", None, "no limit", min=0.0)
+    log: Path | None = _option(
+        None, "A log from the car: its setpoint is one scenario more.", exists=True, dir_okay=False
+    )
+    parts: Path | None = _option(
+        None, "Run folder of `etcfit fleet`: gains for parts like its units.", "RUN", exists=True, file_okay=False
+    )
+    anyway: bool = _ANYWAY
+    fleet: bool = _option(False, "RUN is of `etcfit fleet`: gains for 99 % of its units.", None, None, "--fleet")
+
+
 @_verb("Control", "etcfit design runs/bench_twin --ecu rusefi --ecu-period 1ms")
-def design(
-    run: Run,
-    rule: Annotated[str, typer.Option(help="The tuning rule whose gains are proposed.", metavar="NAME")] = "optimal",
-    ecu: Ecu = None,
-    ecu_period: Annotated[
-        str | None,
-        typer.Option(
-            help="Period of the ECU's clock.", metavar="TIME", show_default="that of [ecu] in rig.toml, else 1ms"
-        ),
-    ] = None,
-    ecu_delay: Annotated[
-        str | None,
-        typer.Option(
-            help="Delay from reading to acting.", metavar="TIME", show_default="that of [ecu] in rig.toml, else 0ms"
-        ),
-    ] = None,
-    ecu_filter: Annotated[
-        str | None,
-        typer.Option(
-            help="Time constant of the filter ahead of the ECU's converter.", metavar="TIME", show_default="0ms"
-        ),
-    ] = None,
-    divides_by_battery: Annotated[
-        bool | None,
-        typer.Option(
-            "--divides-by-battery/--no-divides-by-battery",
-            help="Whether the ECU divides its duty by the battery voltage, so that its output means volts.",
-            show_default="as the make is known, else not",
-        ),
-    ] = None,
-    present: Annotated[
-        str | None,
-        typer.Option(help="Gains that the ECU has now, in its own numbers, as 60,80,120.", metavar="P,I,D"),
-    ] = None,
-    swings_at: Annotated[
-        float | None,
-        typer.Option(help="The P, in the ECU's own number, at which P alone makes the plate swing on.", min=0.0),
-    ] = None,
-    sensor_noise: Annotated[
-        str | None,
-        typer.Option(
-            help="Noise of one position reading, 1 sd, as 0.1deg.",
-            metavar="ANGLE",
-            show_default="that of the rig's logs, as fit.json has it; 0deg where none logs a position",
-        ),
-    ] = None,
-    adc_bits: Annotated[
-        int, typer.Option(help="Bits of the position sensor's converter, over the travel.", min=6, max=24)
-    ] = 12,
-    feed_forward: Annotated[bool, typer.Option("--feed-forward", help="The ECU has a bias curve.")] = False,
-    feed_forward_terms: Annotated[
-        str | None,
-        typer.Option(
-            help="Feed-forward that code of yours adds: friction, rate or both, as friction,rate.", metavar="TERMS"
-        ),
-    ] = None,
-    overshoot: Annotated[float, typer.Option(help="Largest overshoot, %.", min=0.0)] = 20.0,
-    settling: Annotated[str, typer.Option(help="Longest settling time, as 0.2s.", metavar="TIME")] = "0.2s",
-    error: Annotated[float, typer.Option(help="Largest steady-state error, %.", min=0.0)] = 0.5,
-    duty_activity: Annotated[
-        float, typer.Option(help="Largest standard deviation of the duty at rest, %.", min=0.0)
-    ] = 5.0,
-    rms_current: Annotated[float, typer.Option(help="Largest rms current, A.", min=0.0, show_default="no limit")] = inf,
-    winding_heat: Annotated[
-        float, typer.Option(help="Most heat in the winding, W.", min=0.0, show_default="no limit")
-    ] = inf,
-    bridge_heat: Annotated[
-        float, typer.Option(help="Most heat in the bridge, W.", min=0.0, show_default="no limit")
-    ] = inf,
-    log: Annotated[
-        Path | None,
-        typer.Option(help="A log from the car: its setpoint is one scenario more.", exists=True, dir_okay=False),
-    ] = None,
-    parts: Annotated[
-        Path | None,
-        typer.Option(
-            help="Run folder of `etcfit fleet`: gains for parts like its units.",
-            exists=True,
-            file_okay=False,
-            metavar="RUN",
-        ),
-    ] = None,
-    anyway: Anyway = False,
-    for_fleet: Annotated[
-        bool, typer.Option("--fleet", help="RUN is of `etcfit fleet`: gains for 99 % of its units.")
-    ] = False,
-    quiet: Quiet = False,
-) -> None:
+def design(run: Run, options: DesignOptions, quiet: Quiet = False) -> None:
     """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
-    times = {
-        "period": ("--ecu-period", ecu_period),
-        "delay": ("--ecu-delay", ecu_delay),
-        "lag": ("--ecu-filter", ecu_filter),
-    }
-    given = {field: _seconds(option, text) for field, (option, text) in times.items() if text is not None}
-    if given.get("period") == 0.0:
-        raise UsageError(f"--ecu-period {ecu_period}: the period must be longer than 0. Write, say, 1ms.")
-    if sensor_noise is not None:
-        given["noise"] = _radians("--sensor-noise", sensor_noise)
-    if divides_by_battery is not None:
-        given["compensated"] = float(divides_by_battery)
-    if clash := _clashes(ecu, given):
-        option = {"compensated": "--divides-by-battery"} | {field: option for field, (option, _) in times.items()}
-        raise UsageError(f"{option[clash[0]]}: {ecu} fixes it. Leave it out.")
-    limits = {
-        "overshoot_pct": overshoot,
-        "settling_s": _seconds("--settling", settling),
-        "steady_state_error_pct": error,
-        "duty_activity_pct": duty_activity,
-        "current_rms_A": rms_current,
-        "winding_W": winding_heat,
-        "bridge_W": bridge_heat,
-    }
-    if zero := [symbol for symbol, limit in limits.items() if limit == 0.0]:
-        raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
-    terms = _terms(feed_forward, feed_forward_terms)
-    if for_fleet and parts is not None:
-        raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
-    with _progress(quiet) if for_fleet else _stage(run, "design", quiet) as progress:
-        asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-        known = _own_numbers(present, swings_at)
-        request = DesignRequest(rule, adc_bits, terms, asked, given, ecu, log, parts, anyway, known)
-        if for_fleet:
+    request = _design_request(options)
+    with _progress(quiet) if options.fleet else _stage(run, "design", quiet) as progress:
+        if options.fleet:
             done = stages.design_fleet(run, progress, request)
         else:
             done = stages.design_run(stages.opened(run), progress, request)
     _tell(done)
 
 
-def _own_numbers(present: str | None, swings_at: float | None) -> dict[str, float]:
-    """What is known of the gains that the ECU has now, in its own numbers."""
-    known = {} if swings_at is None else {"swings_at": swings_at}
-    return known if present is None else {**dict(zip("PID", _three_gains(present), strict=True)), **known}
+def _design_request(o: DesignOptions) -> DesignRequest:
+    """What is asked for, in SI."""
+    given = _times_of_ecu(o)
+    if o.sensor_noise is not None:
+        given["noise"] = _with_unit("--sensor-noise", o.sensor_noise, _RADIANS, "an angle", "0.1deg")
+    if o.divides_by_battery is not None:
+        given["compensated"] = float(o.divides_by_battery)
+    _refuse_what_a_make_fixes(o.ecu, given)
+    limits = {
+        "overshoot_pct": o.overshoot,
+        "settling_s": _seconds("--settling", o.settling),
+        "steady_state_error_pct": o.error,
+        "duty_activity_pct": o.duty_activity,
+        "current_rms_A": o.rms_current,
+        "winding_W": o.winding_heat,
+        "bridge_W": o.bridge_heat,
+    }
+    if zero := [symbol for symbol, limit in limits.items() if limit == 0.0]:
+        raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
+    terms = _terms(o.feed_forward, o.feed_forward_terms)
+    if o.fleet and o.parts is not None:
+        raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
+    asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
+    known = {} if o.present is None else dict(zip("PID", _three_gains(o.present), strict=True))
+    known |= {} if o.swings_at is None else {"swings_at": o.swings_at}
+    return DesignRequest(o.rule, o.adc_bits, terms, asked, given, o.ecu, o.log, o.parts, o.anyway, known)
 
 
-def _clashes(name: str | None, given: Mapping[str, float]) -> tuple[str, ...]:
-    """Fields given that the make of ECU that is named fixes otherwise."""
-    if name is None:
-        return ()
+_TIMES = {"period": "--ecu-period", "delay": "--ecu-delay", "lag": "--ecu-filter"}  # field of `Ecu` -> option
+
+
+def _times_of_ecu(options: TuneOptions | DesignOptions) -> dict[str, float]:
+    """What is given of the ECU's times, s, by field of `Ecu`."""
+    texts = {each: getattr(options, option[2:].replace("-", "_"), None) for each, option in _TIMES.items()}
+    given = {each: _seconds(_TIMES[each], text) for each, text in texts.items() if text is not None}
+    if given.get("period") == 0.0:
+        raise UsageError(f"--ecu-period {texts['period']}: the period must be longer than 0. Write, say, 1ms.")
+    return given
+
+
+def _refuse_what_a_make_fixes(make: str | None, given: Mapping[str, float]) -> None:
+    """Refuse what is given of an ECU where the make that is named fixes it otherwise."""
+    if make is None:
+        return
     from .model.ecus import named
 
     with _of_option("--ecu"):
-        return named(name).clashes(given)
+        clash = named(make).clashes(given)
+    if clash:
+        option = _TIMES | {"compensated": "--divides-by-battery"}
+        raise UsageError(f"{option[clash[0]]}: {make} fixes it. Leave it out.")
 
 
 @contextmanager
@@ -662,11 +655,6 @@ _RADIANS = {"deg": pi / 180.0, "rad": 1.0}
 def _seconds(option: str, text: str) -> float:
     """A time with its unit, s."""
     return _with_unit(option, text, _SECONDS, "a time", "1ms")
-
-
-def _radians(option: str, text: str) -> float:
-    """An angle with its unit, rad."""
-    return _with_unit(option, text, _RADIANS, "an angle", "0.1deg")
 
 
 def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, example: str) -> float:
@@ -726,33 +714,41 @@ def _watched(address: str, share: float) -> None:
     _stderr().print(f"workers: {address}", markup=False)
 
 
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of `etcfit export`."""
+
+    to: str = _option(..., "c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", "FORMAT")
+    out: Path | None = _option(None, "Where; RUN/export if not given.", "DIR", file_okay=False)
+    step: str | None = _option(None, "Of the plant in C and FMU.", "TIME", "0.5ms")
+    at: float = _option(25.0, "Of a transfer function, % of the travel.", min=0.0, max=100.0)
+    into: Path | None = _option(
+        None, "Your own tune, for msq: a copy of it is changed.", "FILE", exists=True, dir_okay=False
+    )
+    anyway: bool = _ANYWAY
+
+
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
-def export(
-    run: Run,
-    to: Annotated[
-        str, typer.Option(help="c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", metavar="FORMAT")
-    ],
-    out: Annotated[
-        Path | None, typer.Option(help="Where; RUN/export if not given.", file_okay=False, metavar="DIR")
-    ] = None,
-    step: Annotated[
-        str | None, typer.Option(help="Of the plant in C and FMU.", metavar="TIME", show_default="0.5ms")
-    ] = None,
-    at: Annotated[float, typer.Option(help="Of a transfer function, % of the travel.", min=0.0, max=100.0)] = 25.0,
-    into: Annotated[
-        Path | None,
-        typer.Option(
-            help="Your own tune, for msq: a copy of it is changed.", metavar="FILE", exists=True, dir_okay=False
-        ),
-    ] = None,
-    anyway: Anyway = False,
-    quiet: Quiet = False,
-) -> None:
+def export(run: Run, options: ExportOptions, quiet: Quiet = False) -> None:
     """The model in RUN (after a diagnosis, the final one) for another program; says what that format cannot hold."""
-    seconds = None if step is None else _seconds("--step", step)
+    o, seconds = options, None if options.step is None else _seconds("--step", options.step)
     with _progress(quiet) as progress:
-        done = stages.export_run(stages.opened(run, out), progress, to, out, seconds, at / 100.0, into, anyway)
+        done = stages.export_run(stages.opened(run, o.out), progress, o.to, o.out, seconds, o.at / 100.0, o.into,
+                                 o.anyway)  # fmt: skip
     _tell(done)
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """Options of `etcfit plan`."""
+
+    out: Path = _option(..., "The folder to write.", "PLAN", None, "--out", file_okay=False)
+    tests: int = _option(CampaignSettings.tests, "How many, at most.", min=1, max=50)
+    current: float = _option(CampaignSettings.current, "Limit of the winding's current, A.")
+    temperature: float = _option(CampaignSettings.temperature, "Limit of the winding's temperature, degC.")
+    supply: float | None = _option(None, "V.", None, "that of the rig", min=0.1)
+    criterion: str = _option("A", "To become small: A, the sum of relative variances, or D, their geometric mean.")
+    without: list[str] | None = _option(None, "A rig test that you cannot make; may be repeated.", "TEST")
 
 
 @_verb("Measure", "etcfit plan runs/bench_twin --out plans/next --current 4")
@@ -763,27 +759,16 @@ def plan(
             help="A run folder, or a measurement folder.", exists=True, file_okay=False, metavar="RUN|FOLDER"
         ),
     ],
-    out: Annotated[Path, typer.Option("--out", help="The folder to write.", file_okay=False, metavar="PLAN")],
-    tests: Annotated[int, typer.Option(help="How many, at most.", min=1, max=50)] = CampaignSettings.tests,
-    current: Annotated[float, typer.Option(help="Limit of the winding's current, A.")] = CampaignSettings.current,
-    temperature: Annotated[
-        float, typer.Option(help="Limit of the winding's temperature, degC.")
-    ] = CampaignSettings.temperature,
-    supply: Annotated[float | None, typer.Option(help="V.", min=0.1, show_default="that of the rig")] = None,
-    criterion: Annotated[
-        str, typer.Option(help="To become small: A, the sum of relative variances, or D, their geometric mean.")
-    ] = "A",
-    without: Annotated[
-        list[str] | None, typer.Option(help="A rig test that you cannot make; may be repeated.", metavar="TEST")
-    ] = None,
+    options: PlanOptions,
     quiet: Quiet = False,
 ) -> None:
     """The next tests as files to play within limits, chosen for what they tell, with a procedure sheet."""
     from .datasets.base import refuse_to_overwrite
 
-    refuse_to_overwrite(out)
+    o = options
+    refuse_to_overwrite(o.out)
     try:
-        settings = CampaignSettings(tests=tests, current=current, temperature=temperature)
+        settings = CampaignSettings(tests=o.tests, current=o.current, temperature=o.temperature)
     except ValueError as error:
         raise UsageError(str(error)) from None
     with _usual("plan", quiet) as report:
@@ -791,13 +776,14 @@ def plan(
         stages.keep_compiled()
         from .api.verbs import plan as plan_tests
 
-        chosen = plan_tests(source, settings, criterion=criterion, without=without or (), supply=supply, quiet=True)
+        chosen = plan_tests(source, settings, criterion=o.criterion, without=o.without or (), supply=o.supply,
+                            quiet=True)  # fmt: skip
         report("drawing", 0.8)
-        chosen.save(out)
+        chosen.save(o.out)
         from .reporting.closing.rig import of_plan
         from .reporting.plan_sheet import plan_table
     _stdout().print(plan_table(chosen.campaign))
-    _say(of_plan(chosen.campaign, out))
+    _say(of_plan(chosen.campaign, o.out))
 
 
 @_verb("Measure", "etcfit fetch kassel-throttle")
@@ -831,40 +817,31 @@ def new(
     _say(of_new(new_folder(folder, like)))
 
 
+@dataclass(frozen=True)
+class ImportOptions:
+    """Options of `etcfit import`."""
+
+    to: Path = _option(..., "The measurement folder to write.", "FOLDER", file_okay=False)
+    yes: bool = _option(False, "Take every guess.", None, None, "--yes", "-y")
+    column: list[str] | None = _option(None, "[FILE:]HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", "TEXT")
+    test: list[str] | None = _option(None, "FILE=TEST, its rig test; may be repeated.", "TEXT")
+    period: str | None = _option(None, "Between samples, for files without a time, as 1ms.", "TIME")
+    rig: Path | None = _option(None, "A rig.toml to take over, as `etcfit new` makes one.", "RIG.TOML", dir_okay=False)
+    motor: str | None = _option(None, "The motor to take, of files that have several.", "NAME")
+    servo: str | None = _option(
+        None,
+        "The columns are registers of: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330, dynamixel-ax.",
+        "NAME",
+    )
+    limit: str = _option("256MB", "Of one recording's numbers in memory; larger ones are refused.", "SIZE")
+
+
 @_verb("Measure", "etcfit import recordings/* --to measurements/mine --rig my_rig/rig.toml", name="import")
 def import_(
     files: Annotated[
         list[Path], typer.Argument(help="Recordings of any format; a DBC for bus logs.", metavar="FILE...")
     ],
-    to: Annotated[Path, typer.Option(help="The measurement folder to write.", file_okay=False, metavar="FOLDER")],
-    yes: Annotated[bool, typer.Option("--yes", "-y", help="Take every guess.")] = False,
-    column: Annotated[
-        list[str] | None,
-        typer.Option(help="[FILE:]HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", metavar="TEXT"),
-    ] = None,
-    test: Annotated[
-        list[str] | None, typer.Option(help="FILE=TEST, its rig test; may be repeated.", metavar="TEXT")
-    ] = None,
-    period: Annotated[
-        str | None, typer.Option(help="Between samples, for files without a time, as 1ms.", metavar="TIME")
-    ] = None,
-    rig: Annotated[
-        Path | None,
-        typer.Option(help="A rig.toml to take over, as `etcfit new` makes one.", metavar="RIG.TOML", dir_okay=False),
-    ] = None,
-    motor: Annotated[
-        str | None, typer.Option(help="The motor to take, of files that have several.", metavar="NAME")
-    ] = None,
-    servo: Annotated[
-        str | None,
-        typer.Option(
-            help="The columns are registers of: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330, dynamixel-ax.",
-            metavar="NAME",
-        ),
-    ] = None,
-    limit: Annotated[
-        str, typer.Option(help="Of one recording's numbers in memory; larger ones are refused.", metavar="SIZE")
-    ] = "256MB",
+    options: ImportOptions,
     quiet: Quiet = False,
 ) -> None:
     """Foreign recordings as a measurement folder: columns, units, signs and rig tests guessed, with reasons."""
@@ -872,12 +849,14 @@ def import_(
     from .importing.answers import accept_all, parsed, refuse
     from .reporting.closing import of_imported
 
-    seconds = None if period is None else _seconds("--period", period)
-    answers = parsed(column or (), test or (), [str(file) for file in files], seconds)
-    most = int(_with_unit("--limit", limit, _BYTES, "a size", "2GB"))
-    resolve = accept_all if yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
+    o = options
+    seconds = None if o.period is None else _seconds("--period", o.period)
+    answers = parsed(o.column or (), o.test or (), [str(file) for file in files], seconds)
+    most = int(_with_unit("--limit", o.limit, _BYTES, "a size", "2GB"))
+    resolve = accept_all if o.yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _asked) as report:
-        done = import_files(files, to, answers, resolve, rig=rig, most=most, motor=motor, servo=servo, report=report)
+        done = import_files(files, o.to, answers, resolve, rig=o.rig, most=most, motor=o.motor, servo=o.servo,
+                            report=report)  # fmt: skip
     for file, source, reason in done.traces:
         _say(f"{done.folder}/{file}  from {source}: {reason}")
     for warning in done.warnings:

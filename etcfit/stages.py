@@ -57,41 +57,27 @@ class Done:
     stopped: str = ""
 
 
-def _alone(work: Callable[..., Done]) -> Callable[..., Done]:
-    """Work that nobody else writes into its run folder beside, from its first moment on."""
+def _alone(stage: str = "") -> Callable[[Callable[..., Done]], Callable[..., Done]]:
+    """Work during which no other process writes into its run folder; the manifest keeps how long a stage took."""
 
-    @functools.wraps(work)
-    def alone(*args: Any, **kwargs: Any) -> Done:
-        from .files import held
-
-        with held(_run_among(args).path):
-            return work(*args, **kwargs)
-
-    return alone
-
-
-def _noted(stage: str) -> Callable[[Callable[..., Done]], Callable[..., Done]]:
-    """Work alone in its run folder, whose duration the manifest keeps, for whoever waits for the next one."""
-
-    def noted(work: Callable[..., Done]) -> Callable[..., Done]:
+    def held_while(work: Callable[..., Done]) -> Callable[..., Done]:
         @functools.wraps(work)
-        def timed(*args: Any, **kwargs: Any) -> Done:
+        def alone(*args: Any, **kwargs: Any) -> Done:
+            from .files import held
+            from .run_folder.folder import RunFolder
             from .run_folder.manifest import note_seconds
 
-            began = time.monotonic()
-            done = work(*args, **kwargs)
-            note_seconds(_run_among(args).path, stage, time.monotonic() - began)
-            return done
+            run = next(each.path for each in args if isinstance(each, RunFolder))
+            with held(run):
+                began = time.monotonic()
+                done = work(*args, **kwargs)
+                if stage:
+                    note_seconds(run, stage, time.monotonic() - began)
+                return done
 
-        return _alone(timed)
+        return alone
 
-    return noted
-
-
-def _run_among(args: tuple[Any, ...]) -> RunFolder:
-    from .run_folder.folder import RunFolder
-
-    return next(each for each in args if isinstance(each, RunFolder))
+    return held_while
 
 
 _OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 2.5}  # so many times as long as the fit, on the bench twin
@@ -137,7 +123,7 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
     return RunFolder(run)
 
 
-@_noted("fit")
+@_alone("fit")
 def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     """The joint fit of all traces: RUN/fit.json, the state of the fit, a picture of its parameters."""
     report("reading the folder", 0.0)
@@ -156,7 +142,7 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     return Done(fit_table(result), failure(result), closing=of_run(run.path))
 
 
-@_noted("diagnose")
+@_alone("diagnose")
 def diagnose_run(run: RunFolder, report: Report) -> Done:
     """What the model fitted in RUN lacks: RUN/diagnosis.json, the state of the final model, a picture of its errors.
 
@@ -183,7 +169,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     return Done(diagnosis_table(found), failure(found.after), rounds.remark, of_run(run.path))
 
 
-@_noted("sample")
+@_alone("sample")
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
     _can_sample()
@@ -219,7 +205,7 @@ def _can_sample() -> None:
     require_netcdf()
 
 
-@_noted("reduce")
+@_alone("reduce")
 def reduce_run(
     run: RunFolder, report: Report, input: str = "V", output: str = "rad", at: float = 0.25, pade_order: int = 0
 ) -> Done:
@@ -243,7 +229,7 @@ def reduce_run(
     return Done(shown, failure(result), closing=of_plant(reduction, result.state, run.path))
 
 
-@_noted("design")
+@_alone("design")
 def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
     if asked.parts is not None:
@@ -372,7 +358,7 @@ def export_run(
     return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold), closing)
 
 
-@_alone
+@_alone()
 def write_report(run: RunFolder, report: Report) -> Done:
     """One page of everything that RUN holds, RUN/report.html, and the pictures that it shows."""
     report("writing the page", 0.0)
@@ -390,7 +376,7 @@ def write_report(run: RunFolder, report: Report) -> Done:
     return Done(None, page.failure, page.missing, of_run(run.path, page.path))
 
 
-@_alone
+@_alone()
 def write_interactive(run: RunFolder, report: Report) -> Done:
     """One page to work with: RUN/report_interactive.html. No stage of `etcfit run`, which leaves the one to print."""
     report("taking up the model", 0.0)
@@ -492,46 +478,32 @@ def run_all(
         UsageError: RUN was made from other measurements or by another version, or a stage misses what it needs.
     """
     from .files import held
-    from .run_folder.state import must_belong
+    from .run_folder.manifest import set_aside_stale, settings_before
+    from .run_folder.state import is_done, last_failure, must_belong
 
     must_belong(path, folder)
     run = opened(path, folder=folder)
     with held(path):
-        return _run_all(folder, run, progress, show, stages, asked)
-
-
-def _run_all(
-    folder: Path,
-    run: RunFolder,
-    progress: Callable[[Expected | None], AbstractContextManager[Report]],
-    show: Callable[[str, Done | None], None],
-    stages: tuple[Stage, ...],
-    asked: Mapping[str, Mapping[str, Any]],
-) -> str:
-    from .run_folder.manifest import set_aside_stale, settings_before
-    from .run_folder.state import is_done, last_failure
-
-    path = run.path
-    before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
-    for stage in stages:
-        stage.require()
-    for stage in stages:
-        before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
-        if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):
-            if stage.name not in shown:
-                show(stage.name, None)
+        before_all, shown = {stage.name: expected(path, stage.name) for stage in stages}, set[str]()
+        for stage in stages:
+            stage.require()
+        for stage in stages:
+            before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
+            if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):
+                if stage.name not in shown:
+                    show(stage.name, None)
+                shown.add(stage.name)
+                continue
+            if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
+                set_aside_stale(path)
+            options = _as_before(path, stage, before) | dict(wanted)
+            with progress(before_all[stage.name] or expected(path, stage.name)) as report:
+                done = stage.work(folder, run, report, **options)
+            taken = {name: value for name, value in options.items() if name not in wanted}
+            remark = "" if stage.name in shown else _made_anew(taken, before, settings_before(path)[stage.name])
+            show(stage.name, replace(done, remark=remark or done.remark))
             shown.add(stage.name)
-            continue
-        if stage.name == REPORT.name:  # it shows what is finished, and comes before what is not
-            set_aside_stale(path)
-        options = _as_before(path, stage, before) | dict(wanted)
-        with progress(before_all[stage.name] or expected(path, stage.name)) as report:
-            done = stage.work(folder, run, report, **options)
-        taken = {name: value for name, value in options.items() if name not in wanted}
-        remark = "" if stage.name in shown else _made_anew(taken, before, settings_before(path)[stage.name])
-        show(stage.name, replace(done, remark=remark or done.remark))
-        shown.add(stage.name)
-    return last_failure(path)
+        return last_failure(path)
 
 
 def _as_before(run: Path, stage: Stage, before: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ SYMBOLS = ("R_a", "T_f", "series_ohm.inductance")
 
 def setting(rig: Rig) -> Setting:
     """Of the rig, its plate at rest on the closed stop."""
-    return replace(Setting.of(rig, VALUES), rest=0.0)
+    return replace(Setting.of_rig(rig, VALUES), rest=0.0)
 
 
 def forecast(candidate: Candidate, angle: Sequence[float] = (0.3, 0.9), amps: float = 2.0) -> Forecast:
@@ -48,4 +48,4 @@ def campaign(rig: Rig, settings: CampaignSettings = CampaignSettings()) -> Campa
     planned = [PlannedTest(c, forecast(c), sd[k], sd[k + 1], 12.0, f"{c.plan.test}/plan_{k + 1}.csv")
                for k, c in enumerate(tests)]  # fmt: skip
     return Campaign(rig, True, SYMBOLS, dict(VALUES), s, tuple(planned), (("a chirp", "6.0 A, limit 5 A"),),
-                    Winding.of(VALUES, settings), Criterion.A, settings, ("The fit did not converge.",))  # fmt: skip
+                    Winding.of_model(VALUES), Criterion.A, settings, ("The fit did not converge.",))  # fmt: skip

@@ -6,8 +6,9 @@ import errno
 import os
 import signal
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -38,84 +39,67 @@ def result_of(unit: str, symbols: tuple[str, ...] = ("R_a", "K_b"), seed: int | 
     )
 
 
-@dataclass(frozen=True)
-class Habit:
-    """What a unit does to whoever works on it; the default gives its result at once."""
-
-    def __call__(self) -> None: ...
+# what a unit does to whoever works on it
+Habit = Callable[[], object]
 
 
-@dataclass(frozen=True)
-class Sleeps(Habit):
-    seconds: float
-
-    def __call__(self) -> None:
-        time.sleep(self.seconds)
+def nothing() -> None:
+    """Gives its result at once."""
 
 
-@dataclass(frozen=True)
-class Loops(Habit):
-    def __call__(self) -> None:
-        while True:
-            time.sleep(0.01)
+def sleeps(seconds: float) -> Habit:
+    return partial(time.sleep, seconds)
 
 
-@dataclass(frozen=True)
-class Kills(Habit):
-    def __call__(self) -> None:
-        os.kill(os.getpid(), signal.SIGKILL)
+def loops() -> None:
+    while True:
+        time.sleep(0.01)
 
 
-@dataclass(frozen=True)
-class KillsOnce(Habit):
-    mark: Path
-
-    def __call__(self) -> None:
-        if not self.mark.exists():
-            self.mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
+def kills() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
-@dataclass(frozen=True)
-class Divides(Habit):
-    def __call__(self) -> None:
-        raise ZeroDivisionError("division by zero")
+def kills_once(mark: Path) -> Habit:
+    return partial(_kill_once, mark)
 
 
-@dataclass(frozen=True)
-class Broken(Habit):
-    def __call__(self) -> None:
-        raise MeasurementError("response/3.csv:118", "time falls.", "It must rise.", "Sort it.")
+def _kill_once(mark: Path) -> None:
+    if not mark.exists():
+        mark.touch()
+        kills()
 
 
-@dataclass(frozen=True)
-class Eats(Habit):
+def divides() -> None:
+    raise ZeroDivisionError("division by zero")
+
+
+def broken() -> None:
+    raise MeasurementError("response/3.csv:118", "time falls.", "It must rise.", "Sort it.")
+
+
+def eats() -> None:
     """Takes memory, until somebody ends it."""
-
-    def __call__(self) -> None:
-        held = []
-        while True:
-            held.append(np.ones(2_000_000))
-            time.sleep(0.01)
+    held = []
+    while True:
+        held.append(np.ones(2_000_000))
+        time.sleep(0.01)
 
 
-@dataclass(frozen=True)
-class FullDisk(Habit):
+def always_full() -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def full_disk(mark: Path) -> Habit:
     """No room on the machine of the first worker that meets it; `mark` says which process that is."""
-
-    mark: Path
-
-    def __call__(self) -> None:
-        if not self.mark.exists():
-            self.mark.write_text(str(os.getpid()))
-        if self.mark.read_text() == str(os.getpid()):
-            raise OSError(errno.ENOSPC, "No space left on device")
+    return partial(_full_where_marked, mark)
 
 
-@dataclass(frozen=True)
-class AlwaysFull(Habit):
-    def __call__(self) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
+def _full_where_marked(mark: Path) -> None:
+    if not mark.exists():
+        mark.write_text(str(os.getpid()))
+    if mark.read_text() == str(os.getpid()):
+        always_full()
 
 
 @dataclass(frozen=True)
@@ -131,7 +115,7 @@ class CountingWork(AbstractWork):
 
     counts: Path
     habits: Mapping[str, Habit] = field(default_factory=dict)
-    usual: Habit = Habit()
+    usual: Habit = nothing
     edition: Mapping[str, str] = field(default_factory=dict)
 
     def prepare(self) -> None:

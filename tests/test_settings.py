@@ -32,7 +32,6 @@ from etcfit.control.settings import (
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,
@@ -42,8 +41,7 @@ from etcfit.estimation.settings import (
 from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
 from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
-from etcfit.fleets.engine.settings import EngineSettings, StoreSettings
-from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
+from etcfit.fleets.settings import EngineSettings, FleetSettings, PopulationSettings, StoreSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet.words import Judgement
@@ -54,7 +52,6 @@ KINDS: list[Any] = [
     CheckSettings,
     PlanSettings,
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,

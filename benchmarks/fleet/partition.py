@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from etcfit.fleets.engine.store import Store
+from etcfit.fleets.settings import FleetSettings
 from etcfit.fleets.statistics.population import shrink
-from etcfit.fleets.statistics.settings import FleetSettings
 from etcfit.fleets.statistics.stack import MOST_WIDENED, MOST_WIDENED_TO_SHRINK, robust, stacked
 from etcfit.fleets.study import without_odd
 from etcfit.fleets.unit import UnitResult

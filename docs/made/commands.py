@@ -15,7 +15,7 @@ METAVARS = {int: "N", float: "X", str: "TEXT", Path: "FOLDER"}
 
 def options(name: str) -> str:
     """A table of one command's arguments and options."""
-    function = inspect.unwrap(commands()[name])
+    function = spread(commands()[name])
     hints = get_type_hints(function, include_extras=True)
     rows = ["| argument or option | default | meaning |", "| --- | --- | --- |"]
     rows += [row(each, hints[each.name]) for each in inspect.signature(function).parameters.values()]
@@ -33,15 +33,20 @@ def verbs() -> str:
 
 def required(function: Any) -> Iterator[str]:
     """The arguments and options without which a command does nothing."""
-    function = inspect.unwrap(function)
+    function = spread(function)
     hints = get_type_hints(function, include_extras=True)
     for each in inspect.signature(function).parameters.values():
         kinds, info = described(hints[each.name])
         metavar = info.metavar or METAVARS.get(kinds[0], each.name.upper())
         if type(info).__name__ == "ArgumentInfo":
             yield metavar
-        elif each.default is inspect.Parameter.empty:
+        elif each.default in (inspect.Parameter.empty, ...):
             yield f"--{each.name.replace('_', '-')} {metavar}"
+
+
+def spread(function: Any) -> Any:
+    """The function as typer sees it, whose options are its arguments."""
+    return inspect.unwrap(function, stop=lambda each: hasattr(each, "__signature__"))
 
 
 def commands() -> dict[str, Any]:
@@ -76,7 +81,7 @@ def default_of(parameter: inspect.Parameter, info: Any) -> str:
     value = parameter.default
     if isinstance(info.show_default, str):
         return info.show_default
-    if value is inspect.Parameter.empty:
+    if value in (inspect.Parameter.empty, ...):
         return "required"
     if value is None or isinstance(value, bool):
         return ""

@@ -1,4 +1,4 @@
-"""The table of a JSON file's keys, made from its schema in the package."""
+"""The schema of a JSON file that is declared, and the table of a file's keys, made from its schema."""
 
 from __future__ import annotations
 
@@ -7,7 +7,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from etcfit.run_folder.declared import schema_of_file
+from etcfit.run_folder.pid import PID
+
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
+DECLARED = {"pid": PID}  # kinds of files whose schema follows from a declaration
+
+
+def text_of(kind: str) -> str:
+    """The schema of a declared file as it is committed."""
+    return json.dumps(schema_of_file(kind, DECLARED[kind]), indent=2, ensure_ascii=False) + "\n"
 
 
 def table(kind: str) -> str:

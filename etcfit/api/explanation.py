@@ -16,7 +16,7 @@ from ..problem.prediction_error import pooled
 from ..reporting.numbers import Digits, short
 from . import views
 from .fit import Fit
-from .views import candidate_frame, indexed, ledger_frame, numbers
+from .views import attributes, indexed, numbers, score_frame, texts
 
 if TYPE_CHECKING:
     from .plots import DiagnosisPlots, PosteriorPlots
@@ -66,13 +66,27 @@ class Diagnosed:
 
     @property
     def ledger(self) -> pd.DataFrame:
-        """Free-running error before and after, one row a file and channel, fitted and held out."""
-        return ledger_frame(self.diagnosis)
+        """Free-running error before and after, a row a file and channel: test, held_out, unit, n (samples), sigma
+        (noise of one sample), before and after (rms, in that unit), before_in_sigma and after_in_sigma."""
+        was, now = self.diagnosis.before, self.diagnosis.after
+        rows = (*was.score_fit, *was.score_holdout)
+        later = {(row.file, row.channel): row.rms for row in (*now.score_fit, *now.score_holdout)}
+        sigma, before = numbers(row.sigma for row in rows), numbers(row.rms for row in rows)
+        after = numbers(later.get((row.file, row.channel)) for row in rows)
+        columns = {"sigma": sigma, "before": before, "after": after,
+                   "before_in_sigma": before / sigma, "after_in_sigma": after / sigma}  # fmt: skip
+        return score_frame(was, rows, columns)
 
     @property
     def candidates(self) -> pd.DataFrame:
-        """Every effect that was tried, one row a round and effect."""
-        return candidate_frame(self.diagnosis)
+        """Every effect that was tried, a row a round and effect: what it promised, what refitting with it came to."""
+        every = [(k, each, c) for k, each in enumerate(self.diagnosis.rounds, start=1) for c in each.candidates]
+        keys = ("screened", "fit_rms_ratio", "holdout_rms_ratio", "holdout_chi2_change", "bic_change")
+        frame = pd.DataFrame(attributes((c for _, _, c in every), *keys))
+        frame.insert(0, "added", np.array([c.effect == each.added for _, each, c in every], dtype=bool))
+        places = [np.array([k for k, _, _ in every], dtype=np.int64), texts(c.effect for _, _, c in every)]
+        frame.index = pd.MultiIndex.from_arrays(places, names=["round", "effect"])
+        return frame
 
     @property
     def plot(self) -> DiagnosisPlots:
@@ -181,7 +195,7 @@ class Sampled:
         figures = {key: numbers(None if _lost(m) else getattr(m, key) for m in rows.values()) for key in keys}
         units = pd.Series([self.posterior.described[s][0] for s in rows], dtype="str")
         status = pd.Series([m.status for m in rows.values()], dtype="str")
-        chain = {key: numbers(getattr(m, key) for m in rows.values()) for key in ("ess", "r_hat")}
+        chain = attributes(rows.values(), "ess", "r_hat")
         return indexed(figures | {"unit": units, "status": status} | chain, list(rows))
 
     @property

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..estimation.explained import motion_explained
-from ..estimation.intervals import Interval, intervals, lumped
+from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.result import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import pooled
@@ -20,7 +20,7 @@ from ..reporting.numbers import short
 from . import views
 from .progress import Report, silent
 from .trace import FittedTrace, named, traces_of
-from .views import contradiction_frame, influence_frame, interval_frame, score_frame, units_of
+from .views import attributes, indexed, interval_frame, numbers, score_frame, texts
 
 if TYPE_CHECKING:
     from ..control.design import Design
@@ -43,7 +43,8 @@ class Fit:
 
     @cached_property
     def _units(self) -> dict[str, str]:
-        return units_of(self.result)
+        declared = {p.symbol: p.unit for p in self.result.free_parameters.layout.parameters}
+        return declared | {"N": "1"} | {symbol: lump.unit for symbol, lump in LUMPS.items()}
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -84,17 +85,24 @@ class Fit:
 
         `pull` is in standard errors of noise alone. A parameter that one test alone tells has no row for it.
         """
-        return influence_frame(self.result)
+        every = self.result.influence.pulls
+        where = {"test": texts(p.test for p in every), "file": pd.Series([p.file for p in every], dtype="object")}
+        return pd.DataFrame(where | {"parameter": texts(p.parameter for p in every)} | attributes(every, "pull"))
 
     @property
     def contradictions(self) -> pd.DataFrame:
         """Tests that the others contradict, worst first, indexed by test: parameter, pull, value, without, p, share."""
-        return contradiction_frame(self.result)
+        every = self.result.contradictions
+        columns = attributes(every, "pull", "value", "without", "p", "share")
+        return indexed({"parameter": texts(c.parameter for c in every)} | columns, [c.test for c in every], "test")
 
     @property
     def score(self) -> pd.DataFrame:
-        """Free-running error of the simulation, one row a file and channel, fitted and held out."""
-        return score_frame(self.result)
+        """Free-running error of the simulation, a row a file and channel: test, held_out, unit, n (samples), rms and
+        sigma (in that unit), in_sigma (rms / sigma)."""
+        rows = (*self.result.score_fit, *self.result.score_holdout)
+        rms, sigma = numbers(row.rms for row in rows), numbers(row.sigma for row in rows)
+        return score_frame(self.result, rows, {"rms": rms, "sigma": sigma, "in_sigma": rms / sigma})
 
     @property
     def converged(self) -> bool:

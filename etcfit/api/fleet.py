@@ -160,8 +160,8 @@ class Fleet:
         from ..files import held, write_json
         from ..reporting import draw_design
         from ..run_folder.commit import all_or_none, settle
-        from ..run_folder.design import design_json
         from ..run_folder.manifest import is_fleet, read_records
+        from ..run_folder.pid import design_json
 
         if run.resolve() != self.run.resolve() and (is_fleet(run) or read_records(run)):
             raise UsageError(f"{run} holds other results than those of {self.run}, the fleet that these gains are of. "

@@ -68,6 +68,10 @@ def work_through(
         UsageError: a library of the extra `fleet` is not installed, no worker answers, RUN lies in the fleet, or
             another process writes there.
     """
+    from ..fleets.fitting import fit_all
+    from ..fleets.study import study
+    from ..run_folder.fleet import read_fleet_files, save_fleet
+
     require_workers()
     refuse_inside(location, run)
     with held(run), ExitStack() as opened:
@@ -82,28 +86,18 @@ def work_through(
         report("starting the workers", 0.0)
         hands = hands or opened.enter_context(crew(place))
         watch(hands.address, 0.0)
-        return _worked_through(config, toml, run, hands, report, remark)
-
-
-def _worked_through(
-    config: FleetConfig, toml: Toml, run: Path, hands: Crew, report: Report, remark: Callable[[str], None]
-) -> FleetFiles:
-    from ..fleets.fitting import fit_all
-    from ..fleets.study import study
-    from ..run_folder.fleet import read_fleet_files, save_fleet
-
-    results = fit_all(config, hands, run / "parts", report)
-    if results.remark:
-        remark(results.remark)
-    report("what the units tell together", 0.0)
-    found = study(config, config_of_rig(toml), results)
-    pages = write_unit_pages([unit.unit for unit in found.odd], results.work, run, hands, report)
-    with all_or_none(run) as draft:
-        save_fleet(draft.files, found, toml, pages)
-        files = read_fleet_files(draft.files)
-        _draw(draft, files, report)
-    settle(run)
-    return files
+        results = fit_all(config, hands, run / "parts", report)
+        if results.remark:
+            remark(results.remark)
+        report("what the units tell together", 0.0)
+        found = study(config, rig, results)
+        pages = write_unit_pages([unit.unit for unit in found.odd], results.work, run, hands, report)
+        with all_or_none(run) as draft:
+            save_fleet(draft.files, found, toml, pages)
+            files = read_fleet_files(draft.files)
+            _draw(draft, files, report)
+        settle(run)
+        return files
 
 
 def show(run: Path, files: FleetFiles, report: Report) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,22 +50,6 @@ def panels_of(draw: Callable[[], Figure]) -> np.ndarray:
     return out
 
 
-def panel_of(draw: Callable[[], Figure]) -> Axes:
-    """The first panel of a figure, as `panels_of` draws it."""
-    return panels_of(draw)[0]
-
-
-def picture_named(jobs: Mapping[str, Callable[[], Figure]], name: str, why_not: str) -> Callable[[], Figure]:
-    """The call that draws one of several pictures.
-
-    Raises:
-        UsageError: this result has no such picture.
-    """
-    if name not in jobs:
-        raise UsageError(why_not)
-    return jobs[name]
-
-
 def _by_name(jobs: list[tuple[Path, Callable[[], Figure]]]) -> dict[str, Callable[[], Figure]]:
     return {path.with_suffix("").as_posix(): draw for path, draw in jobs}
 
@@ -92,7 +76,7 @@ class FitPlots:
 
     def parameters(self) -> Axes:
         """How well each parameter is known, and how far off reading a graph with a ruler is."""
-        return panel_of(lambda: pictures.draw_parameters(pictures.parameter_picture(self.result)))
+        return panels_of(lambda: pictures.draw_parameters(pictures.parameter_picture(self.result)))[0]
 
     def test(self, name: str) -> np.ndarray:
         """The graph that the paper reads of one rig test, with the fit drawn into it.
@@ -102,9 +86,9 @@ class FitPlots:
         """
         jobs = _by_name(pictures.jobs(self.result))
         there = ", ".join(key.removeprefix("tests/") for key in jobs if key.startswith("tests/"))
-        return panels_of(
-            picture_named(jobs, f"tests/{name}", f"no trace is of a test called {name!r}. There are: {there}.")
-        )
+        if f"tests/{name}" not in jobs:
+            raise UsageError(f"no trace is of a test called {name!r}. There are: {there}.")
+        return panels_of(jobs[f"tests/{name}"])
 
     def overview(self, most: int = 40) -> np.ndarray:
         """Every trace at a glance, measured and simulated, one channel each; Axes, shape (K,).
@@ -204,7 +188,10 @@ class DiagnosisPlots:
         return panels_of(lambda: overlay.draw(picture))
 
     def _named(self, name: str, why_not: str) -> np.ndarray:
-        return panels_of(picture_named(_by_name(diagnosis_pictures.jobs(self.diagnosis)), name, why_not))
+        jobs = _by_name(diagnosis_pictures.jobs(self.diagnosis))
+        if name not in jobs:
+            raise UsageError(why_not)
+        return panels_of(jobs[name])
 
 
 @dataclass(frozen=True, eq=False)

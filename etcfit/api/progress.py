@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -113,10 +113,9 @@ def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[R
         yield report
 
 
-@contextmanager
 def progress(
     quiet: bool = False, expected: Expected | None = None, say: Callable[[str], None] | None = None
-) -> Iterator[Report]:
+) -> AbstractContextManager[Report]:
     """Show progress where somebody looks, on stderr or below the notebook's cell.
 
     Args:
@@ -124,23 +123,13 @@ def progress(
         expected: how long it will take; None where nothing is known of that.
         say: prints a line of an output that is neither a terminal nor a notebook; None: such an output gets nothing.
     """
-    with _shown(quiet, expected, say) as report:
-        yield report
-
-
-def _shown(quiet: bool, expected: Expected | None, say: Callable[[str], None] | None) -> AbstractContextManager[Report]:
     if quiet:
-        return _plain(silent)
+        return nullcontext(silent)
     if in_notebook():
         return notebook_bar(expected)
     if sys.stderr.isatty():
         return terminal_bar(expected)
-    return _plain(silent) if say is None else plain_lines(say, expected)
-
-
-@contextmanager
-def _plain(report: Report) -> Iterator[Report]:
-    yield report
+    return nullcontext(silent) if say is None else plain_lines(say, expected)
 
 
 def in_notebook() -> bool:

@@ -340,7 +340,7 @@ def export(
     with working(quiet) as told:
         from ..exporting import ExportSettings, named
         from ..files import require_writable
-        from ..run_folder.design import design_json
+        from ..run_folder.pid import design_json
         from ..run_folder.reading import read_design
         from .controller import Designed
         from .fit import Fit

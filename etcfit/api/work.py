@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import UsageError, command
-from ..files import held
+from ..files import held, write_json
 from ..run_folder.folder import RunFolder
-from ..run_folder.manifest import FLEET, NOT_CONVERGED
+from ..run_folder.manifest import FLEET, NOT_CONVERGED, POSTERIOR, replacing
 from .progress import Report, silent
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from ..posterior.sampling import Posterior
     from ..reporting.page import Page
     from ..rig.base import RigConfig
-    from .progress import Report
 
 
 class Plant(NamedTuple):
@@ -101,20 +100,18 @@ def design_of(
         UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
     """
     from ..control.design import design
-    from ..control.fleet import design_for_parts
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 
     computer, make = _computer(fitted, asked)
     log = None if asked.log is None else setpoint_of(Path(asked.log), fitted.config)
-    given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
-             settings or DesignSettings(), make, log)  # fmt: skip
-    if asked.parts is None:
-        found = design(fitted, *given, present=asked.present)
-    else:
+    parts = None
+    if asked.parts is not None:
         from ..run_folder.fleet import parts_of
 
-        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given, present=asked.present)
+        parts = parts_of(Path(asked.parts))
+    found = design(fitted, computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
+                   settings or DesignSettings(), make, log, asked.present, parts=parts)  # fmt: skip
     return replace(found, anyway=True) if asked.anyway else found
 
 
@@ -129,7 +126,8 @@ def fleet_design_of(
     Raises:
         MeasurementError, UsageError: as `design_of`.
     """
-    from ..control.fleet import design_for_fleet, future_units
+    from ..control.design import design_for_fleet
+    from ..control.fleet import future_units
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 
@@ -290,13 +288,15 @@ def keep_posterior(
     """posterior.json, posterior.nc and pictures."""
     from ..posterior.sampling import bands
     from ..reporting import draw_posterior
-    from ..run_folder.posterior import save_posterior
+    from ..run_folder.posterior import posterior_json, write_netcdf
     from ..run_folder.state import exit_of
 
     predicted = bands(posterior, report)
     status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
-    save_posterior(run.path, posterior, profiles, predicted, status, {**asdict(posterior.settings), **settings},
-                   lambda draft: draw_posterior(draft, posterior, profiles, predicted, report))  # fmt: skip
+    with replacing(run.path, "sample", status, {**asdict(posterior.settings), **settings}) as draft:
+        write_netcdf(draft / POSTERIOR, posterior)
+        write_json(draft / "posterior.json", "posterior", posterior_json(posterior, profiles, predicted))
+        draw_posterior(draft, posterior, profiles, predicted, report)
 
 
 def keep_reduction(
@@ -309,16 +309,10 @@ def keep_reduction(
 ) -> None:
     """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
     from ..reporting import draw_frequency_response, draw_reduction
-    from ..run_folder.plant import save_reduction
+    from ..run_folder.plant import frequency_json, reduction_json
     from ..run_folder.state import exit_of
 
     fitted = result.fitted()
-
-    def beside(draft: Path) -> None:
-        draw_reduction(draft, fitted, reduction, report)
-        if response is not None:
-            draw_frequency_response(draft, fitted, response, report)
-
     settings = {
         "input": reduction.input_unit,
         "output": reduction.output_unit,
@@ -326,25 +320,27 @@ def keep_reduction(
         "pade_order": pade_order,
         "frequency": None if response is None else asdict(response.settings),
     }
-    save_reduction(run.path, fitted, reduction, response, exit_of(result), settings, beside)
+    with replacing(run.path, "reduce", exit_of(result), settings) as draft:
+        plant = reduction_json(fitted, reduction, pade_order)
+        write_json(draft / "transfer_function.json", "transfer_function", plant)
+        draw_reduction(draft, fitted, reduction, report)
+        if response is not None:
+            write_json(draft / "frequency_response.json", "frequency_response", frequency_json(fitted, response))
+            draw_frequency_response(draft, fitted, response, report)
 
 
 def keep_design(
     run: RunFolder, result: FitResult, design: Design, settings: Mapping[str, Any], report: Report = silent
 ) -> None:
-    """pid.json and the responses of every rule."""
+    """pid.json and the responses of every rule; the manifest names the log and the fleet that gains were made from."""
     from ..reporting import draw_design
-    from ..run_folder.design import save_design
+    from ..run_folder.pid import design_json
     from ..run_folder.state import exit_of
 
-    settings = {**asdict(design.settings), **settings}
-    save_design(
-        run.path, design, exit_of(result), settings, lambda draft: draw_design(draft, design, report),
-        _read_for(settings),
-    )  # fmt: skip
-
-
-def _read_for(settings: Mapping[str, Any]) -> list[Path]:
-    """Files outside of the run folder that gains asked for so were made from."""
     log, parts = settings.get("log"), settings.get("parts")
-    return [*([Path(log)] if log else []), *([Path(parts) / FLEET] if parts else [])]
+    outside = [*([Path(log)] if log else []), *([Path(parts) / FLEET] if parts else [])]
+    with replacing(
+        run.path, "design", exit_of(result), {**asdict(design.settings), **settings}, outside=outside
+    ) as draft:
+        write_json(draft / "pid.json", "pid", design_json(design))
+        draw_design(draft, design, report)

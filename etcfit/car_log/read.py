@@ -162,7 +162,7 @@ def _takes(sheet: Sheet, answers: Answers, without: AbstractSet[int]) -> dict[st
 
 
 def _matters(column: Column, sheet: Sheet, answers: Answers) -> bool:
-    said = answers.of(sheet.file, column)
+    said = answers.wanted(sheet.file, column)
     quantity = quantity_of(column, sheet) if said is None else said.quantity
     return quantity in (*_PLATE, "setpoint") and quantity != IGNORE
 

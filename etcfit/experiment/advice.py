@@ -29,6 +29,8 @@ from ..rig.paper_readings import read_graphs
 from .plan import PLANS, Plan, Setting, remark, sweeps, trace_of
 from .settings import AdviceSettings
 
+_ENTANGLED = 0.5  # rho^2 above which two parameters are said to be entangled
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -107,7 +109,7 @@ def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = Adv
     problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
     judge, now = judge_of(problem, known.layout, x, settings)
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
-    planned = list(_planned(problem, x, Setting.of(rig, known.values(x), settings.plan), judge))
+    planned = list(_planned(problem, x, Setting.of_rig(rig, known.values(x), settings.plan), judge))
     options = sorted((*again, *planned), key=lambda option: option.mean)
     unknown = "what the ECU does is not known before it is logged"
     judged = {option.test for option in options}
@@ -179,10 +181,10 @@ def separated(
     Args:
         symbols: free parameters, P.
         before, after: covariances of their coordinates now and with one more trace, shape (P, P).
-        settings: what counts as entangled, and as apart.
+        settings: what counts as apart.
     """
     was, then = _correlation(before), _correlation(after)
-    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > settings.entangled]
+    pairs = [(i, j) for i, j in combinations(range(len(symbols)), 2) if was[i, j] ** 2 > _ENTANGLED]
     left = {(i, j): (1.0 - was[i, j] ** 2) / max(1.0 - then[i, j] ** 2, 1e-12) for i, j in pairs}
     if not left or min(left.values()) > settings.apart:
         return None
@@ -227,13 +229,13 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
     traces = tuple(trace_of(plan, setting) for plan in plans)
     options = [
         Option(plan.test, plan.says, remark(plan, setting), *judge.gain(more), plan)
-        for plan, more in zip(plans, beside(problem, traces, x), strict=True)
+        for plan, more in zip(plans, informations_of_others(problem, traces, x), strict=True)
     ]
     yield from options[: len(absent)]
     yield min(options[len(absent) :], key=lambda option: option.mean)
 
 
-def beside(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
+def informations_of_others(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
     """J_k^T J_k of other traces, shape (P, P) each, batched in the shape of the problem so that what was compiled for
     it serves again."""
     most = problem.batch.steps.dt.shape[1]

@@ -24,7 +24,7 @@ from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
 from ..rig import TEST_BY_NAME, TESTS
 from ..rig.base import CHANNELS, Rig
-from .advice import Judge, beside, judge_of, judged_at
+from .advice import Judge, informations_of_others, judge_of, judged_at
 from .candidates import Candidate, candidates
 from .limits import Forecast, Winding, forecasts, passed
 from .plan import Setting, channels, remark, trace_of
@@ -45,7 +45,7 @@ class Criterion(StrEnum):
     A = "A"
     D = "D"
 
-    def of(self, sd: np.ndarray) -> float:
+    def log_size(self, sd: np.ndarray) -> float:
         """Logarithm of it.
 
         Args:
@@ -155,7 +155,7 @@ def plan_campaign(
     problem = at.problem if at is not None else EstimationProblem.of(rig.config, known, fitted).refined(x)
     judge, _ = judge_of(problem, known.layout, x, AdviceSettings(plan=settings.plan))
     values = known.values(x)
-    setting = Setting.of(rig, values, settings.plan)
+    setting = Setting.of_rig(rig, values, settings.plan)
     setting = setting if supply is None else replace(setting, supply=supply)
 
     every = candidates(setting, settings, {trace.test.name for trace in fitted}, tuple(without))
@@ -168,11 +168,13 @@ def plan_campaign(
         raise UsageError(f"no test keeps within the limits: {every[nearest].plan.says} would have "
                          f"{'; '.join(bad[nearest])}. Fit the folder first and plan by its RUN, or allow more current "
                          "or heat.")  # fmt: skip
-    told = dict(zip(left, beside(problem, [trace_of(every[k].plan, setting) for k in left], x), strict=True))
+    told = dict(
+        zip(left, informations_of_others(problem, [trace_of(every[k].plan, setting) for k in left], x), strict=True)
+    )
     chosen = sorted(_chosen(every, told, judge, settings, criterion), key=lambda k: _effort(every[k]))
     # stated standard errors over those of the Fisher information, at least 1
     wide = 1.0 if at is None else np.maximum(judge.relative(at.taken_as_exact().covariance) / judge.sd(), 1.0)
-    winding, more, tests = Winding.of(values, settings), np.zeros_like(judge.information), []
+    winding, more, tests = Winding.of_model(values), np.zeros_like(judge.information), []
     for number, k in enumerate(chosen, 1):
         before, more = wide * judge.sd(more), more + told[k]
         pause = winding.pause(float(seen[k].warmth[:, -1].max()))
@@ -218,7 +220,7 @@ def _chosen(
         asked[:] = True
 
     def size(more: np.ndarray | float) -> float:
-        return criterion.of(judge.sd(more)[asked])
+        return criterion.log_size(judge.sd(more)[asked])
 
     chosen: list[int] = []
     more = np.zeros_like(judge.information)

@@ -25,6 +25,8 @@ from ..rig.paper_readings import Readings, read_graphs
 from .settings import CheckSettings
 
 _SURE = 1e8  # information on a relative change of what is taken as known: far more than any data give
+_LIVELY = 0.25  # share of neighbouring samples that may be equal in a channel whose rest on one value means saturation
+_RUN_SHARE = 0.005  # of a trace's samples that a clipped run has at least
 
 
 @dataclass(frozen=True)
@@ -246,8 +248,8 @@ def clipped(value: np.ndarray, settings: CheckSettings = CheckSettings()) -> int
     extreme = (value == low) | (value == high)
     same = np.diff(value) == 0.0
     elsewhere = ~extreme[1:]
-    if low == high or elsewhere.sum() < 4 * settings.run or same[elsewhere].mean() > settings.lively:
+    if low == high or elsewhere.sum() < 4 * settings.run or same[elsewhere].mean() > _LIVELY:
         return 0
-    least = max(settings.run, round(settings.run_share * value.size))
+    least = max(settings.run, round(_RUN_SHARE * value.size))
     at_rest = runs(extreme & np.concatenate(([False], same)))
     return sum(stop - start + 1 for start, stop in at_rest if stop - start + 1 >= least)  # each begins a sample before

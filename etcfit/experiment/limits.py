@@ -15,6 +15,8 @@ from .plan import Setting, trace_of
 from .settings import CampaignSettings
 
 COPPER = 0.0039  # 1/K, growth of its resistance
+# of a winding that no `winding_heating` was fitted to: of some 16 g of copper, J/K; time constant, s
+HEAT_CAPACITY, COOLING = 6.0, 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +50,11 @@ class Winding:
     fitted: bool
 
     @classmethod
-    def of(cls, values: Mapping[str, float], settings: CampaignSettings) -> Winding:
+    def of_model(cls, values: Mapping[str, float]) -> Winding:
         """From the model, as far as it knows: r_h = alpha R_a^2 / C."""
         if values.get("r_h", 0.0) > 0.0:
             return cls(COPPER * values["R_a"] ** 2 / values["r_h"], values["tau_h"], True)
-        return cls(settings.heat_capacity, settings.cooling, False)
+        return cls(HEAT_CAPACITY, COOLING, False)
 
     def warmth(self, time: np.ndarray, current: np.ndarray, R_a: np.ndarray, most: float) -> np.ndarray:
         """K above where it began, shape (D, n).
@@ -98,7 +100,7 @@ def forecasts(
     problem = EstimationProblem.of(s.config, known, traces, None, least).refined(x[0])
     runs = [problem.free_run(each) for each in x]
     R_a = np.array([float(known.layout.values(each, known.held)["R_a"]) for each in x])
-    winding = Winding.of(s.values, settings)
+    winding = Winding.of_model(s.values)
     out = []
     for k, trace in enumerate(traces):
         shown = {name: np.stack([run[k][:, m] for run in runs]) for m, name in enumerate(trace.channels)}

@@ -16,7 +16,8 @@ from ..rig import TEST_BY_NAME, TESTS
 from ..rig.base import AbstractRigTest, Channel, Measurement, Rig, RigConfig
 from .settings import PlanSettings
 
-USUAL = PlanSettings().noise  # of a sensor that this rig has not been seen with, SI
+# standard deviation of one sample of a sensor that this rig has not been seen with, SI; what a hobbyist's logger has
+USUAL = {"voltage": 0.01, "current": 0.01, "position": 0.002, "emf": 0.01, "motor_speed": 1.0}
 _ANYWHERE = frozenset({"current", "position"})  # seen whatever is done to the rig
 
 
@@ -50,7 +51,7 @@ class Setting:
     settings: PlanSettings = PlanSettings()
 
     @classmethod
-    def of(cls, rig: Rig, values: Mapping[str, float], settings: PlanSettings = PlanSettings()) -> Setting:
+    def of_rig(cls, rig: Rig, values: Mapping[str, float], settings: PlanSettings = PlanSettings()) -> Setting:
         """From what was measured, as far as that tells; the rest from the settings.
 
         Args:
@@ -71,8 +72,8 @@ class Setting:
             config=rig.config,
             values=values,
             supply=rig.config.supply_V or float(max(volts, default=settings.supply)),
-            noise=settings.noise | own,
-            assumed=frozenset(settings.noise) - frozenset(own),
+            noise=USUAL | own,
+            assumed=frozenset(USUAL) - frozenset(own),
             rest=float(np.clip(np.median(rests) if rests else 0.0, *rig.config.travel)),
             rate=1.0 / float(np.median([np.median(np.diff(t)) for t in responses])) if responses else settings.rate,
             duration=float(np.median([np.ptp(t) for t in responses])) if responses else settings.duration,

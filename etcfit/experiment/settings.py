@@ -13,15 +13,11 @@ class CheckSettings:
 
     Args:
         gap: an interval of more median intervals than this is a gap.
-        lively: share of neighbouring samples that may be equal in a channel whose rest on one value means saturation.
         run: samples in a row on the extreme value that count as clipped, at least.
-        run_share: such a run over the samples of the trace, at least.
     """
 
     gap: float = real(3.0, 1.0, 1e6)
-    lively: float = real(0.25, 0.0, 1.0)
     run: int = whole(5, 1, 10**6)
-    run_share: float = real(0.005, 0.0, 1.0)
 
     __post_init__ = check_ranges
 
@@ -38,11 +34,6 @@ class PlanSettings:
         lowest: frequency at which a sine sweep begins, Hz.
         bands: frequencies at which the sweeps to choose from end, Hz.
         levels: amplitudes of the sweeps to choose from.
-        noise_voltage, noise_emf: standard deviation of one sample of a sensor that the rig has not been seen with, V;
-            what a hobbyist's logger has.
-        noise_current: likewise, A.
-        noise_position: likewise, rad.
-        noise_motor_speed: likewise, rad/s.
     """
 
     quiet: float = real(0.05, above=0.0, high=1.0)
@@ -52,38 +43,25 @@ class PlanSettings:
     lowest: float = real(0.3, 1e-3, 1e3)
     bands: tuple[float, ...] = reals((1.0, 4.0, 12.0), 1e-3, 1e4)
     levels: int = whole(3, 1, 100)
-    noise_voltage: float = real(0.01, above=0.0, high=1e3)
-    noise_current: float = real(0.01, above=0.0, high=1e3)
-    noise_position: float = real(0.002, above=0.0, high=1.0)
-    noise_emf: float = real(0.01, above=0.0, high=1e3)
-    noise_motor_speed: float = real(1.0, above=0.0, high=1e4)
 
     def __post_init__(self) -> None:
         check_ranges(self)
         if min(self.bands) <= self.lowest:
             raise ValueError(f"PlanSettings.bands = {self.bands!r}: each must be greater than lowest, {self.lowest:g}.")
 
-    @property
-    def noise(self) -> dict[str, float]:
-        """Standard deviation of one sample by channel, SI."""
-        channels = ("voltage", "current", "position", "emf", "motor_speed")
-        return {channel: getattr(self, f"noise_{channel}") for channel in channels}
-
 
 @dataclass(frozen=True)
 class AdviceSettings:
-    """When two parameters are entangled, and when one more trace tells them apart.
+    """When one more trace tells two parameters apart.
 
     rho is the correlation of two estimates. 1 / (1 - rho^2) is the factor by which it makes the variance of either
     larger than it would be were the other one known.
 
     Args:
-        entangled: rho^2 above which two parameters are said to be entangled; dimensionless.
         apart: share of 1 / (1 - rho^2) that may be left if a trace is to be said to separate them; dimensionless.
         plan: how the trace would be made.
     """
 
-    entangled: float = real(0.5, 0.0, 1.0)
     apart: float = real(0.9, 0.0, 1.0)
     plan: PlanSettings = PlanSettings()
 
@@ -102,8 +80,6 @@ class CampaignSettings:
         margin: least distance from an end stop while the plate is driven about, share of the travel.
         draws: models over which a test must stay within the limits, the fitted one besides.
         doubt: relative standard deviation of the graph readings that draws from a folder without a fit have.
-        heat_capacity: of a winding that no `winding_heating` was fitted to, J/K; that of some 16 g of copper.
-        cooling: time constant of such a winding, s.
         tests: how many to choose, at most.
         least: drop of the criterion below which a test is not worth its while, relative.
         handling: time that setting up one test takes, s: information is weighed against the time spent.
@@ -122,8 +98,6 @@ class CampaignSettings:
     margin: float = real(0.04, 0.0, 0.4)
     draws: int = whole(6, 0, 1000)
     doubt: float = real(0.05, 0.0, 1.0)
-    heat_capacity: float = real(6.0, above=0.0, high=1e4)
-    cooling: float = real(30.0, above=0.0, high=1e5)
     tests: int = whole(4, 1, 50)
     least: float = real(0.03, 0.0, 1.0)
     handling: float = real(10.0, 0.0, 1e5)

@@ -11,10 +11,10 @@ import subprocess
 import sys
 import uuid
 import zipfile
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
 from xml.etree import ElementTree as Xml
 
 from ..errors import UsageError
@@ -45,23 +45,6 @@ _NOT_HERE = (
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 
 
-class _Variable(NamedTuple):
-    """A line of modelDescription.xml: attributes of a Float64."""
-
-    name: str
-    unit: str
-    description: str
-    causality: str
-    variability: str
-    initial: str | None = None
-    start: float | None = None
-
-
-_INPUTS = (
-    _Variable("voltage", "V", "at the terminals, held over a communication step", "input", "continuous", None, 0.0),
-    _Variable("torque", "N*m", "at the plate besides the motor's, through the gear like it; positive opens", "input",
-              "continuous", None, 0.0),
-)  # fmt: skip
 _OUTPUTS = (
     ("angle", "rad", "of the plate"),
     ("speed", "rad/s", "of the plate"),
@@ -72,19 +55,31 @@ _OUTPUTS = (
 _SENSOR = ("sensor_voltage", "V", "of the position sensor")
 
 
-def _variables(source: Source, plant: Plant) -> tuple[_Variable, ...]:
+def _variable(
+    name: str, unit: str, description: str, causality: str, variability: str, initial: str | None = None,
+    start: float | None = None,
+) -> dict[str, str]:  # fmt: skip
+    """A line of modelDescription.xml: attributes of a Float64, its value reference apart."""
+    given = {"name": name, "description": one_line(description), "causality": causality, "variability": variability,
+             "initial": initial, "unit": None if unit == "1" else unit, "start": start}  # fmt: skip
+    return {key: str(value) for key, value in given.items() if value is not None}
+
+
+def _variables(source: Source, plant: Plant) -> list[dict[str, str]]:
     """In the order of their value references."""
+    torque = "at the plate besides the motor's, through the gear like it; positive opens"
     outputs = (*_OUTPUTS, _SENSOR) if plant.sensor else _OUTPUTS
-    return (
-        _Variable("time", "s", "since the begin", "independent", "continuous"),
-        *_INPUTS,
-        *(_Variable(*each, "output", "continuous", "calculated") for each in outputs),
-        *(_Variable(q.symbol, q.unit, q.meaning, "parameter", "tunable", "exact", q.value) for q in plant.quantities),
-        _Variable("start_angle", "rad", "of the plate at the begin", "parameter", "fixed", "exact", source.travel[0]),
-    )
+    return [
+        _variable("time", "s", "since the begin", "independent", "continuous"),
+        _variable("voltage", "V", "at the terminals, held over a communication step", "input", "continuous", start=0.0),
+        _variable("torque", "N*m", torque, "input", "continuous", start=0.0),
+        *(_variable(*each, "output", "continuous", "calculated") for each in outputs),
+        *(_variable(q.symbol, q.unit, q.meaning, "parameter", "tunable", "exact", q.value) for q in plant.quantities),
+        _variable("start_angle", "rad", "of the plate at the begin", "parameter", "fixed", "exact", source.travel[0]),
+    ]
 
 
-def _described(source: Source, variables: tuple[_Variable, ...], token: str, lost: tuple[str, ...]) -> str:
+def _described(source: Source, variables: list[dict[str, str]], token: str, lost: tuple[str, ...]) -> str:
     """modelDescription.xml."""
     root = Xml.Element("fmiModelDescription", {
         "fmiVersion": "3.0", "modelName": NAME, "instantiationToken": token, "generationTool": "etcfit",
@@ -95,7 +90,7 @@ def _described(source: Source, variables: tuple[_Variable, ...], token: str, los
         "fixedInternalStepSize": repr(source.settings.step),
     })  # fmt: skip
     units = Xml.SubElement(root, "UnitDefinitions")
-    for unit in dict.fromkeys(v.unit for v in variables if v.unit != "1"):
+    for unit in dict.fromkeys(v["unit"] for v in variables if "unit" in v):
         Xml.SubElement(units, "Unit", {"name": unit})
     categories = Xml.SubElement(root, "LogCategories")
     Xml.SubElement(categories, "Category", {"name": _LOG, "description": "what was refused, and why"})
@@ -104,27 +99,13 @@ def _described(source: Source, variables: tuple[_Variable, ...], token: str, los
     Xml.SubElement(root, "DefaultExperiment", experiment)
     lines = Xml.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(variables):
-        Xml.SubElement(lines, "Float64", _attributes(reference, variable))
+        Xml.SubElement(lines, "Float64", {"name": variable["name"], "valueReference": str(reference), **variable})
     structure = Xml.SubElement(root, "ModelStructure")
     for kind in ("Output", "InitialUnknown"):
         for reference, variable in enumerate(variables):
-            if variable.causality == "output":
+            if variable["causality"] == "output":
                 Xml.SubElement(structure, kind, {"valueReference": str(reference)})
     return _text(root)
-
-
-def _attributes(reference: int, variable: _Variable) -> dict[str, str]:
-    given: Mapping[str, Any] = {
-        "name": variable.name,
-        "valueReference": reference,
-        "description": one_line(variable.description),
-        "causality": variable.causality,
-        "variability": variable.variability,
-        "initial": variable.initial,
-        "unit": None if variable.unit == "1" else variable.unit,
-        "start": variable.start,
-    }
-    return {key: str(value) for key, value in given.items() if value is not None}
 
 
 def _text(root: Xml.Element) -> str:
@@ -157,11 +138,7 @@ def compiler() -> list[str]:
 
 
 def _platform() -> tuple[str, str]:
-    """FMI's name of this platform, and the suffix of a shared library here.
-
-    Raises:
-        UsageError: it has none.
-    """
+    """FMI's name of this platform, and the suffix of a shared library here."""
     if sys.platform not in _SYSTEMS:
         raise UsageError(f"FMI has no name for the platform {sys.platform}. Take `--to c`.")
     machine = platform.machine().lower()
@@ -171,11 +148,7 @@ def _platform() -> tuple[str, str]:
 
 
 def _binary(sources: Mapping[str, str], suffix: str) -> bytes:
-    """The shared library.
-
-    Raises:
-        UsageError: the compiler does not take the sources.
-    """
+    """The shared library."""
     command = compiler()
     with TemporaryDirectory() as scratch:
         for name, text in sources.items():
@@ -197,9 +170,10 @@ def _export(source: Source) -> Export:
     files = c_files(source, plant, lost)
     # the same model is the same FMU
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, ''.join(files.values()))}}}"
+    count = Counter(variable["causality"] for variable in variables)
     files["fmi3.c"] = rendered(
-        "fmi3.c", title=source.title, token=token, start=source.travel[0], inputs=len(_INPUTS),
-        outputs=sum(v.causality == "output" for v in variables), parameters=len(plant.quantities), not_here=_NOT_HERE,
+        "fmi3.c", title=source.title, token=token, start=source.travel[0], inputs=count["input"],
+        outputs=count["output"], parameters=len(plant.quantities), not_here=_NOT_HERE,
     )  # fmt: skip
     here, suffix = _platform()
     content: dict[str, str | bytes] = {

@@ -121,9 +121,6 @@ def _position(source: Source) -> Export:
         kp = N K_m Kp / R_a,    kv = N K_m Kd / R_a,    damping = N^2 B_m + B_L + N^2 K_m K_b / R_a
 
     Source: MuJoCo, XML reference, actuator/position; Eqs. 1-2 with the current in balance.
-
-    Raises:
-        UsageError: nobody knows the gains of its controller.
     """
     gains, whose = _gains(source)
     joint, supply = _joint(source), source.fitted.config.supply_V

@@ -22,11 +22,7 @@ _WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is P
 
 
 def _written(source: Source) -> Mapping[str, Any]:
-    """Settings of the ECU that the gains were sought for.
-
-    Raises:
-        UsageError: there are none, that ECU has no tune file, or the model behind them is no estimate.
-    """
+    """Settings of the ECU that the gains were sought for."""
     again = f"Run `{source.designing} --ecu NAME` with one of {_WITH_TUNE_FILES}."
     if source.pid is None:
         raise UsageError(f"A .msq holds gains, and none were designed for this model. {again}")
@@ -97,11 +93,7 @@ class _Setting(NamedTuple):
 
 
 def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
-    """A copy of a tune in which nothing but these settings has changed, byte for byte.
-
-    Raises:
-        MeasurementError: it is no tune, or one whose firmware has no such settings.
-    """
+    """A copy of a tune in which nothing but these settings has changed, byte for byte."""
     data, title = read_regular(path, str(path)), written["title"]
     settings, end = _read(path, data, title)
     # ASCII alone, which every encoding of a tune has in common
@@ -160,9 +152,6 @@ def _read(path: Path, data: bytes, title: str) -> tuple[list[_Setting], int]:
     """Settings of a tune, and where its root ends, bytes from the begin of the file.
 
     By a parser's own events, so that a setting within a comment is none.
-
-    Raises:
-        MeasurementError: it is no tune.
     """
     settings: list[_Setting] = []
     begun: list[tuple[str, Mapping[str, str], int | None]] = []  # of each open element its name, attributes, content

@@ -55,8 +55,7 @@ class Limit:
 
     Args:
         low, high: SI; -inf and inf where a side is open.
-        unit: SI, as pint writes it.
-        given: unit that the file has.
+        unit, given: SI, as pint writes it, and as the file has it.
     """
 
     low: float
@@ -92,10 +91,7 @@ class FleetConfig:
 
 
 def read_fleet(location: str | Path) -> FleetConfig:
-    """Read and check what a fleet's folder says about its units, but none of their measurements.
-
-    Args:
-        location: a folder, or an address that fsspec opens.
+    """Read and check what a fleet's folder, or address, says about its units, but none of their measurements.
 
     Raises:
         MeasurementError: there is no unit, or fleet.toml or units.csv is wrong.
@@ -160,7 +156,7 @@ def _members(
     name = toml.string("fleet.units", fleet.get("units", UNITS_FILE))
     raw = text_of(location, name)
     if raw is not None:
-        return read_members(raw, f"{base}/{name}", toml, units)
+        return _read_members(raw, f"{base}/{name}", toml, units)
     if "units" in fleet:
         raise toml.wrong("fleet.units", f"found '{name}', which is not there.", "It is a CSV beside fleet.toml.",
                          "Correct the name, or delete the line.")  # fmt: skip
@@ -183,14 +179,8 @@ def _common(toml: Toml) -> Toml:
     return common
 
 
-def read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> dict[str, Member]:
-    """Unit -> its row, in the order of the file.
-
-    Args:
-        raw: the file.
-        path: what messages call it.
-        toml: fleet.toml, whose [units] may name the columns.
-        units: the folders that there are.
+def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> dict[str, Member]:
+    """Unit -> its row of units.csv, in the order of the file; `path` is what messages call it.
 
     Raises:
         MeasurementError: a column, a cell or a row is wrong, or rows and folders do not match.

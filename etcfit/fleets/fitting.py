@@ -37,10 +37,10 @@ from ..rig.toml import Toml
 from .config import FleetConfig
 from .engine.cluster import Crew
 from .engine.run import run_units
-from .engine.settings import EngineSettings
 from .engine.store import Store
 from .engine.work import AbstractWork, digest_of
 from .folder import address_of, local_copy
+from .settings import EngineSettings
 from .unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 PILOTS = 6  # units fitted before it is known where the fleet lies
@@ -71,14 +71,8 @@ def fit_all(
     report: Callable[[str, float], None],
     settings: EngineSettings = EngineSettings(),
 ) -> Results:
-    """Fit every unit whose stored result no longer holds.
+    """Fit every unit whose result, stored in the folder `parts`, no longer holds.
 
-    Args:
-        config: of the fleet.
-        crew: the workers.
-        parts: folder of the store; made where it is not there.
-        report: progress.
-        settings: of the engine.
     Raises:
         MeasurementError: not one unit could be fitted.
     """
@@ -135,7 +129,7 @@ class FitWork(AbstractWork):
         use_compilation_cache()
 
     def digest(self, unit: str) -> str:
-        """Of the unit's files, what is common, and the settings."""
+        """That of the unit's files, what is common, and the settings."""
         with local_copy(self.location, unit) as folder:
             return digest_of(digests_of(folder), common=self.common.tables, settings=self.settings)
 
@@ -154,12 +148,7 @@ class FitWork(AbstractWork):
 
 
 class Fitted(NamedTuple):
-    """A unit's fit in full, and what it leaves behind.
-
-    Args:
-        result: with all traces.
-        left: without.
-    """
+    """A unit's fit in full, and what it leaves behind."""
 
     result: FitResult
     left: UnitResult
@@ -168,13 +157,8 @@ class Fitted(NamedTuple):
 def fit_unit(
     rig: Rig, unit: str, about: Mapping[str, float] | None = None, settings: FitSettings = FitSettings()
 ) -> Fitted:
-    """Fit one unit.
+    """Fit one unit, from where the fleet's units lie (`about`, SI by symbol) if that is known.
 
-    Args:
-        rig: its measurements.
-        unit: its name.
-        about: where the fleet's units lie, SI by symbol, to start from; None where nobody knows yet.
-        settings: of the fit.
     Raises:
         MeasurementError: nothing to fit, or what rig.toml names does not exist.
     """

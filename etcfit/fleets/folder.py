@@ -24,7 +24,14 @@ def units_of(location: str | Path) -> tuple[str, ...]:
     Raises:
         MeasurementError: there is no such folder, or none in it.
     """
-    names = _folders_at(location) if is_url(location) else _folders_in(Path(location))
+    folder = Path(location)
+    if is_url(location):
+        names = _folders_at(str(location))
+    elif folder.is_dir():
+        names = [each.name for each in folder.iterdir() if each.is_dir()]
+    else:
+        raise MeasurementError(str(location), "no such folder.", "A fleet is a folder of measurement folders.",
+                               "Check the path.")  # fmt: skip
     units = tuple(sorted(name for name in names if not name.startswith(".")))
     if not units:
         raise MeasurementError(str(location), "no folder in it.", "A fleet has a measurement folder for each unit.",
@@ -80,11 +87,7 @@ def address_of(location: str | Path, unit: str) -> str:
 
 
 def refuse_inside(location: str | Path, run: Path) -> None:
-    """A run folder must not lie in the fleet, where every folder is a unit and every file may be one of its traces.
-
-    Raises:
-        UsageError: so it does.
-    """
+    """A UsageError where a run folder lies in the fleet: every folder there is a unit, every file may be a trace."""
     if is_url(location):
         return
     fleet, target = Path(location).resolve(), run.resolve()
@@ -96,19 +99,12 @@ def refuse_inside(location: str | Path, run: Path) -> None:
                          f"of it: --out {quote(str(Path('runs') / fleet.name))}.")  # fmt: skip
 
 
-def _folders_in(folder: Path) -> list[str]:
-    if not folder.is_dir():
-        raise MeasurementError(str(folder), "no such folder.", "A fleet is a folder of measurement folders.",
-                               "Check the path.")  # fmt: skip
-    return [each.name for each in folder.iterdir() if each.is_dir()]
-
-
-def _folders_at(url: str | Path) -> list[str]:
-    system, root = _system(str(url))
+def _folders_at(url: str) -> list[str]:
+    system, root = _system(url)
     try:
         found = system.ls(root, detail=True)
     except FileNotFoundError:
-        raise MeasurementError(str(url), "nothing is there.", "A fleet is a folder of measurement folders.",
+        raise MeasurementError(url, "nothing is there.", "A fleet is a folder of measurement folders.",
                                "Check the address.") from None  # fmt: skip
     return [PurePosixPath(each["name"].rstrip("/")).name for each in found if each["type"] == "directory"]
 
@@ -126,11 +122,7 @@ def _fetch(url: str, folder: Path) -> None:
 
 
 def _system(url: str) -> tuple[Any, str]:
-    """The file system behind an address, and the path in it.
-
-    Raises:
-        UsageError: nobody knows this kind of address here.
-    """
+    """The file system behind an address, and the path in it; a UsageError where no library opens such an address."""
     require_extra("fleet", url, "fsspec")
     import fsspec
 

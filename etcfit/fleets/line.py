@@ -1,10 +1,14 @@
-"""What a production line measures, computed from the fitted models of many units; a new one is an entry of FIGURES."""
+"""What a production line measures, computed from the fitted models of many units; a new figure is an entry of FIGURES.
+
+The same where the fleet is hot or cold, on a weak battery or a charged one: `predict`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import Any, NamedTuple
 
 import jax
@@ -39,10 +43,13 @@ COPPER = 0.00393  # growth of the winding's resistance, 1/K, about 20 degrees Ce
 # (Modelica Standard Library 4, Magnetic.FluxTubes.Material.HardMagnetic). Which of them a motor has is ASSUMED: small
 # DC motors of throttles have ferrite
 MAGNET = -0.002
+HOT, COLD = BENCH + 80.0, -40.0  # degrees Celsius
+SUPPLIES = (9.0, 12.0, 14.0, 16.0)  # V, of the predictions
 
 _ANGLES = 201  # angles between which the unpowered position is looked for
 _HALVINGS = 24  # of what lies between two of them
 _SENSOR_ANGLES = 401
+_ENDS = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
@@ -80,12 +87,7 @@ AS_MEASURED = Condition("bench", BENCH_SUPPLY, BENCH)
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """U units at one test station of the line: what several figures need is simulated once.
-
-    Args:
-        model: the units.
-        condition: of all of them.
-    """
+    """U units at one test station of the line, under one condition: what several figures need is simulated once."""
 
     model: FleetModel
     condition: Condition = AS_MEASURED
@@ -356,3 +358,70 @@ def measured(model: FleetModel, condition: Condition = AS_MEASURED) -> dict[str,
     """Every figure of every unit under a condition, by the figure's name, in the order of `FIGURES`."""
     station = Station(model, condition)
     return {figure.name: figure.measure(station) for figure in FIGURES}
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A figure over the units of a fleet.
+
+    Args:
+        mean, sd: of the units that it can be told of, SI; None where it can be told of none, or of one alone.
+        low, high: 2.5 and 97.5 % of them.
+        unit: SI.
+        told: units that it can be told of.
+        why: it cannot be told of the others.
+    """
+
+    mean: float | None
+    sd: float | None
+    low: float | None
+    high: float | None
+    unit: str
+    told: int
+    why: str
+
+    @classmethod
+    def over_units(cls, figure: FigureResult, unit: str) -> Spread:
+        """Of a figure of every unit."""
+        known = figure.value[np.isfinite(figure.value)]
+        if not known.size:
+            return cls(None, None, None, None, unit, 0, figure.why)
+        low, high = (float(v) for v in np.quantile(known, _ENDS))
+        sd = float(np.std(known, ddof=1)) if known.size > 1 else None
+        return cls(float(np.mean(known)), sd, low, high, unit, known.size, figure.why)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Every figure over the fleet, by name, under one condition."""
+
+    condition: Condition
+    figures: Mapping[str, Spread]
+
+
+def conditions(supplies: tuple[float, ...] = SUPPLIES, cold_friction: float = 1.0) -> tuple[Condition, ...]:
+    """Bench, hot and cold at each supply.
+
+    Args:
+        supplies: V.
+        cold_friction: dry friction over that of the bench in the cold. 1 leaves it alone: how a grease stiffens is its
+            own affair, and no measurement at the bench tells it.
+    """
+    states = (("bench", BENCH, 1.0), ("hot", HOT, 1.0), ("cold", COLD, cold_friction))
+    return tuple(
+        Condition(f"{name}, {supply:g} V", supply, winding, friction)
+        for (name, winding, friction), supply in product(states, supplies)
+    )
+
+
+CONDITIONS = conditions()
+
+
+def predict(model: FleetModel, under: tuple[Condition, ...] = CONDITIONS) -> tuple[Prediction, ...]:
+    """Mean, 2.5 and 97.5 % of the units, figure by figure, under each condition; one compilation for all."""
+    out = []
+    for condition in under:
+        found = measured(model, condition)
+        figures = {name: Spread.over_units(figure, FIGURE_BY_NAME[name].unit) for name, figure in found.items()}
+        out.append(Prediction(condition, figures))
+    return tuple(out)

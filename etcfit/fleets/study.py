@@ -7,19 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.fitted_model import FleetModel, fleet_model, parted
+from ..estimation.fitted_model import FleetModel, fleet_model, split_sums
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
 from .fitting import Results
-from .line import FigureResult, measured
-from .prediction import Prediction, predict
-from .statistics.capability import Capability, Line, capability
+from .line import FigureResult, Prediction, measured, predict
+from .settings import FleetSettings
+from .statistics.capability import Capability, Gauge, Line, capability, gauge
 from .statistics.charts import Chart, Drift, chart, drifts
-from .statistics.gauge import Gauge, gauge
 from .statistics.odd import EffectInFleet, OddUnit, effects_in, odd_units
 from .statistics.population import LEAST_SHARE, ROUNDS, Population, Shrunk, population, shrink
-from .statistics.settings import FleetSettings
 from .statistics.stack import MOST_WIDENED, MOST_WIDENED_TO_SHRINK, Stack, robust, scaled, stacked
 from .unit import FailedUnit, UnitResult
 
@@ -70,14 +68,7 @@ class FleetStudy:
 def study(
     config: FleetConfig, rig: RigConfig, results: Results, settings: FleetSettings = FleetSettings()
 ) -> FleetStudy:
-    """Study the units that have a result.
-
-    Args:
-        config: of the fleet.
-        rig: of one unit; the others' differ in no more than their names.
-        results: of the fits.
-        settings: all that it decides by.
-    """
+    """Study the units that have a result; the rig is that of one unit, from which the others' differ in name only."""
     units = results.fitted
     stack = stacked(robust(units, MOST_WIDENED))
     found, odd = without_odd(stack, units, config.shared, settings)
@@ -130,7 +121,7 @@ def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrun
     known = free_parameters(rig)
     own = {symbol: np.array([unit.parameters[symbol].value for unit in units]) for symbol in known.layout.free}
     told = {symbol: shrunk.estimate[:, k] for k, symbol in enumerate(shrunk.symbols)}
-    values = own | parted(told, own, rig.gear_ratio)
+    values = own | split_sums(told, own, rig.gear_ratio)
     return fleet_model(rig, known, [unit.unit for unit in units], values, rig.noise.get("position", 0.0))
 
 

@@ -57,7 +57,7 @@ class Answers:
         if self.period is not None and not 0.0 < self.period < inf:
             raise UsageError(f"--period: found {self.period:g} s. It must be longer than 0. Write, say, --period 1ms.")
 
-    def of(self, file: str, column: Column) -> Target | None:
+    def wanted(self, file: str, column: Column) -> Target | None:
         """What was said of this column; of this file before all files."""
         keys = [(each, label) for each in (*_names_of(file), "") for label in _labels_of(column)]
         return next((self.columns[key] for key in keys if key in self.columns), None)

@@ -160,11 +160,7 @@ def _at_one_row_an_instant(sheet: Sheet, takes: list[Take]) -> tuple[Sheet, list
 
 
 def _refuse_falling_time(record: Record) -> None:
-    """A clock may begin anew, once for each trace; one that falls at every other row is none.
-
-    Raises:
-        MeasurementError: it falls, or stands still.
-    """
+    """A clock may begin anew, once for each trace; one that falls at every other row is none."""
     time = record.time
     falls = np.flatnonzero(~(np.diff(time) > 0.0))
     if FEWEST * falls.size < time.size and falls.size < max(1, time.size - 1):

@@ -55,98 +55,83 @@ class Vote(NamedTuple):
     """What one record says of one quantity.
 
     Args:
-        quantity: of the column.
         label: of the column; its other records are turned with it.
         strength: -1, turned round for sure, to 1, right for sure.
-        why: what it would mean.
     """
 
-    quantity: str
     label: str
     strength: float
-    why: str
 
 
 def turned(records: Sequence[Record]) -> list[Record]:
     """The records, columns that run the wrong way with -1 before their unit."""
-    for vote_of in (_of_voltage, _of_current, _of_speed, _of_emf, _of_position):
-        votes = [_vote(record, vote_of) for record in records]
-        records = [_turn(record, votes, own) for record, own in zip(records, votes, strict=True)]
+    for quantity, strength_of, why in _VOTES:
+        votes = []
+        for record in records:
+            take = record.take(quantity)
+            strength = None if take is None else strength_of(record)
+            votes.append(None if take is None or strength is None else Vote(take.column.label, strength))
+        records = [_turn(each, quantity, why, votes, own) for each, own in zip(records, votes, strict=True)]
     return list(records)
 
 
-def _vote(record: Record, vote_of: Callable[[Record], tuple[str, float, str] | None]) -> Vote | None:
-    cast = vote_of(record)
-    take = None if cast is None else record.take(cast[0])
-    return None if cast is None or take is None else Vote(cast[0], take.column.label, *cast[1:])
-
-
-def _turn(record: Record, votes: Sequence[Vote | None], own: Vote | None) -> Record:
+def _turn(record: Record, quantity: str, why: str, votes: Sequence[Vote | None], own: Vote | None) -> Record:
     """By its own vote where that is clear, else by the clearest of the same column elsewhere.
 
     A plate that is driven fast runs behind its voltage: its own record says little where a slow one is at hand.
     """
-    same = [v for v in votes if v is not None and abs(v.strength) > _TURNS]
-    if own is None or abs(own.strength) <= _TURNS or own.quantity == "position":
-        labels = {(take.quantity, take.column.label) for take in record.takes}
-        heard = [v for v in same if (v.quantity, v.label) in labels]
-        own = max(heard, key=lambda v: abs(v.strength), default=None)
-    if own is None or own.strength >= 0.0:
-        return record
-    take = record.take(own.quantity)
+    take = record.take(quantity)
     if take is None or take.said:
         return record
-    against = any(v.strength > _SURELY_TURNS and v[:2] == own[:2] for v in same)
-    return record.with_take(take.turned(own.why, own.strength < -_SURELY_TURNS and not against))
+    same = [v.strength for v in votes if v is not None and abs(v.strength) > _TURNS and v.label == take.column.label]
+    if own is None or abs(own.strength) <= _TURNS or quantity == "position":
+        strength = max(same, key=abs, default=0.0)
+    else:
+        strength = own.strength
+    if strength >= 0.0:
+        return record
+    return record.with_take(take.turned(why, strength < -_SURELY_TURNS and max(same) <= _SURELY_TURNS))
 
 
-def _of_current(record: Record) -> tuple[str, float, str] | None:
+def _leads(record: Record) -> float | None:
+    """Driven open by negative volts: leads exchanged."""
+    signals = record.signals
+    if "position" not in signals or is_release(record):
+        return None
+    voltage = signals["voltage"]
+    lean = float(np.sum(voltage)) / max(float(np.sum(np.abs(voltage))), 1e-300)
+    opens = opening(record)
+    return None if lean > -_EXCHANGED or opens > -_TURNS else opens
+
+
+def _power(record: Record) -> float | None:
     signals = record.signals
     drive = drive_of(signals, ("voltage", "duty"))
-    if "current" not in signals or drive is None:
+    if drive is None:
         return None
     samples = max(1, drive.size // 200)
-    strength = shapes.along(shapes.smooth(drive, samples), shapes.smooth(signals["current"], samples))
-    return "current", strength, "it runs against the voltage"
+    return shapes.along(shapes.smooth(drive, samples), shapes.smooth(signals["current"], samples))
 
 
-def _of_speed(record: Record) -> tuple[str, float, str] | None:
+def _speed(record: Record) -> float | None:
     signals = record.signals
-    if "motor_speed" not in signals or "voltage" not in signals:
-        return None
-    strength = shapes.along(signals["voltage"], signals["motor_speed"])
-    return "motor_speed", strength, "the motor runs against its voltage"
+    return shapes.along(signals["voltage"], signals["motor_speed"]) if "voltage" in signals else None
 
 
-def _of_emf(record: Record) -> tuple[str, float, str] | None:
+def _emf(record: Record, name: str = "emf") -> float | None:
     """A released plate closes, so its EMF is negative."""
     signals = record.signals
     plate = plate_of(signals)
-    name = "emf" if "emf" in signals else "voltage"
-    if plate is None or name not in signals or not is_release(record):
+    if plate is None or not is_release(record):
         return None
     pace = np.abs(shapes.slope(plate, record.time))
     fast = pace > 0.3 * np.max(pace)
     size = float(np.sum(np.abs(signals[name][fast])))
-    strength = -float(np.sum(signals[name][fast])) / size if size > 0.0 else 0.0
-    return name, strength, "it is positive while the released plate closes"
+    return -float(np.sum(signals[name][fast])) / size if size > 0.0 else 0.0
 
 
-def _of_voltage(record: Record) -> tuple[str, float, str] | None:
-    """Driven open by negative volts: leads exchanged."""
-    signals = record.signals
-    voltage = signals.get("voltage")
-    if voltage is None or "position" not in signals or is_release(record):
-        return None
-    lean = float(np.sum(voltage)) / max(float(np.sum(np.abs(voltage))), 1e-300)
-    opens = opening(record)
-    if lean > -_EXCHANGED or opens > -_TURNS:
-        return None
-    return "voltage", opens, "negative volts open the plate"
-
-
-def _of_position(record: Record) -> tuple[str, float, str] | None:
-    return None if record.take("position") is None else ("position", opening(record), "it falls while the plate opens")
+def _emf_as_voltage(record: Record) -> float | None:
+    return None if record.take("emf") else _emf(record, "voltage")
 
 
 def opening(record: Record) -> float:
@@ -163,6 +148,17 @@ def opening(record: Record) -> float:
         return 0.0
     samples = max(3, plate.size // 50)
     return shapes.correlation(shapes.smooth(drive, samples), shapes.smooth(plate, samples))
+
+
+# quantity -> how strongly a record says that it is right, -1 to 1, or None; and what a negative vote means
+_VOTES: tuple[tuple[str, Callable[[Record], float | None], str], ...] = (
+    ("voltage", _leads, "negative volts open the plate"),
+    ("current", _power, "it runs against the voltage"),
+    ("motor_speed", _speed, "the motor runs against its voltage"),
+    ("emf", _emf, "it is positive while the released plate closes"),
+    ("voltage", _emf_as_voltage, "it is positive while the released plate closes"),
+    ("position", opening, "it falls while the plate opens"),
+)
 
 
 class Shown(NamedTuple):

@@ -66,7 +66,7 @@ def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | Non
     Raises:
         MeasurementError: its name and its unit contradict each other, or the unit is not known.
     """
-    if said := answers.of(sheet.file, column):
+    if said := answers.wanted(sheet.file, column):
         return _as_said(column, said, sheet)
     with suppress(HeaderError):
         return Take(column, *parse_header(column.label), "it is called so")
@@ -317,7 +317,7 @@ def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take
     setpoint = next((take.column for take in takes if take.quantity == "setpoint"), None)
     for quantity in {_place(take) for take in takes} - {LEFT_OUT}:
         same = [k for k, take in enumerate(takes) if _place(take) == quantity]
-        said = [k for k in same if answers.of(sheet.file, takes[k].column)]
+        said = [k for k in same if answers.wanted(sheet.file, takes[k].column)]
         ranked = sorted(
             said or same, key=lambda k: (_rank(takes[k].column), sheet.is_ecu and takes[k].quantity == "tps")
         )

@@ -124,9 +124,9 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
         MeasurementError: it has none, or one in an unknown unit.
     """
     for column in sheet.columns:
-        if (said := answers.of(sheet.file, column)) and said.quantity == TIME:
+        if (said := answers.wanted(sheet.file, column)) and said.quantity == TIME:
             return _united(column, said.unit, "said so", sheet.is_ecu)
-    free = [column for column in sheet.columns if answers.of(sheet.file, column) is None]
+    free = [column for column in sheet.columns if answers.wanted(sheet.file, column) is None]
     tried: tuple[tuple[Callable[[Column], bool], str], ...] = (
         (lambda c: c.quantity == TIME, "the format's own time"),
         (lambda c: quantity_named(c.name) == TIME and (not c.unit or fits(TIME, c.unit)), "by its name"),

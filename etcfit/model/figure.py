@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -44,22 +44,3 @@ def figure(unit: str, name: str, meaning: str, heading: str = "", limit: float =
 def figures_of(result: Any) -> dict[str, Figure]:
     """The figures that a result, or its class, declares, by symbol, in the order of its fields."""
     return {f.name: Figure(f.name, *f.metadata["figure"]) for f in dataclasses.fields(result) if "figure" in f.metadata}
-
-
-def schema_of(result: Any, description: str, symbols: Iterable[str] | None = None) -> dict[str, Any]:
-    """JSON schema of an object of figures: each is there, and null where it is not known.
-
-    Args:
-        result: the class that declares them.
-        description: of the object.
-        symbols: of those that count; None: all.
-    """
-    declared = figures_of(result)
-    shown = list(declared if symbols is None else symbols)
-    texts = {symbol: f"{declared[symbol].meaning} In {declared[symbol].unit}." for symbol in shown}
-    return {
-        "type": "object",
-        "description": description,
-        "properties": {symbol: {"type": ["number", "null"], "description": text} for symbol, text in texts.items()},
-        "required": shown,
-    }

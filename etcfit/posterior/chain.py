@@ -58,15 +58,13 @@ class Chain:
         Args:
             target: log-probability of coordinates, shape (K, P) -> (K,).
             symbols: of the coordinates, P.
-            start: coordinates from which that is sought, shape (P,).
-            covariance: first guess of the covariance, shape (P, P).
+            start, covariance: first guess of the mean, coordinates, and of the covariance, shapes (P,) and (P, P).
             settings: seeds, walkers, and how the mean is sought.
         """
         bare = cls(symbols, *approximate(target, start, covariance, settings), ())
         standard = bare.standard(target)
-        return replace(
-            bare, ensembles=tuple(Ensemble.begin(standard, start.size, seed, settings) for seed in settings.seeds)
-        )
+        begun = (Ensemble.begin(standard, start.size, seed, settings) for seed in settings.seeds)
+        return replace(bare, ensembles=tuple(begun))
 
     def standard(self, target: LogProbability) -> LogProbability:
         """The density over standard coordinates u, x = centre + root u; it differs by a constant factor."""

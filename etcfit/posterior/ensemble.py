@@ -79,8 +79,7 @@ def approximate(
 
     Args:
         target: log-probability of coordinates, shape (K, P) -> (K,).
-        mean: first guess, shape (P,).
-        covariance: first guess, shape (P, P).
+        mean, covariance: first guess, shapes (P,) and (P, P).
         settings: how many draws; the first seed.
     """
     random = np.random.RandomState(settings.seeds[0])

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
 
-from ..estimation.intervals import LUMPS, Z_95, Interval, intervals, lumped
+from ..estimation.intervals import LUMPS, Z_95, intervals, lumped
 from ..estimation.joint_fit import FitResult, Report, quiet
 from ..files import held
-from ..model.parameters import Parameter
-from ..problem.free_parameters import FreeParameters
 from ..problem.trace import Trace
 from .chain import Chain, Convergence, autocorrelation_time, run, split_rhat
 from .settings import SamplingSettings
@@ -51,51 +47,10 @@ class Marginal:
     laplace: float | None
 
 
-def apart(*spreads: float | None, allowed: float = APART) -> bool:
-    """Whether standard deviations found in different ways, where they were found, differ by more than is allowed.
-
-    Args:
-        spreads: in one unit; None where one was not found.
-        allowed: relative difference of the largest and the smallest.
-    """
+def apart(*spreads: float | None) -> bool:
+    """Whether standard deviations found in different ways, where they were found, differ by more than is allowed."""
     known = [s for s in spreads if s]
-    return bool(known) and max(known) > (1.0 + allowed) * min(known)
-
-
-def values(
-    free_parameters: FreeParameters, gear_ratio: float, electric: bool, points: np.ndarray
-) -> dict[str, np.ndarray]:
-    """Parameters and their combinations at coordinates of shape (..., P), SI by symbol, shape (...).
-
-    Args:
-        electric: False where the rig has no electrical side, and no combination that needs one.
-    """
-    layout = free_parameters.layout
-    pick, flat = layout.pick(free_parameters.held), points.reshape(-1, points.shape[-1])
-    every = jax.jit(jax.vmap(lambda x: layout.form.values(x, pick)))(layout.padded(flat))
-    every = {p.symbol: np.asarray(every[p.symbol]).reshape(points.shape[:-1]) for p in layout.parameters}
-    return every | {s: np.asarray(lump.of(every, gear_ratio))
-                    for s, lump in LUMPS.items() if electric or not lump.electric}  # fmt: skip
-
-
-def marginal(draws: np.ndarray, fitted: Interval) -> Marginal:
-    """The posterior of one parameter from its draws, SI, shape (E, N, W), beside the fit's own interval."""
-    chains = [e[:, :, None] for e in draws]
-    tau = max(float(autocorrelation_time(e)[0]) for e in chains)
-    low, median, high = np.quantile(draws, (0.025, 0.5, 0.975)).tolist()
-    return Marginal(float(draws.mean()), float(draws.std(ddof=1)), median, low, high, draws.size / tau,
-                    float(split_rhat(chains)[0]), fitted.status, fitted.stderr)  # fmt: skip
-
-
-def marginals(draws: Mapping[str, np.ndarray], fitted: Mapping[str, Interval]) -> dict[str, Marginal]:
-    """Of every parameter and combination whose draws differ, by symbol."""
-    return {s: marginal(d, fitted[s]) for s, d in draws.items() if np.ptp(d) > 0.0}
-
-
-def described(parameters: Mapping[str, Parameter]) -> dict[str, tuple[str, str]]:
-    """Unit and meaning by symbol, combinations among them."""
-    own: dict[str, Any] = {s: (p.unit, p.meaning) for s, p in parameters.items()}
-    return own | {s: (lump.unit, lump.meaning) for s, lump in LUMPS.items()}
+    return bool(known) and max(known) > (1.0 + APART) * min(known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,19 +82,36 @@ class Posterior:
 
     @cached_property
     def draws(self) -> dict[str, np.ndarray]:
-        """Parameters and combinations, SI by symbol, shape (E, N, W) each."""
+        """Parameters, and those of their combinations that the rig knows, SI by symbol, shape (E, N, W) each."""
+        free, shape = self.fit.free_parameters, self.points.shape
+        layout, pick = free.layout, free.layout.pick(free.held)
+        compute = jax.jit(jax.vmap(lambda x: layout.form.values(x, pick)))
+        found = compute(layout.padded(self.points.reshape(-1, shape[-1])))
+        every = {p.symbol: np.asarray(found[p.symbol]).reshape(shape[:-1]) for p in layout.parameters}
         electric = any(trace.circuit for trace in self.fit.problem.batch.traces)
-        return values(self.fit.free_parameters, self.fit.rig.config.gear_ratio, electric, self.points)
+        lumps = {s: lump for s, lump in LUMPS.items() if electric or not lump.electric}
+        return every | {s: np.asarray(lump.of(every, self.fit.rig.config.gear_ratio)) for s, lump in lumps.items()}
 
     @cached_property
     def marginals(self) -> dict[str, Marginal]:
         """Posterior of every parameter and combination whose draws differ, by symbol."""
-        return marginals(self.draws, intervals(self.fit) | lumped(self.fit))
+        out, fitted = {}, intervals(self.fit) | lumped(self.fit)
+        for symbol, draws in self.draws.items():
+            if np.ptp(draws) > 0.0:
+                chains = [e[:, :, None] for e in draws]
+                tau = max(float(autocorrelation_time(e)[0]) for e in chains)
+                low, median, high = np.quantile(draws, (0.025, 0.5, 0.975)).tolist()
+                out[symbol] = Marginal(
+                    float(draws.mean()), float(draws.std(ddof=1)), median, low, high, draws.size / tau,
+                    float(split_rhat(chains)[0]), fitted[symbol].status, fitted[symbol].stderr,
+                )  # fmt: skip
+        return out
 
     @property
     def described(self) -> dict[str, tuple[str, str]]:
-        """Unit and meaning by symbol."""
-        return described({p.symbol: p for p in self.fit.free_parameters.layout.parameters})
+        """Unit and meaning by symbol, combinations among them."""
+        own = {p.symbol: (p.unit, p.meaning) for p in self.fit.free_parameters.layout.parameters}
+        return own | {s: (lump.unit, lump.meaning) for s, lump in LUMPS.items()}
 
     def some(self, count: int) -> np.ndarray:
         """`count` points spread evenly over all that was sampled after the burn-in, coordinates, shape (count, P)."""

@@ -216,20 +216,55 @@ def rig_title(config: RigConfig, rest: str) -> Text:
     return text
 
 
-def sentences(title: str, texts: Sequence[str]) -> RenderableType | None:
+def sentences(title: str, texts: Sequence[str]) -> Padding | None:
     """A dash and a line each; None where there is nothing to say."""
     if not texts:
         return None
-    lines = [Padding(Text("- " + text), (0, 0, 0, 2)) for text in texts]
-    return headed(title, Group(*lines))
+    return headed(title, Group(*dashed(texts)))
 
 
-def headed(title: str, part: RenderableType) -> RenderableType:
+def stacked(*parts: RenderableType | None) -> Group:
+    """Parts one below the other, without those that are None."""
+    return Group(*(part for part in parts if part is not None))
+
+
+def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str | Text | None]], **how: Any) -> Padding | None:
+    """A table under its title; None where it has no row.
+
+    Args:
+        title: what the rows are.
+        head, rows: headers of the columns, and cells.
+        how: of `plain_table`.
+    """
+    made = filled(head, rows, **how)
+    return headed(title, made) if made.row_count else None
+
+
+def filled(head: Sequence[str], rows: Iterable[Sequence[str | Text | None]], **how: Any) -> PlainTable:
+    """A table without a title, as `table`."""
+    made = plain_table(*head, **how)
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def outcome(converged: bool, words: tuple[str, str], rest: str) -> Text:
+    """How a computation ended: the first of two words in green where it converged, else the second in red."""
+    word, style = (words[0], "bold green") if converged else (words[1], "bold red")
+    return Text.assemble((word, style), f": {rest}")
+
+
+def dashed(texts: Iterable[str]) -> list[Padding]:
+    """A dash and a line each."""
+    return [Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in texts]
+
+
+def headed(title: str, part: RenderableType) -> Padding:
     """A part under its title, a line apart."""
     return spaced(Group(Text(title, style="bold"), part))
 
 
-def spaced(part: RenderableType) -> RenderableType:
+def spaced(part: RenderableType) -> Padding:
     """A part, a line apart."""
     return Padding(part, (1, 0, 0, 0))
 

@@ -38,3 +38,11 @@ class Pool:
 
         rms, sigma = mean([row.rms for row in rows]), mean([row.sigma for row in rows])
         return cls(len(rows), int(n.sum()), rms, sigma, pooled(rows))
+
+
+def grouped(rows: Sequence[PredictionError]) -> dict[tuple[str, str, str], list[PredictionError]]:
+    """Rows by test, channel and unit, in the order in which these come."""
+    groups: dict[tuple[str, str, str], list[PredictionError]] = {}
+    for row in rows:
+        groups.setdefault((row.test, row.channel, row.unit), []).append(row)
+    return groups

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from ..control.proposal import not_held
 from ..importing.tuning import DUTY
-from .blocks import headed, plain_table, sentences, spaced
+from .blocks import filled, headed, sentences, spaced, stacked
 from .numbers import short
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _SECONDS = 8.0  # of the held-out part that are drawn
 
 def tune_table(found: Any) -> RenderableType:
     """What the logs hold, how well the model predicts them, and the way from the present gains to the proposed ones."""
-    parts = [
+    parts: list[RenderableType | None] = [
         Text(f"{found.profile.title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {found.why_not}", style="bold red"))] if found.why_not else []),
         *(
@@ -42,7 +42,7 @@ def tune_table(found: Any) -> RenderableType:
                   sentences("Next", list(_next(found)))]  # fmt: skip
     lacks = [f"{each.name} ({each.found:.3g} of {each.needed:g} {each.unit}): {each.record}" for each in found.lacks]
     parts.append(sentences("To record next, for surer gains", lacks))
-    return Group(*(part for part in parts if part is not None))
+    return stacked(*parts)
 
 
 def _despite(found: Any) -> bool:
@@ -52,11 +52,9 @@ def _despite(found: Any) -> bool:
 
 
 def _checks(found: Any) -> RenderableType:
-    table = plain_table("check", "", "found")
-    for check in found.input.checks:
-        word = "ok" if check.passed else "STOPS" if check.stops else "doubtful"
-        table.add_row(check.name, word, check.says if check.passed else f"{check.says}. {check.cure}")
-    return table
+    rows = [(c.name, "ok" if c.passed else "STOPS" if c.stops else "doubtful",
+             c.says if c.passed else f"{c.says}. {c.cure}") for c in found.input.checks]  # fmt: skip
+    return filled(("check", "", "found"), rows)
 
 
 def _model(found: Any) -> list[str]:
@@ -79,28 +77,26 @@ def percent(share: float) -> str:
 
 
 def _gains(found: Any) -> RenderableType:
-    units = found.profile.notation.of_each
-    table = plain_table("step", *(f"{name}\n{unit}" for name, unit in zip(found.profile.gains, units, strict=True)))
-    first = found.written(found.steps[0].gains)
+    units, first, rows = found.profile.notation.of_each, found.written(found.steps[0].gains), []
     for step in found.steps:
         cells = []
         for gain, before in zip(found.written(step.gains), first, strict=True):
             factor = f"  x {gain / before:.2f}" if before and step is not found.steps[0] else ""
             cells.append(f"{short(gain, 4)}{factor}")
-        table.add_row(NAMES[step.name], *cells)
-    return table
+        rows.append((NAMES[step.name], *cells))
+    head = (f"{name}\n{unit}" for name, unit in zip(found.profile.gains, units, strict=True))
+    return filled(("step", *head), rows)
 
 
 def _figures(found: Any) -> RenderableType:
-    table = plain_table("step", "overshoot %\nlow..high", "settling s\nlow..high", "RMSE\n%", "gain\nmargin dB",
-                        "phase\nmargin deg", "P(meets all)", "P(better)")  # fmt: skip
-    doubted = _despite(found)
+    doubted, rows = _despite(found), []
     for step in found.steps:
         chance = ("-", "-") if doubted else (
             f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip
-        table.add_row(NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
-                      short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance)  # fmt: skip
-    return table
+        rows.append((NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
+                     short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance))  # fmt: skip
+    return filled(("step", "overshoot %\nlow..high", "settling s\nlow..high", "RMSE\n%", "gain\nmargin dB",
+                   "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
 
 
 def _range(each: tuple[float, float, float]) -> str:

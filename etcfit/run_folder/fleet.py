@@ -16,8 +16,7 @@ from ..errors import UsageError, command, require_extra
 from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
 from ..files import whole, write_json
-from ..fleets.line import FIGURE_BY_NAME, FigureResult
-from ..fleets.prediction import Prediction, Spread
+from ..fleets.line import FIGURE_BY_NAME, FigureResult, Prediction, Spread
 from ..fleets.statistics.charts import DECISION, Chart, run_length
 from ..fleets.study import FleetStudy
 from ..fleets.unit import UnitResult

@@ -140,11 +140,7 @@ def settings_before(run: Path) -> dict[str, Mapping[str, Any]]:
     Raises:
         UsageError: as `read_records`.
     """
-    return _settings_before(_read(run))
-
-
-def _settings_before(manifest: _Manifest) -> dict[str, Mapping[str, Any]]:
-    return manifest.aside | {name: record.settings for name, record in manifest.stages.items()}
+    return _read(run).settings
 
 
 class _Manifest(NamedTuple):
@@ -152,6 +148,11 @@ class _Manifest(NamedTuple):
 
     stages: dict[str, Record]
     aside: dict[str, Mapping[str, Any]]
+
+    @property
+    def settings(self) -> dict[str, Mapping[str, Any]]:
+        """What each stage last ran with, by name, whether its files still hold or not."""
+        return self.aside | {name: record.settings for name, record in self.stages.items()}
 
 
 def _read(run: Path) -> _Manifest:
@@ -176,13 +177,10 @@ def _as_it_lies(run: Path) -> _Manifest:
             raise ValueError("aside holds no settings by name")
         return _Manifest({name: _record(name, stage) for name, stage in stages.items()}, aside)
     except (OSError, KeyError, ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise UsageError(f"{path} cannot be read as the manifest of a run ({_short(error)}). Fit again into another "
+        why = f"{type(error).__name__}: {error}"[:200]
+        raise UsageError(f"{path} cannot be read as the manifest of a run ({why}). Fit again into another "
                          f"folder: `{STAGE_FILES['fit'].command_for(Path('OTHER'))}`. Or delete {run} and run the "
                          "same command again.") from None  # fmt: skip
-
-
-def _short(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"[:200]
 
 
 def _is_object(value: Any) -> bool:
@@ -193,10 +191,6 @@ def _are_hashes(value: Any) -> bool:
     return _is_object(value) and all(sha is None or isinstance(sha, str) for sha in value.values())
 
 
-def _are_seconds(value: Any) -> bool:
-    return value is None or (isinstance(value, int | float) and 0.0 <= value < _AGES)
-
-
 _OF_A_RECORD: Mapping[str, Callable[[Any], bool]] = {
     "at": lambda value: isinstance(value, str),
     "settings": _is_object,
@@ -204,7 +198,7 @@ _OF_A_RECORD: Mapping[str, Callable[[Any], bool]] = {
     "outputs": _are_hashes,
     "exit": lambda value: isinstance(value, int),
     "folder": lambda value: value is None or isinstance(value, str),
-    "seconds": _are_seconds,
+    "seconds": lambda value: value is None or (isinstance(value, int | float) and 0.0 <= value < _AGES),
 }
 
 
@@ -271,7 +265,8 @@ def _take_down(run: Path, note: Mapping[str, Any]) -> None:
         for name, sha in record.outputs.items():
             if sha is None:
                 _put_aside(run, name)
-        _write(run, _superseded(run, stage, _as_it_lies(run).stages | {stage: record}))
+        names = list(STAGE_FILES)
+        _write(run, _without_stale(run, names[names.index(stage) + 1 :], _as_it_lies(run).stages | {stage: record}))
 
 
 def inputs_of(run: Path, stage: str) -> dict[str, str | None]:
@@ -347,12 +342,6 @@ def require(run: Path, stage: str) -> Record:
     return record
 
 
-def _superseded(run: Path, stage: str, records: Mapping[str, Record]) -> dict[str, Record]:
-    """The records that still hold once a stage has ended; files of later ones that do not are moved out of the way."""
-    names = list(STAGE_FILES)
-    return _without_stale(run, names[names.index(stage) + 1 :], records)
-
-
 def set_aside_stale(run: Path) -> None:
     """Move what no longer holds out of the way, so that a page can be made of the others before it is redone.
 
@@ -365,6 +354,7 @@ def set_aside_stale(run: Path) -> None:
 
 
 def _without_stale(run: Path, names: Sequence[str], records: Mapping[str, Record]) -> dict[str, Record]:
+    """The records that still hold; files of these stages that do not are moved out of the way."""
     kept = dict(records)
     for name in names:
         if not is_current(run, name, kept):
@@ -386,7 +376,7 @@ def _put_aside(run: Path, name: str) -> None:
 
 def _write(run: Path, records: Mapping[str, Record]) -> None:
     stages = {name: _known(records[name]) for name in STAGE_FILES if name in records}
-    aside = {name: settings for name, settings in _settings_before(_as_it_lies(run)).items() if name not in records}
+    aside = {name: settings for name, settings in _as_it_lies(run).settings.items() if name not in records}
     write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages, "aside": aside})
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,35 +11,8 @@ from ..control.frequency import FrequencyResponse, Lag, Order, Ratio, phases
 from ..control.frequency.response import DRIVE, POSITION, SETPOINT
 from ..control.linearise import INPUTS, SYMBOLS, UNITS, MotorConstants, Reduction
 from ..estimation.fitted_model import Fitted
-from ..files import plain, write_json
+from ..files import plain
 from .fit import versions
-from .manifest import replacing
-
-
-def save_reduction(
-    run: Path,
-    fitted: Fitted,
-    reduction: Reduction,
-    response: FrequencyResponse | None,
-    exit: int,
-    settings: Mapping[str, Any],
-    beside: Callable[[Path], None],
-) -> None:
-    """RUN/transfer_function.json, and what sine traces say beside it: RUN/frequency_response.json.
-
-    Args:
-        run: the run folder.
-        fitted, reduction: the model and its linear plant.
-        response: of the sine traces; None where the rig has none.
-        exit, settings: of the stage; `pade_order` among the settings, see `reduction_json`.
-        beside: draws into a folder that stands for RUN until all is there.
-    """
-    with replacing(run, "reduce", exit, settings) as draft:
-        plant = reduction_json(fitted, reduction, int(settings.get("pade_order", 0)))
-        write_json(draft / "transfer_function.json", "transfer_function", plant)
-        if response is not None:
-            write_json(draft / "frequency_response.json", "frequency_response", frequency_json(fitted, response))
-        beside(draft)
 
 
 def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dict[str, Any]:

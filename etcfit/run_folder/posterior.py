@@ -6,7 +6,7 @@ Written through xarray, whose groups are ArviZ's: `arviz.from_netcdf` reads it, 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,30 +15,13 @@ import numpy as np
 from ..diagnosis.model_discrepancy import percent_off
 from ..errors import UsageError
 from ..estimation.identifiability import listed
-from ..files import plain, whole, write_json
+from ..files import plain, whole
 from ..posterior.profile import Profile
 from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
 from .fit import effects_of, hashes, versions
-from .manifest import POSTERIOR, replacing
 
 _ENGINE = "h5netcdf"  # of xarray
-
-
-def save_posterior(
-    run: Path,
-    posterior: Posterior,
-    profiles: Mapping[str, Profile],
-    bands: Sequence[Band],
-    exit: int,
-    settings: Mapping[str, Any],
-    beside: Callable[[Path], None],
-) -> None:
-    """RUN/posterior.nc and RUN/posterior.json; `beside` draws into a folder that stands for RUN until all is there."""
-    with replacing(run, "sample", exit, settings) as draft:
-        write_netcdf(draft / POSTERIOR, posterior)
-        write_json(draft / "posterior.json", "posterior", posterior_json(posterior, profiles, bands))
-        beside(draft)
 
 
 def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> dict[str, Any]:

@@ -82,7 +82,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         seen.append({"rig": rig, "at": at, **given})
         once = Option("viscous", "a step", "noise assumed", np.array([0.25, 1.0]), Pair(("R_a", "K_b"), 0.9, 0.1), None)
         new = Option(
-            "response", "a sweep", "", np.array([0.81, 1.0]), None, PLANS["resistance"](Setting.of(rig, VALUES))
+            "response", "a sweep", "", np.array([0.81, 1.0]), None, PLANS["resistance"](Setting.of_rig(rig, VALUES))
         )
         return Advice(rig, ("R_a", "K_b"), np.array([0.01, 0.02]), (once, new), (("sine", "no ECU"),), **given)
 

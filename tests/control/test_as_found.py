@@ -28,7 +28,7 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.responses import draw
 from etcfit.reporting.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
-from etcfit.run_folder.design import design_json
+from etcfit.run_folder.pid import design_json
 from independent import draw_truth
 from independent.control import Computer, follow, score, trapezoids
 from independent.simulate import throttle

@@ -28,7 +28,7 @@ from etcfit.reporting.control.sentence import cautions, sentence
 from etcfit.reporting.control.tables import design_table, reduction_table
 from etcfit.reporting.control.verdicts import answer
 from etcfit.reporting.page.control import gains_table, metrics_table, settings_table, supply_table
-from etcfit.run_folder.design import design_json
+from etcfit.run_folder.pid import design_json
 from etcfit.run_folder.plant import reduction_json
 
 FAR = "the model is far from the data (chi2/dof 17)"

@@ -36,7 +36,7 @@ def rig(tmp_path: Path) -> Rig:
 
 @pytest.fixture
 def setting(rig: Rig) -> Setting:
-    return Setting.of(rig, VALUES)
+    return Setting.of_rig(rig, VALUES)
 
 
 def test_as_much_again_of_everything_shrinks_every_interval_by_root_two(rig: Rig) -> None:
@@ -57,7 +57,6 @@ def test_the_pair_that_comes_apart_is_named() -> None:
     assert pair is not None
     assert (pair.symbols, pair.before, pair.after) == (("a", "b"), pytest.approx(0.99), pytest.approx(0.5))
     assert separated(("a", "b", "c"), before, before) is None
-    assert separated(("a", "b", "c"), before, after, AdviceSettings(entangled=0.99)) is None
     little = np.array([[1.0, 0.988, 0.0], [0.988, 1.0, 0.0], [0.0, 0.0, 1.0]])  # 0.83 of the entanglement is left
     assert separated(("a", "b", "c"), before, little) is not None
     assert separated(("a", "b", "c"), before, little, AdviceSettings(apart=0.8)) is None
@@ -94,14 +93,16 @@ def test_sweeps_differ_in_amplitude_and_band(setting: Setting) -> None:
 
 
 def test_the_settings_say_what_was_not_measured(rig: Rig) -> None:
-    mine = PlanSettings(levels=2, bands=(5.0,), lowest=0.5, quiet=0.1, noise_motor_speed=3.0, supply=6.0, rate=10.0)
-    setting = Setting.of(rig, VALUES, mine)
+    mine = PlanSettings(levels=2, bands=(5.0,), lowest=0.5, quiet=0.1, supply=6.0, rate=10.0)
+    setting = Setting.of_rig(rig, VALUES, mine)
     first, second = sweeps(setting)
     assert first.says.startswith("sine sweep 0.5 to 5 Hz")
     assert first.says != second.says
     assert PLANS["back_emf"](setting).release == 0.1
-    assert setting.noise["motor_speed"] == 3.0
-    assert (setting.supply, setting.rate) == (12.0, pytest.approx(Setting.of(rig, VALUES).rate))  # the rig tells both
+    assert (setting.supply, setting.rate) == (
+        12.0,
+        pytest.approx(Setting.of_rig(rig, VALUES).rate),
+    )  # the rig tells both
 
 
 def test_a_sensor_the_rig_has_not_shown_is_assumed_and_said_to_be(setting: Setting) -> None:

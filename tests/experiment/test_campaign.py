@@ -15,7 +15,7 @@ from benchmarks.plan import one
 from etcfit.errors import UsageError
 from etcfit.experiment.campaign import Criterion, band, logger, plan_campaign
 from etcfit.experiment.candidates import FULL, SHAPES, Candidate, Shape, candidates
-from etcfit.experiment.limits import Winding, passed
+from etcfit.experiment.limits import COOLING, HEAT_CAPACITY, Winding, passed
 from etcfit.experiment.plan import PLANS, Setting, channels, sweeps
 from etcfit.experiment.settings import CampaignSettings
 from etcfit.rig import TEST_BY_NAME
@@ -105,30 +105,30 @@ def test_heat_and_supply_are_limits(every: list[Candidate], setting: Setting) ->
 
 
 def test_the_winding_warms_as_its_equation_has_it() -> None:
-    winding = Winding.of({"R_a": 1.5}, SETTINGS)
+    winding = Winding.of_model({"R_a": 1.5})
     time = np.arange(4000) / 1000.0
     current = 3.0 * np.sin(2.0 * time)
     found = winding.warmth(time, current[None], np.array([1.5]), 0.0)[0]
 
     def rate(t: float, warm: np.ndarray) -> np.ndarray:
-        return 1.5 * (3.0 * np.sin(2.0 * t)) ** 2 / SETTINGS.heat_capacity - warm / SETTINGS.cooling
+        return 1.5 * (3.0 * np.sin(2.0 * t)) ** 2 / HEAT_CAPACITY - warm / COOLING
 
     exact = solve_ivp(rate, (0.0, time[-1]), [0.0], t_eval=time, rtol=1e-9).y[0]
     assert np.allclose(found, exact, rtol=2e-3, atol=1e-2)
-    assert winding.pause(30.0) == pytest.approx(SETTINGS.cooling * np.log(10.0))
+    assert winding.pause(30.0) == pytest.approx(COOLING * np.log(10.0))
     assert winding.pause(1.0) == 0.0
 
 
 def test_a_fitted_heating_is_taken_for_the_assumed_one() -> None:
     """C = alpha R_a^2 / r_h."""
-    winding = Winding.of({"R_a": 2.0, "r_h": 0.00156, "tau_h": 40.0}, SETTINGS)
+    winding = Winding.of_model({"R_a": 2.0, "r_h": 0.00156, "tau_h": 40.0})
     assert (winding.capacity, winding.cooling, winding.fitted) == (pytest.approx(10.0), 40.0, True)
 
 
 def test_the_criteria_are_what_they_are_called() -> None:
     sd = np.array([0.1, 0.2])
-    assert Criterion.A.of(sd) == pytest.approx(np.log(0.5 * (0.01 + 0.04)))
-    assert Criterion.D.of(sd) == pytest.approx(0.5 * np.log(0.01 * 0.04))
+    assert Criterion.A.log_size(sd) == pytest.approx(np.log(0.5 * (0.01 + 0.04)))
+    assert Criterion.D.log_size(sd) == pytest.approx(0.5 * np.log(0.01 * 0.04))
 
 
 def test_the_logger_is_asked_for_the_headers_and_the_range_that_the_rig_needs(rig: Rig) -> None:

@@ -8,16 +8,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
+import etcfit
 import folders
 from etcfit.car_log import DriveLog, Series, study
+from etcfit.cli import app
+from etcfit.errors import MeasurementError
+from etcfit.estimation.ready import ready
 from etcfit.experiment.check import channel_check, check, clipped, clock
 from etcfit.experiment.settings import CheckSettings
 from etcfit.reporting.blocks import render
 from etcfit.reporting.check_table import check_table
 from etcfit.rig.base import Channel, Rig
 from etcfit.rig.reader import read_folder
-from independent import second_order
+from independent import CONSISTENT, draw_truth, second_order
+from independent.mistakes import make_mistaken
 
 
 def channel(value: np.ndarray, **changes: object) -> Channel:
@@ -46,7 +52,6 @@ def test_saturation_is_seen_and_plateaus_are_not() -> None:
     assert clipped(np.round(np.linspace(0.0, 5.0, 2000), 1)) == 0  # a coarse, slow ramp
     assert clipped(np.zeros(100)) == 0
     assert clipped(cut, CheckSettings(run=1000)) == 0
-    assert clipped(cut, CheckSettings(run_share=0.5)) == 0
 
 
 def test_a_channel_is_reported_in_its_logged_unit() -> None:
@@ -97,3 +102,55 @@ def test_a_trace_with_a_setpoint_is_judged_as_a_log_of_a_car() -> None:
     assert [j.says for j in found.verdict.judgements] == [j.says for j in drive.verdict.judgements]
     assert "closed_loop/steps: good enough?" in (shown := render(check_table(result)))
     assert "NOT GOOD" in shown
+
+
+def folder_of(path: Path, mistake: str) -> Path:
+    make_mistaken(path, draw_truth(np.random.default_rng(7100), CONSISTENT), 7100, mistake, "small")
+    return path
+
+
+@pytest.fixture(scope="module")
+def resistor(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return folder_of(tmp_path_factory.mktemp("rig"), "series_resistance")
+
+
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return folder_of(tmp_path_factory.mktemp("rig"), "channel_sign")
+
+
+@pytest.mark.slow
+def test_check_shows_the_find_and_its_mend_once(resistor: Path) -> None:
+    done = CliRunner().invoke(app, ["check", str(resistor), "--quiet"])
+    assert (done.exit_code, done.stderr) == (0, "")
+    assert "inductance/" in done.stdout
+    assert "What these traces can identify" in done.stdout
+    assert "Mistakes and habits of the rig, and what mends them" in done.stdout
+    tables, _, closing = done.stdout.partition("Answer: ")
+    assert tables.count('[tests.inductance] series_ohm = "free"') == 1
+    assert closing.count('[tests.inductance] series_ohm = "free"') == 1  # what to do next
+
+
+def test_what_physics_rules_out_ends_check_with_1_but_shows_the_folder(turned: Path) -> None:
+    done = CliRunner().invoke(app, ["check", str(turned), "--quiet"])
+    assert done.exit_code == 1
+    assert "Traces" in done.stdout
+    assert "no fit takes it" in done.stdout
+    assert "channel_sign" in done.stderr
+
+
+def test_a_fit_refuses_it_and_warns_of_the_others(turned: Path, resistor: Path) -> None:
+    with pytest.raises(MeasurementError, match="channel_sign"):
+        ready(read_folder(turned))
+    rig = read_folder(resistor)
+    ready(rig)
+    assert any("series_resistance" in warning for warning in rig.warnings)
+
+
+@pytest.mark.slow
+def test_the_api_has_them_as_a_frame(resistor: Path) -> None:
+    found = etcfit.check(resistor, quiet=True).findings
+    assert list(found.index) == ["series_resistance"]
+    assert found.loc["series_resistance", "test"] == "inductance"
+    assert found["size"].dtype == np.float64
+    assert found["sure"].tolist() == [False]

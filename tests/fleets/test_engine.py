@@ -16,24 +16,24 @@ import pytest
 from etcfit.errors import UsageError
 from etcfit.fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, crew
 from etcfit.fleets.engine.run import Agenda, Tally, run_units
-from etcfit.fleets.engine.settings import EngineSettings
 from etcfit.fleets.engine.store import Store
 from etcfit.fleets.engine.work import Lost, Order, Portion, Trouble
+from etcfit.fleets.settings import EngineSettings
 from etcfit.fleets.unit import FailedUnit
 from fleet_works import (
-    AlwaysFull,
-    Broken,
     CountingWork,
-    Divides,
-    Eats,
-    FullDisk,
     Habit,
-    Kills,
-    KillsOnce,
-    Loops,
-    Sleeps,
+    always_full,
+    broken,
     cores_here,
+    divides,
+    eats,
+    full_disk,
+    kills,
+    kills_once,
+    loops,
     result_of,
+    sleeps,
 )
 
 QUICK = EngineSettings(time_limit=2.0)
@@ -89,12 +89,12 @@ def test_every_unit_ends_once_and_is_not_done_again_until_it_changes(workers: Cr
 
 def test_ten_broken_among_a_hundred_cost_themselves_alone(workers: Crew, counts: Path, tmp_path: Path) -> None:
     parts, units = tmp_path / "parts", names(100)
-    broken: dict[str, Habit] = {units[k]: Broken() if k % 20 else Divides() for k in range(0, 100, 10)}
-    work = CountingWork(counts, broken)
+    habits: dict[str, Habit] = {units[k]: broken if k % 20 else divides for k in range(0, 100, 10)}
+    work = CountingWork(counts, habits)
     assert run(units, work, workers, parts) == Tally(90, 0, 10)
     assert work.counted() == dict.fromkeys(units, 1)
     said = failures(parts)
-    assert set(said) == set(broken)
+    assert set(said) == set(habits)
     assert said["u0010"] == "response/3.csv:118: time falls. It must rise. Sort it."
     assert said["u0020"].startswith("u0020: ZeroDivisionError: division by zero (in fleet_works.py:")
     assert run(units, work, workers, parts) == Tally(0, 100, 0)  # what is wrong stays wrong: not tried again
@@ -102,7 +102,7 @@ def test_ten_broken_among_a_hundred_cost_themselves_alone(workers: Crew, counts:
 
 def test_a_full_disk_is_left_to_another_worker_and_a_slow_unit_is_stopped(workers: Crew, counts: Path, tmp_path: Path):
     parts, units = tmp_path / "parts", names(12)
-    work = CountingWork(counts, {"u0002": FullDisk(tmp_path / "mark"), "u0004": AlwaysFull(), "u0006": Loops()})
+    work = CountingWork(counts, {"u0002": full_disk(tmp_path / "mark"), "u0004": always_full, "u0006": loops})
     assert run(units, work, workers, parts) == Tally(10, 0, 2)
     assert work.counted() == {**dict.fromkeys(units, 1), "u0002": 2, "u0004": 2}
     said = failures(parts)
@@ -116,7 +116,7 @@ def test_a_unit_that_found_no_room_waits_for_another_worker_while_that_is_busy(
     workers: Crew, counts: Path, tmp_path: Path
 ) -> None:
     units = names(2)
-    work = CountingWork(counts, {"u0000": Sleeps(1.5), "u0001": FullDisk(tmp_path / "mark")})
+    work = CountingWork(counts, {"u0000": sleeps(1.5), "u0001": full_disk(tmp_path / "mark")})
     assert run(units, work, workers, tmp_path / "parts") == Tally(2, 0, 0)
     assert work.counted() == {"u0000": 1, "u0001": 2}
 
@@ -124,7 +124,7 @@ def test_a_unit_that_found_no_room_waits_for_another_worker_while_that_is_busy(
 @pytest.mark.slow
 def test_a_worker_that_dies_costs_a_try_and_one_that_always_dies_its_unit(workers: Crew, counts: Path, tmp_path: Path):
     parts, units = tmp_path / "parts", names(40)
-    work = CountingWork(counts, {"u0005": Kills(), "u0020": KillsOnce(tmp_path / "mark")}, Sleeps(0.35))
+    work = CountingWork(counts, {"u0005": kills, "u0020": kills_once(tmp_path / "mark")}, sleeps(0.35))
     assert run(units, work, workers, parts) == Tally(39, 0, 1)
     assert list(failures(parts)) == ["u0005"]
     assert "its worker process ended while it was on this unit" in failures(parts)["u0005"]
@@ -135,7 +135,7 @@ def test_a_worker_that_dies_costs_a_try_and_one_that_always_dies_its_unit(worker
 @pytest.mark.slow
 def test_a_portion_that_dies_is_taken_apart(workers: Crew, counts: Path, tmp_path: Path) -> None:
     parts, units = tmp_path / "parts", names(400)
-    work = CountingWork(counts, {"u0300": Kills()})
+    work = CountingWork(counts, {"u0300": kills})
     assert run(units, work, workers, parts) == Tally(399, 0, 1)
     assert list(failures(parts)) == ["u0300"]
     assert work.counted()["u0300"] in (2, 3)
@@ -144,7 +144,7 @@ def test_a_portion_that_dies_is_taken_apart(workers: Crew, counts: Path, tmp_pat
 @pytest.mark.slow
 def test_a_unit_that_eats_memory_is_ended_and_named(workers: Crew, counts: Path, tmp_path: Path) -> None:
     parts, units = tmp_path / "parts", names(10)
-    work = CountingWork(counts, {"u0003": Eats()}, Sleeps(0.35))
+    work = CountingWork(counts, {"u0003": eats}, sleeps(0.35))
     assert run(units, work, workers, parts, EngineSettings(time_limit=60.0)) == Tally(9, 0, 1)
     assert "grown beyond the memory" in failures(parts)["u0003"]
     assert work.counted() == {**dict.fromkeys(units, 1), "u0003": 2}
@@ -153,7 +153,7 @@ def test_a_unit_that_eats_memory_is_ended_and_named(workers: Crew, counts: Path,
 @pytest.mark.slow
 def test_a_unit_that_no_exception_reaches_is_ended_with_its_worker(workers: Crew, counts: Path, tmp_path: Path) -> None:
     parts, units = tmp_path / "parts", names(6)
-    work = CountingWork(counts, {"u0003": Sleeps(3600.0)}, Sleeps(0.35))  # one call that does not come back to Python
+    work = CountingWork(counts, {"u0003": sleeps(3600.0)}, sleeps(0.35))  # one call that does not come back to Python
     settings = EngineSettings(time_limit=1.0, grace=0.5)
     assert run(units, work, workers, parts, settings) == Tally(5, 0, 1)
     assert list(failures(parts)) == ["u0003"]
@@ -170,7 +170,7 @@ CLIENT = """
 import signal
 import sys
 from pathlib import Path
-from fleet_works import CountingWork, Sleeps
+from fleet_works import CountingWork, sleeps
 from etcfit.fleets.engine.cluster import LocalWorkers, crew
 from etcfit.fleets.engine.run import run_units
 from etcfit.fleets.engine.store import Store
@@ -181,7 +181,7 @@ if __name__ == "__main__":
     with crew(LocalWorkers(2)) as workers, Store(parts) as store:
         print("begun", flush=True)
         try:
-            print(run_units(units, CountingWork(counts, {}, Sleeps(0.2)), workers, store, lambda *_: None))
+            print(run_units(units, CountingWork(counts, {}, sleeps(0.2)), workers, store, lambda *_: None))
         except KeyboardInterrupt:
             print("interrupted")
             sys.exit(130)
@@ -263,7 +263,7 @@ def _with_scheduler(file: Path, tmp_path: Path, counts: Path) -> None:
     address = json.loads(file.read_text())["address"]
     assert address.startswith("tcp://")
     parts, units = tmp_path / "parts", names(20)
-    work = CountingWork(counts, {"u0003": KillsOnce(tmp_path / "mark")}, Sleeps(0.35))
+    work = CountingWork(counts, {"u0003": kills_once(tmp_path / "mark")}, sleeps(0.35))
     with crew(ExistingScheduler(address)) as workers:
         assert workers.address == address
         assert run(units, work, workers, parts) == Tally(20, 0, 0)

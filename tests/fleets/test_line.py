@@ -14,8 +14,7 @@ from scipy.optimize import brentq
 import fleets
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import fleet_model
-from etcfit.fleets.line import FIGURES, Condition, measured
-from etcfit.fleets.prediction import conditions, predict
+from etcfit.fleets.line import FIGURES, Condition, conditions, measured, predict
 from etcfit.model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity
 from independent.drives import Drive
 from independent.effects import NONE, Effects, LimpHomeSpring

@@ -9,10 +9,10 @@ import pytest
 from scipy import stats
 
 from benchmarks.fleet_statistics import NO_PROFILES, Design, draw, false_odd
+from etcfit.fleets.settings import DEFAULT
 from etcfit.fleets.statistics.distances import adjusted, holm, null_scale, rejected
 from etcfit.fleets.statistics.odd import effects_in, misfits, odd_units
 from etcfit.fleets.statistics.population import population
-from etcfit.fleets.statistics.settings import DEFAULT
 from etcfit.fleets.statistics.stack import Stack
 from etcfit.fleets.unit import TraceMisfit, UnitEstimate, UnitResult
 

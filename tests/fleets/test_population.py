@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from benchmarks.fleet_statistics import NO_PROFILES, Design, coverage, draw, expected_range, shrinkage
+from etcfit.fleets.settings import FleetSettings, PopulationSettings
 from etcfit.fleets.statistics.intervals import cut
 from etcfit.fleets.statistics.likelihood import Spread, slope, weigh
 from etcfit.fleets.statistics.population import population, shrink
-from etcfit.fleets.statistics.settings import FleetSettings, PopulationSettings
 from etcfit.fleets.statistics.stack import Stack, robust, scaled, stacked
 from etcfit.fleets.unit import UnitEstimate
 from fleet_works import result_of

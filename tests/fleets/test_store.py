@@ -16,8 +16,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from etcfit.errors import UsageError
-from etcfit.fleets.engine.settings import StoreSettings
 from etcfit.fleets.engine.store import Store
+from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.unit import FailedUnit, UnitResult
 from fleet_works import result_of
 
@@ -159,7 +159,7 @@ ADDS = """
 import sys, time
 from pathlib import Path
 from fleet_works import result_of
-from etcfit.fleets.engine.settings import StoreSettings
+from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.engine.store import Store
 with Store(Path(sys.argv[1]), StoreSettings(flush=0.01, merge=2)) as store:
     for k in range(1_000_000):

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import pty
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner, Result
 
+import etcfit
 import foreign
 from etcfit.cli import app
 from etcfit.errors import MeasurementError, UsageError
@@ -21,7 +25,9 @@ from etcfit.importing import Answers, import_files
 from etcfit.importing.answers import accept_all, parsed, refuse
 from etcfit.rig.checks import refuse as refuse_impossible
 from etcfit.rig.reader import read_folder
-from independent import CONSISTENT, make_folder
+from independent import CONSISTENT, NONE, Truth, draw_truth, make_folder
+from independent.control import Computer, Score, noisy, score, trapezoids
+from independent.simulate import throttle
 
 TO_SI = {"V": 1.0, "mV": 1e-3, "A": 1.0, "mA": 1e-3, "s": 1.0, "ms": 1e-3, "rpm": np.pi / 30}
 CLOSED, OPEN = 0.45, 4.73
@@ -341,3 +347,137 @@ def test_etcfit_check_takes_the_folder(piled, tmp_path: Path, run) -> None:
     done = run("import", *sorted(folder.iterdir()), "--to", "rig", "--yes", "--quiet")
     assert done.exit_code == 0
     assert run("check", "rig", "--quiet").exit_code == 0
+
+
+SEED = 7801  # a training seed
+DIALECTS: tuple[tuple[str, Callable[[Path, foreign.Columns], Path]], ...] = (
+    ("mat", foreign.matlab_5), ("mf4", foreign.mdf4), ("tdms", foreign.tdms), ("parquet", foreign.parquet),
+    ("lvm", foreign.labview),
+)  # fmt: skip
+TRAVEL = np.pi / 2
+
+
+def in_five_dialects(folder: Path, bench: Path) -> list[str]:
+    """Each trace as another program wrote it, its columns as the bench calls them; five dialects in turn."""
+    files = sorted(bench.rglob("*.csv"))
+    for k, file in enumerate(files):
+        header, *rows = file.read_text().splitlines()[1:]
+        cells = np.array([[float(cell) for cell in row.split(",")] for row in rows])
+        named = [name[:-1].partition(" [") for name in header.split(",")]
+        columns = {name: (unit, values) for (name, _, unit), values in zip(named, cells.T, strict=True)}
+        columns["time"] = ("s", {"s": 1.0, "ms": 1e-3}[columns["time"][0]] * columns["time"][1])
+        ending, write = DIALECTS[k % len(DIALECTS)]
+        write(folder / f"{file.parent.name}_{file.stem}.{ending}", columns)
+    return [str(path) for path in sorted(folder.iterdir())]
+
+
+@pytest.mark.slow
+def test_thirty_recordings_become_gains_that_hold_by_four_commands(tmp_path: Path) -> None:
+    truth = draw_truth(np.random.default_rng(SEED))
+    make_folder(tmp_path / "bench", truth, SEED, NONE, declare_noise=False, holdout=False)
+    (tmp_path / "pile").mkdir()
+    files = in_five_dialects(tmp_path / "pile", tmp_path / "bench")
+    assert len(files) == 30
+    folder, run = str(tmp_path / "mine"), str(tmp_path / "run")
+    commands = [
+        ["import", *files, "--to", folder, "--rig", str(tmp_path / "bench" / "rig.toml"), "--yes"],
+        ["fit", folder, "--out", run],
+        ["design", run, "--ecu", "rusefi"],
+        ["export", run, "--to", "c", "--out", str(tmp_path / "c")],
+    ]
+    for command in commands:
+        begun = time.perf_counter()
+        done = subprocess.run([sys.executable, "-m", "etcfit.cli", *command, "--quiet"], text=True, capture_output=True,
+                              check=False)  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        print(f"{command[0]}: {time.perf_counter() - begun:.0f} s")
+    found = json.loads((tmp_path / "run" / "pid.json").read_text())
+    assert all(found["met"].values())
+    real = on_the_throttle(truth, found)
+    promised = found["scenarios"]["trapezoid"]
+    assert real.rmse == pytest.approx(promised["rmse_pct"], rel=0.03)
+    assert real.overshoot == pytest.approx(promised["overshoot_pct"], abs=1.0)
+    assert real.settling == pytest.approx(promised["settling_s"], abs=0.01)
+
+
+def on_the_throttle(truth: Truth, found: Mapping[str, Any]) -> Score:
+    """The paper's trapezoid with the proposed gains, on the throttle itself under a computer of the generator's own."""
+    ecu, gains = found["ecu"], found["gains"]
+    limits = {"supply": ecu["duty_limit"] * ecu["supply_V"], "hold": ecu["integral_limit"] * ecu["supply_V"]}
+    habits = {"filter": ecu["derivative_filter_s"], "delay": ecu["delay_s"], "noise": ecu["noise_rad"]}
+    computer = Computer(gains["Kp"], gains["Ki"], gains["Kd"], period=ecu["period_s"], grain=ecu["resolution_rad"],
+                        **limits, **habits)  # fmt: skip
+    wanted = trapezoids(0.05 * TRAVEL, 0.45 * TRAVEL, ecu["period_s"])
+    path = noisy(throttle(truth, NONE), computer, wanted, np.random.default_rng(SEED))
+    return score(path[:, 0], wanted, ecu["period_s"], TRAVEL)
+
+
+K_S, K_V, K_A = 0.25, 0.12, 0.02
+R, L, K = 0.3, 2e-4, 0.1  # ohm, H, V s/rad
+B, J, T_F = (K_V - K) * K / R, K_A * K / R, K_S * K / R
+STEP, EVERY = 1e-4, 50  # s, steps of a sample
+WHEEL = """[rig]
+name = "wheel"
+gear_ratio = 1.0
+supply_V = 12.0
+travel_deg = [-inf, inf]
+
+[parameters]
+K_s = { fixed = 0.0 }
+T_PL = { fixed = 0.0 }
+J_L = { fixed = 0.0 }
+B_L = { fixed = 0.0 }
+"""
+
+
+def wheel(volts: Callable[[float], float], seconds: float) -> np.ndarray:
+    """Rows of t, v, angle, speed, current; explicit steps, a wheel that sticks."""
+    i = speed = angle = 0.0
+    rows = []
+    for k in range(round(seconds / STEP) + 1):
+        t = k * STEP
+        v = volts(t)
+        if k % EVERY == 0:
+            rows.append((t, v, angle, speed, i))
+        turning = K * i - B * speed
+        rate = 0.0
+        if speed != 0.0 or abs(turning) > T_F:
+            rate = (turning - T_F * np.sign(speed or turning)) / J
+        stops = speed * (speed + STEP * rate) < 0.0 and abs(turning) < T_F
+        i, angle, speed = (i + STEP * (v - R * i - K * speed) / L, angle + STEP * speed,
+                           0.0 if stops else speed + STEP * rate)  # fmt: skip
+    return np.array(rows)
+
+
+def log(path: Path) -> Path:
+    tests = {"quasistatic-forward": (lambda t: t, 4.0), "quasistatic-reverse": (lambda t: -t, 4.0),
+             "dynamic-forward": (lambda t: 7.0 * (t > 0.0999), 1.1),
+             "dynamic-reverse": (lambda t: -7.0 * (t > 0.0999), 1.1)}  # fmt: skip
+    rng, state, columns, at = np.random.default_rng(3), [], [[], [], [], []], 1_000_000
+    for name, (volts, seconds) in tests.items():
+        for row in wheel(volts, seconds):
+            time = at + round(1e6 * row[0])
+            state.append((time, name))
+            noise = (0.0, 1e-3, 0.05, 0.02) * rng.standard_normal(4)
+            scale = (1.0, 0.5 / np.pi, 0.5 / np.pi, 1.0)
+            for column, value, error, of in zip(columns, row[1:], noise, scale, strict=True):
+                column.append((time, of * float(value + error)))
+        state.append((state[-1][0] + 20_000, "none"))
+        at = state[-1][0] + 500_000
+    names = {"voltage": "Volt", "position": "Rotation", "velocity": "Rotation per Second", "current": "Amp"}
+    entries = {f"{name}-wheel-shooter": ("double", unit, column)
+               for (name, unit), column in zip(names.items(), columns, strict=True)}  # fmt: skip
+    return foreign.wpilog(path, {"sysid-test-state-shooter": ("string", "", state), **entries})
+
+
+@pytest.mark.slow
+def test_a_wheels_log_gives_the_constants_that_it_was_made_with(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(WHEEL, encoding="utf-8")
+    folder = tmp_path / "rig"
+    import_files([log(tmp_path / "robot.wpilog")], folder, Answers(), accept_all, rig=tmp_path / "rig.toml")
+    reduced = etcfit.reduce(etcfit.fit(folder, quiet=True), quiet=True)
+    found = reduced.feedforward
+    truth = np.array([K_S, K_V, K_A])
+    assert np.all(np.abs(found["value"] - truth) < 3.0 * found["stderr"] + 5e-4 * truth)  # the steps' own error
+    assert np.all(found["stderr"] < 0.01 * truth)
+    assert reduced.plot.bode() is not None  # of a plant without a spring too

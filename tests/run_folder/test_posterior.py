@@ -23,10 +23,10 @@ from etcfit.posterior.sampling import Band, Posterior, apart
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.posterior.target import Target
 from etcfit.ranges import from_json
+from etcfit.reporting.blocks import render
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures
 from etcfit.reporting.posterior.table import posterior_table
-from etcfit.reporting.tables import render
 from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
 from gaussian import SEEDS
 

@@ -54,7 +54,6 @@ def sampled(plants: TransferFunction, ecu: Ecu) -> SampledPlant:
 
     Args:
         plants: rad/V, numbers of one shape (...).
-        ecu: its period, its delay and what filters its input.
     """
     flow = _flow(plants, ecu)
     late = np.asarray((plants.delay + ecu.delay) / ecu.period, dtype=float)
@@ -152,8 +151,6 @@ def closed(gains: Gains, plants: SampledPlant, ecu: Ecu) -> ClosedLoop:
 
     Args:
         gains: shape (...,) each, broadcast with the plants.
-        plants: sampled by the ECU's clock.
-        ecu: the controller.
     """
     p, i, d = (np.asarray(g, dtype=float)[..., None] for g in gains)
     n, late, T = plants.phi.shape[-1], plants.gamma.shape[-2] - 1, ecu.period

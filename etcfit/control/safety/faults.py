@@ -164,7 +164,7 @@ def sensor_trials(loop: Loop, task: Task, gains: Gains, check: JamCheck | None, 
 
 def runaways(loop: Loop, task: Task, seen: Seen) -> tuple[Runaway, ...]:
     """What became of the trials."""
-    begin = math.ceil(task.settings.safety.lead / task.ecu.period - 1e-9)
+    begin = math.ceil(FAILS_AT / task.ecu.period - 1e-9)
     position = loop.share(seen.position)
     widest = np.max(position[..., begin:], axis=(0, 2))
     after = _after(seen.tripped[..., begin:], task.ecu.period)

@@ -50,11 +50,7 @@ class LocalWorkers:
 
 @dataclass(frozen=True)
 class ExistingScheduler:
-    """A scheduler that somebody else started, with its workers.
-
-    Args:
-        address: "tcp://10.0.0.1:8786" say.
-    """
+    """A scheduler that somebody else started, with its workers; its address is "tcp://10.0.0.1:8786", say."""
 
     address: str
 
@@ -113,11 +109,7 @@ def cores() -> int:
 
 
 def require_workers() -> None:
-    """Dask is here, and what keeps the results of its workers.
-
-    Raises:
-        UsageError: one of them is not installed.
-    """
+    """Dask is here, and what keeps the results of its workers; else a UsageError."""
     require_extra("fleet", "A fleet", "distributed", "pyarrow")
 
 
@@ -161,11 +153,7 @@ def _existing(place: ExistingScheduler) -> Iterator[Crew]:
 
 
 def _must_answer(address: str) -> None:
-    """Dask's own client waits for ever for one that listens and says nothing.
-
-    Raises:
-        UsageError: no scheduler is there.
-    """
+    """Refuse an address without a scheduler: Dask's own client waits for ever for one that listens and says nothing."""
     from distributed.comm.core import connect
     from distributed.security import Security
 

@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 
 from ... import __version__
 from ...errors import UsageError
+from ..settings import EngineSettings
 from ..unit import FailedUnit, UnitResult
 from .cluster import FIRST_WORKER, Crew
-from .settings import EngineSettings
 from .store import Store
 from .work import AbstractWork, Lost, Order, Portion, Trouble
 
@@ -39,18 +39,13 @@ class Tally(NamedTuple):
     """How a run through a fleet went.
 
     Args:
-        fitted: units with a new result.
+        fitted, failed: units with a new result, and without one.
         unchanged: units whose stored result, or failure, still holds.
-        failed: units that failed now.
     """
 
-    fitted: int = 0
-    unchanged: int = 0
-    failed: int = 0
-
-    def plus(self, other: Tally) -> Tally:
-        """Both together."""
-        return Tally(*(a + b for a, b in zip(self, other, strict=True)))
+    fitted: int
+    unchanged: int
+    failed: int
 
 
 def run_units(
@@ -95,7 +90,7 @@ def run_units(
 
 
 def _work_off(agenda: Agenda, tasks: Tasks, store: Store, report: Callable[[str, float], None]) -> Tally:
-    tally, total = Tally(), agenda.waiting
+    fitted, unchanged, failed, total = 0, 0, 0, agenda.waiting
     try:
         while agenda.waiting or tasks.out:
             tasks.hand_out(agenda)
@@ -103,15 +98,16 @@ def _work_off(agenda: Agenda, tasks: Tasks, store: Store, report: Callable[[str,
             answers = [(task.orders, tasks.answer(task)) for task in tasks.ended()]
             tasks.hand_out(agenda)
             for orders, answer in answers:
-                ends, unchanged = agenda.take_back(orders, answer)
+                ends, same = agenda.take_back(orders, answer)
                 store.add(ends)
-                failed = sum(isinstance(end, FailedUnit) for end in ends)
-                tally = tally.plus(Tally(len(ends) - failed, unchanged, failed))
+                unchanged += same
+                failed += sum(isinstance(end, FailedUnit) for end in ends)
+                fitted += sum(isinstance(end, UnitResult) for end in ends)
             if answers:
-                report("fit the units", sum(tally) / max(total, 1))
+                report("fit the units", (fitted + unchanged + failed) / max(total, 1))
     finally:
         tasks.cancel()
-    return tally
+    return Tally(fitted, unchanged, failed)
 
 
 class Agenda:
@@ -119,9 +115,7 @@ class Agenda:
 
         units of a portion = time of a portion / time of a unit, the mean over the last ones
 
-    Args:
-        orders: what to do.
-        settings: when a unit is given up, and how large portions are.
+    The settings say when a unit is given up, and how large portions are.
     """
 
     def __init__(self, orders: Iterable[Order], settings: EngineSettings) -> None:
@@ -151,13 +145,9 @@ class Agenda:
         return self._refused.get(orders[0].unit) if len(orders) == 1 else None
 
     def take_back(self, orders: Orders, answer: Portion | Lost) -> tuple[Ends, int]:
-        """Take note of what came of some orders.
+        """Results and units given up of some orders, and how many units were unchanged.
 
-        A worker may have died, or its answer could not be had: of several units each then goes alone, to see which it
-        was.
-
-        Returns:
-            results and units given up, and how many units were unchanged.
+        Where nothing came back of several units each goes alone, to see which it was.
         """
         if isinstance(answer, Lost):
             if len(orders) == 1:
@@ -214,7 +204,7 @@ class Tasks:
     Args:
         name: of the run, by which workers find its work.
         crew: the workers.
-        settings: sent with each task; they also say when one is given up.
+        settings: when a task is given up; workers get them with each.
     """
 
     def __init__(self, name: str, crew: Crew, settings: EngineSettings) -> None:

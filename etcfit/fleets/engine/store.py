@@ -24,13 +24,13 @@ from typing import Any
 import numpy as np
 
 from ...files import held, put_aside, whole
+from ..settings import StoreSettings
 from ..unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
-from .settings import StoreSettings
 
 _NAME = re.compile(r"(\d{8,})-(\d{8,})\.parquet")
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class _Part:
     """A file: what was written the `first` to the `last` time."""
 
@@ -70,7 +70,8 @@ class Store:
     def __enter__(self) -> Store:
         self._hold.enter_context(held(self.folder, again=False))
         try:
-            self.remark = " ".join(map(_put_aside, self._damaged()))
+            said = "{} cannot be read any more and was moved to {}: the units in it are worked on again."
+            self.remark = " ".join(said.format(part, put_aside(part)) for part in self._damaged())
         except BaseException:
             self._hold.close()
             raise
@@ -104,6 +105,8 @@ class Store:
         Raises:
             OSError: it cannot be written.
         """
+        import pyarrow as pa
+
         with self._writing:
             with self._lock:
                 ends, self._waiting = self._waiting, []
@@ -112,7 +115,9 @@ class Store:
             parts = self._parts()
             number = parts[-1].last + 1 if parts else 0
             try:
-                self._write(_Part(number, number), [_table(ends)])
+                self._write(
+                    _Part(number, number), [pa.Table.from_pylist([_row(end) for end in ends], schema=_schema())]
+                )
             except BaseException:
                 with self._lock:
                     self._waiting = ends + self._waiting
@@ -127,11 +132,7 @@ class Store:
         return known
 
     def ends(self, units: Sequence[str] | None = None) -> Iterator[UnitResult | FailedUnit]:
-        """What is known last of each unit, in the order in which it became known; one row group in memory.
-
-        Args:
-            units: only these; None for all.
-        """
+        """What is known last of each of these units, or of all, in the order in which it became known."""
         self.flush()
         wanted = None if units is None else set(units)
         newest: dict[str, int] = {}
@@ -155,7 +156,7 @@ class Store:
     def _parts(self) -> list[_Part]:
         """The files that count, in order; those that were made part of another are deleted."""
         found = [_NAME.fullmatch(file.name) for file in self.folder.iterdir()]
-        parts = sorted(_Part(int(match[1]), int(match[2])) for match in found if match)
+        parts = [_Part(int(match[1]), int(match[2])) for match in found if match]
         left: list[_Part] = []
         for part in sorted(parts, key=lambda p: (p.first, -p.last)):
             if left and left[-1].holds(part):  # the client was killed between making one file and deleting the others
@@ -230,16 +231,6 @@ class Store:
             yield pa.concat_tables(thick)
 
 
-def _put_aside(part: Path) -> str:
-    return f"{part} cannot be read any more and was moved to {put_aside(part)}: the units in it are worked on again."
-
-
-def _table(ends: Sequence[UnitResult | FailedUnit]) -> Any:
-    import pyarrow as pa
-
-    return pa.Table.from_pylist([_row(end) for end in ends], schema=_schema())
-
-
 @cache
 def _schema() -> Any:
     """The columns, for pyarrow."""
@@ -297,7 +288,7 @@ def _end(row: Mapping[str, Any]) -> UnitResult | FailedUnit:
     information = np.array(row["information"], dtype=float).reshape(estimate.size, estimate.size)
     return UnitResult(
         own=UnitEstimate(row["unit"], tuple(row["symbols"]), estimate, information),
-        parameters={each["symbol"]: _parameter(each) for each in row["parameters"]},
+        parameters={each.pop("symbol"): UnitParameter(**each) for each in row["parameters"]},
         traces=tuple(TraceMisfit(**each) for each in row["traces"]),
         digest=row["digest"],
         warnings=tuple(row["warnings"]),
@@ -307,7 +298,3 @@ def _end(row: Mapping[str, Any]) -> UnitResult | FailedUnit:
 
 
 _ALIKE = ("chi2_per_dof", "converged", "reason", "synthetic", "seconds")
-
-
-def _parameter(held: Mapping[str, Any]) -> UnitParameter:
-    return UnitParameter(**{name: value for name, value in held.items() if name != "symbol"})

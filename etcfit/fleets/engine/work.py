@@ -22,19 +22,11 @@ class AbstractWork(abc.ABC):
 
     @abc.abstractmethod
     def digest(self, unit: str) -> str:
-        """SHA-256 of all that decides the unit's result; a unit whose stored result has it is not fitted again.
-
-        Raises:
-            MeasurementError: the folder cannot be read.
-        """
+        """SHA-256 of all that decides the unit's result; a unit whose stored result has it is not fitted again."""
 
     @abc.abstractmethod
     def fit(self, unit: str) -> UnitResult | FailedUnit:
-        """The unit's result; the engine writes the digest into it.
-
-        Raises:
-            Exception: any; it costs this unit alone.
-        """
+        """The unit's result; the engine writes the digest into it. Whatever error it raises costs this unit alone."""
 
 
 def digest_of(files: Mapping[str, str], **decides: Any) -> str:
@@ -49,23 +41,14 @@ def digest_of(files: Mapping[str, str], **decides: Any) -> str:
 
 
 class Order(NamedTuple):
-    """A unit to work on.
-
-    Args:
-        unit: its name.
-        known: digest of the result that is stored; "" where there is none.
-    """
+    """A unit to work on, and the digest of the result that is stored, "" where there is none."""
 
     unit: str
     known: str
 
 
 class Trouble(NamedTuple):
-    """A unit got no result for a reason that may lie with its worker: no room on the disk, no memory.
-
-    Args:
-        why: as a person must read it.
-    """
+    """A unit got no result for a reason that may lie with its worker: no room on the disk, no memory."""
 
     why: str
 

@@ -23,8 +23,8 @@ from distributed.protocol import pickle
 
 from ... import __version__
 from ...errors import MeasurementError
+from ..settings import EngineSettings
 from ..unit import FailedUnit, UnitResult
-from .settings import EngineSettings
 from .work import AbstractWork, Order, Portion, Trouble
 
 # a worker is a process for one core: more threads would only take time from its neighbours. PJRT_NPROC is XLA's own

@@ -1,4 +1,4 @@
-"""How much room a line leaves within its specification, with what is not known of it.
+"""How much room a line leaves within its specification, and how much of what differs is the measuring.
 
     Cp = (high - low) / (6 sd),   Cpk = min(high - mean, mean - low) / (3 sd)
     outside = Phi((low - mean) / sd) + Phi((mean - high) / sd)
@@ -11,16 +11,22 @@ they are for the normal, and integrated on a grid of their quantiles: no random 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 from scipy import stats
+from scipy.optimize import minimize
 
+from ..settings import DEFAULT, FleetSettings
 from .population import Population, population
-from .settings import DEFAULT, FleetSettings
 from .stack import Stack
 
 GRID = 401  # quantiles of each distribution
+LEAST_RATIO = 1e-6  # of a variance to that of a single measurement; below it counts as none
+
+Names = Sequence[str | None]
 
 
 @dataclass(frozen=True)
@@ -84,12 +90,8 @@ class Capability:
 
 
 def capability(line: Line, low: float, high: float, level: float = DEFAULT.population.level) -> Capability:
-    """Judge a line.
+    """Judge a line by its limits, SI, -inf and inf where a side is open; the level is that of the intervals.
 
-    Args:
-        line: mean and spread.
-        low, high: limits, SI; -inf and inf where a side is open.
-        level: coverage of the intervals.
     Raises:
         ValueError: the line's symbol is shared, or its mean or spread has no interval.
     """
@@ -140,3 +142,134 @@ def _sd_quantiles(line: Line, q: np.ndarray, level: float) -> np.ndarray:
 def _central(value: np.ndarray, level: float) -> tuple[float, float]:
     low, high = np.quantile(value, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
     return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Standard deviations of one symbol, SI; None where the measurements cannot tell.
+
+    Args:
+        repeatability: of the same part, rig and operator.
+        rig, operator: between them.
+        reproducibility: both together.
+        part: between parts.
+        total: of all.
+        rr_percent: 100 R&R / total.
+        ndc: number of distinct categories.
+        parts, measurements: how many were used.
+        untold: what cannot be told apart, each a sentence.
+    """
+
+    repeatability: float
+    rig: float | None
+    operator: float | None
+    reproducibility: float | None
+    part: float
+    total: float
+    rr_percent: float
+    ndc: int
+    parts: int
+    measurements: int
+    untold: tuple[str, ...]
+
+
+def gauge(value: Float[np.ndarray, " N"], parts: Names, rigs: Names, operators: Names) -> Gauge | None:
+    """Gauge R and R of one symbol; None where no part was measured twice, or all measurements are of one part.
+
+        y_m = mu + part + rig + operator + e,   each of its own variance, by restricted likelihood, unbalanced or not
+
+    The same throttle measured again shows what measuring alone does. Repeatability is the scatter e of measurements of
+    one part, by one rig and operator; reproducibility sqrt(rig^2 + operator^2). A unit's stated standard error is not
+    taken off e: it is part of the measuring, and e says whether it was stated right.
+
+        R&R = sqrt(repeatability^2 + reproducibility^2),   %R&R = 100 R&R / total,   ndc = floor(1.41 part / R&R)
+
+    Source: AIAG, Measurement Systems Analysis, 4th ed. 2010, ch. III; Searle, Casella and McCulloch 1992, ch. 6 (REML).
+    Differs from source: REML instead of ANOVA, so that a part may be measured any number of times; no interaction.
+
+    Args:
+        value: SI, shape (N,); what is not finite is left out.
+        parts, rigs, operators: of each of N measurements; None where it is not said.
+    """
+    used = [m for m, part in enumerate(parts) if part is not None and np.isfinite(value[m])]
+    part = _columns([parts[m] for m in used])
+    if len(used) < 3 or part.shape[1] < 2 or part.shape[1] == len(used):
+        return None
+    sources, untold = _sources(part, [rigs[m] for m in used], [operators[m] for m in used])
+    y = np.asarray(value, dtype=float)[used]
+    found = _components((y - y.mean()) / (y.std() or 1.0), [part, *sources.values()]) * (y.std() ** 2)
+    sd = dict(zip(("e", "part", *sources), map(float, np.sqrt(found)), strict=True))
+    reproducibility = float(np.hypot(sd.get("rig", 0.0), sd.get("operator", 0.0))) if sources else None
+    measuring = float(np.hypot(sd["e"], reproducibility or 0.0))
+    total = float(np.hypot(measuring, sd["part"]))
+    return Gauge(
+        repeatability=sd["e"],
+        rig=sd.get("rig"),
+        operator=sd.get("operator"),
+        reproducibility=reproducibility,
+        part=sd["part"],
+        total=total,
+        rr_percent=100.0 * measuring / total if total else 0.0,
+        ndc=int(min(1.41 * sd["part"] / measuring, 1e6)) if measuring else 1_000_000,
+        parts=part.shape[1],
+        measurements=len(used),
+        untold=untold,
+    )
+
+
+def _columns(names: Names) -> np.ndarray:
+    """One column a level, shape (N, L); a missing name is a level of nobody, zero."""
+    levels = sorted({n for n in names if n is not None})
+    return np.array([[n == level for level in levels] for n in names], dtype=float).reshape(len(names), len(levels))
+
+
+def _sources(part: np.ndarray, rigs: Names, operators: Names) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The sources whose levels differ within a part, and why others are not among them."""
+    sources: dict[str, np.ndarray] = {}
+    untold, known = [], part
+    for source, names in (("rig", rigs), ("operator", operators)):
+        columns = _columns(names)
+        if columns.shape[1] < 2:
+            one = (
+                f"only one {source} ({next(n for n in names if n is not None)})" if columns.shape[1] else f"no {source}"
+            )
+            untold.append(f"{one} is named: what differs between {source}s cannot be told")
+        elif _gain(part, columns) == 0:
+            untold.append(f"each part was measured by one {source} only: {source} and part cannot be told apart")
+        elif _gain(known, columns) == 0:
+            untold.append(f"{source} and rig change together: what is said of the rig may be the {source}'s")
+        else:
+            sources[source], known = columns, np.hstack([known, columns])
+    if _gain(known, np.eye(len(part))) == 0:
+        untold.append("nothing was measured twice alike: repeatability cannot be told from the other sources")
+    return sources, tuple(untold)
+
+
+def _gain(known: np.ndarray, more: np.ndarray) -> int:
+    """Contrasts of `more` that `known` does not hold."""
+    return int(np.linalg.matrix_rank(np.hstack([known, more])) - np.linalg.matrix_rank(known))
+
+
+def _components(y: np.ndarray, designs: list[np.ndarray]) -> np.ndarray:
+    """Variances of e and of each design, shape (1 + D,): the ratios to e by search, e by its closed form."""
+    z = np.hstack(designs)
+    sizes = [d.shape[1] for d in designs]
+    one = np.ones(len(y))
+    inner, zy, z1 = z.T @ z, z.T @ y, z.T @ one
+
+    def profiled(roots: np.ndarray) -> tuple[float, float]:
+        """-2 log L and the variance of e at ratios roots^2; V = I + Z G Z^T by its inner matrix."""
+        g = np.repeat(np.abs(roots), sizes)
+        m = np.eye(len(g)) + g[:, None] * inner * g[None, :]
+        solved = np.linalg.solve(m, np.stack([g * zy, g * z1], axis=1))
+        yy, y1, l1 = (y @ y - (g * zy) @ solved[:, 0], y @ one - (g * z1) @ solved[:, 0],
+                      one @ one - (g * z1) @ solved[:, 1])  # fmt: skip
+        left = max(yy - y1**2 / l1, 1e-300)
+        free = len(y) - 1
+        return float(free * np.log(left) + np.linalg.slogdet(m)[1] + np.log(l1)), float(left / free)
+
+    starts = (np.full(len(sizes), start) for start in (0.3, 3.0))
+    tries = [minimize(lambda r: profiled(r)[0], s, method="L-BFGS-B", bounds=[(0.0, 1e6)] * len(sizes)) for s in starts]
+    best = min(tries, key=lambda t: t.fun).x
+    ratio = np.where(best**2 > LEAST_RATIO, best**2, 0.0)
+    return profiled(np.sqrt(ratio))[1] * np.concatenate([[1.0], ratio])

@@ -26,8 +26,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from ..settings import DEFAULT
 from .distances import holm
-from .settings import DEFAULT
 from .stack import MEDIAN_CHI2
 
 WIDTH = 3.0  # w: of the control limits, standard deviations on either side
@@ -62,12 +62,8 @@ class Chart:
 
 
 def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> Chart:
-    """Units in order, all finite.
+    """Of units in order: their own values and standard errors (0 where exact), SI.
 
-    Args:
-        units: their names.
-        value: SI.
-        stderr: of each unit's own, 0 where exact.
     Raises:
         ValueError: fewer than two units, or an entry that is not finite.
     """

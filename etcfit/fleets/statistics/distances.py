@@ -45,13 +45,7 @@ class Distances:
 def distances(
     data: Scaled, mean: np.ndarray, covariance: np.ndarray, of_mean: np.ndarray, inside: Bool[np.ndarray, " N"]
 ) -> Distances:
-    """Every unit's.
-
-    Args:
-        data: units.
-        mean, covariance, of_mean: mu, Omega and C, scaled.
-        inside: whether a unit took part in these.
-    """
+    """Every unit's, by mu, Omega and C, scaled; `inside`: whether a unit took part in these."""
     squared = np.zeros(len(data.x))
     for group, spread in ((inside, covariance), (~inside, covariance + of_mean)):
         if np.any(group):
@@ -84,11 +78,6 @@ def single_symbol_p(
 
     Source: Cook and Weisberg 1982, Residuals and Influence in Regression, section 2.2 (externally studentised
     residuals). Differs from source: units weigh as they are known, for which n is first order.
-
-    Args:
-        data: units.
-        mean, between: mu and Omega's diagonal, scaled.
-        inside: whether a unit took part in these.
     """
     p = np.ones(data.x.shape)
     for s in range(data.x.shape[1]):

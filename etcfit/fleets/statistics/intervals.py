@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy import stats
 from scipy.optimize import root_scalar
 
+from ..settings import PopulationSettings
 from .likelihood import Spread, View, Weighed, maximised, slope, spread_view, weigh
-from .settings import PopulationSettings
 from .stack import Scaled
 
 ALONE = 1e-8  # 1 - T below: the direction is told by this unit alone, its scatter is not seen
@@ -30,10 +30,6 @@ def mean_intervals(
 
     Source: Bell and McCaffrey 2002 (CR2); Tipton 2015 (Psychological Methods 20) for few clusters. Differs from source:
     in information form, with the rank of T_u in place of a unit's design.
-
-    Args:
-        at: units under the covariance found.
-        level: coverage.
     """
     g = np.linalg.cholesky(at.mean_covariance)
     t = g.T @ at.weight @ g
@@ -146,9 +142,7 @@ def cut(r: float, level: float) -> float:
 
     x >= 0: (x - r)^2 <= c,   x < 0, where the best r is 0: r^2 - 2 x r <= c
 
-    Args:
-        r: truth, standard errors.
-        level: coverage.
+    r is the truth over its standard error.
     """
     most = float(stats.chi2.ppf(level, 1))
     if r * r >= most:

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import minimize
 
-from .settings import PopulationSettings
+from ..settings import PopulationSettings
 from .stack import Scaled
 
 ENOUGH = 4.0  # units for each symbol that differs from which on all standard deviations are estimated together

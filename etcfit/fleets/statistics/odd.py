@@ -24,10 +24,10 @@ from jaxtyping import Float
 from scipy import stats
 
 from ...model.effects import EFFECT_BY_NAME
+from ..settings import DEFAULT
 from ..unit import UnitResult
 from .distances import LEAST, MANY, TAIL, adjusted, distances, rejected
 from .population import Population
-from .settings import DEFAULT
 from .stack import Scaled, Stack, scaled
 
 NAMED = 3.0  # score of a symbol or trace, standard deviations, from which on it is named
@@ -88,8 +88,7 @@ def odd_units(
     """The odd units, most odd first.
 
     Args:
-        stack: units.
-        of: the population of these units.
+        stack, of: units, and their population.
         results: in the order of the stack, for misfits; none, and only parameters are judged.
         rate: of false ones among those found.
     Raises:

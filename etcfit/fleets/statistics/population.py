@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..settings import DEFAULT, FleetSettings, PopulationSettings
 from .distances import FEWEST, Distances, distances, rejected
 from .intervals import mean_intervals, spread_intervals
 from .likelihood import Spread, maximised, spread_view, weigh, weights
-from .settings import DEFAULT, FleetSettings, PopulationSettings
 from .stack import NULL, Scaled, Stack, scaled
 
 ROUNDS = 10  # times at most that units are left out or taken back, and the population is estimated again
@@ -81,12 +81,8 @@ class Population:
 
 
 def population(stack: Stack, shared: Sequence[str] = (), settings: FleetSettings = DEFAULT) -> Population:
-    """Estimate it.
+    """Estimate it, with one value for all units of the shared symbols.
 
-    Args:
-        stack: units, see `stacked`.
-        shared: symbols with one value for all units.
-        settings: levels, prior of the correlations, when a unit is left out.
     Raises:
         ValueError: fewer than two units, a shared symbol that no unit has, or nothing told at all.
     """
@@ -227,9 +223,8 @@ def shrink(stack: Stack, of: Population) -> Shrunk:
     Source: Efron and Morris 1973 (JASA 68), eq. 2.1; Lindley and Smith 1972 (JRSS B 34), eq. 12. Differs from source:
     no.
 
-    Args:
-        stack: units, which may be others than those of the population, too.
-        of: the population.
+    The units may be others than those of the population, too.
+
     Raises:
         ValueError: the units lack a symbol of the population.
     """

@@ -91,11 +91,7 @@ def read_sheets(source: Source) -> list[Sheet]:
 
 
 def _of_one_motor(sheets: list[Sheet], source: Source) -> list[Sheet]:
-    """The sheets of the motor that is wanted.
-
-    Raises:
-        MeasurementError: there are several and nobody said which, or none of that name.
-    """
+    """The sheets of the motor that is wanted."""
     motors = list(dict.fromkeys(sheet.motor for sheet in sheets))
     if source.motor is None and len(motors) < 2:
         return sheets

@@ -87,11 +87,7 @@ def _sheet(columns: Mapping[str, list[float]], where: str, part: str) -> Sheet:
 
 
 def _sysid(content: Mapping[str, Any], where: str) -> list[Sheet]:
-    """One sheet a motor and test.
-
-    Raises:
-        MeasurementError: a unit of length, a row of another width, or no test.
-    """
+    """One sheet a motor and test."""
     units = str(content.get("units", "")).casefold()
     if units not in _ANGLES:
         raise MeasurementError(where, f"its units are '{content.get('units')}'.",

@@ -100,11 +100,7 @@ def _hdf5(source: Source, missing: list[str]) -> dict[str, Any]:
 
 
 def _datasets(source: Source, h5py: Any, group: Any, part: str, depth: int) -> Iterator[Any]:
-    """Every array of numbers, before any is read. MATLAB links nothing: a link leads in a circle or out of the file.
-
-    Raises:
-        MeasurementError: a link, an array that lies in another file, or structures within structures without end.
-    """
+    """Every array of numbers, before any is read. MATLAB links nothing: a link leads in a circle or out of the file."""
     for name in group:
         path = f"{part}.{name}" if part else name
         link = group.get(name, getlink=True)

@@ -85,9 +85,6 @@ def _counts(source: Source) -> tuple[int, int | None]:
     """What a file says of itself: bytes of its chunks, unpacked, and messages; None where it does not say.
 
     By the heads of its records, none of which is unpacked.
-
-    Raises:
-        MeasurementError: the records do not fill the file.
     """
     size, at = source.path.stat().st_size, len(_MAGIC)
     unpacked, messages = size, None

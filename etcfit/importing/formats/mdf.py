@@ -69,8 +69,6 @@ def _signals(mdf: Any, odd: list[str]) -> list[Any]:
     Args:
         mdf: of asammdf.
         odd: gets a sentence on each array, which cannot be read.
-    Raises:
-        ValueError: a group does not hold as many rows as it says, or its time falls.
     """
     found = []
     for group, _ in enumerate(mdf.groups):

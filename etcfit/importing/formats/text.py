@@ -53,8 +53,6 @@ def _tektronix(text: str, where: str) -> list[Sheet]:
 
     Source: Tektronix, programmer manuals of TDS2000 and MSO4000 (SAVE:WAVEFORM:SPREADSHEET), and files as they quote
     them. Differs from source: no.
-    Raises:
-        MeasurementError: no rows of numbers.
     """
     lines = text.split("\n")
     settings = {cells[0].strip(": "): cells[1:] for line in lines[:60] if (cells := cells_of(line, ","))[0]}
@@ -102,8 +100,6 @@ def _rigol(text: str, where: str) -> list[Sheet]:
         t_k = start + k increment
 
     Source: files of a DS1054Z and an MSO5000, as open readers of them quote their first lines. Differs from source: no.
-    Raises:
-        MeasurementError: no start or increment, or something else than numbers below.
     """
     lines = text.split("\n")
     head = cells_of(lines[0], ",")
@@ -137,11 +133,7 @@ def _rigol(text: str, where: str) -> list[Sheet]:
 
 
 def _refuse_shifted_rows(rows: list[list[str]], numbered: bool) -> None:
-    """Refuse a row that would shift the clock of all below it: samples are known by their place alone.
-
-    Raises:
-        ValueError: one of another length, or whose number is not its place.
-    """
+    """Refuse a row that would shift the clock of all below it: samples are known by their place alone."""
     for k, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise ValueError(f"row {k + 1} has {len(row)} cells, the first {len(rows[0])}")
@@ -182,8 +174,6 @@ def _labview(text: str, where: str) -> list[Sheet]:
 
     Source: National Instruments, Specification for the LabVIEW Measurement File (.lvm). Differs from source: segments
     whose channels have times of their own, or different lengths, become a sheet for each time.
-    Raises:
-        MeasurementError: no end of a header, or something else than numbers below it.
     """
     head, end, rest = text.partition(_END)
     if not end:
@@ -257,12 +247,7 @@ def _segment(header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect
 
 
 def _refuse_odd_rows(table: Sequence[list[str]], shown: Sequence[int], width: int, one_length: bool) -> None:
-    """Refuse a row whose cells may stand below other names.
-
-    Raises:
-        ValueError: one with cells beyond the names, or a number where comments are; one with too few above the last,
-            where no channel is shorter.
-    """
+    """Refuse a row whose cells may stand below other names."""
     for k, cells in enumerate(table):
         beyond = any(cells[width:]) or (k > 0 and any(is_number(cell) for cell in cells[shown[-1] + 1 :]))
         if beyond or (one_length and k < len(table) - 1 and len(cells) <= shown[-1]):

@@ -68,11 +68,7 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _entries(raw: bytes, where: str) -> tuple[list[_Entry], dict[str, str], str]:
-    """Entries of numbers and of states, types of all others by name, and what of the end is missing.
-
-    Raises:
-        MeasurementError: it is no such log, or a record contradicts itself.
-    """
+    """Entries of numbers and of states, types of all others by name, and what of the end is missing."""
     if len(raw) < _HEADER.size or raw[:6] != b"WPILOG":
         raise unreadable(where, "it does not begin as one", _KIND)
     _, version, extra = _HEADER.unpack_from(raw)

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 from rich.console import Group, RenderableType
-from rich.padding import Padding
 from rich.text import Text
 
 from ...car_log import DriveLog, Study, record_next
@@ -14,7 +13,7 @@ from ...car_log.criteria import Judgement, Verdict
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
 from ...rig.base import RigConfig
-from ..blocks import headed, plain_table, rig_title, sentences, spaced
+from ..blocks import dashed, filled, headed, rig_title, sentences, spaced, stacked, table
 from ..html import Table
 from ..numbers import short
 
@@ -114,49 +113,39 @@ _MAY_GO = ("threshold from", "where", "rms %", "half way ms")
 
 def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     """A row a log, then each log held against the thresholds; of two logs also what changed."""
-    table = plain_table("log", *_HEADS, paths=("log",), spare=_SPARE, file=_FILE)
-    for each in studies:
-        table.add_row(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each))
+    rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each)) for each in studies]
     logs = [each.log for each in studies]
-    parts = [
+    to_record = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells {lack.why}"
+                 for lack in record_next(logs)]  # fmt: skip
+    return stacked(
         rig_title(config, "logs from the car"),
-        headed("In per cent of the travel; +-: one standard error", table),
+        table("In per cent of the travel; +-: one standard error", ("log", *_HEADS), rows, paths=("log",), spare=_SPARE,
+              file=_FILE),
         sentences("Columns that were taken", [_columns(log) for log in logs if log.columns]),
         sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         *(part for each in studies for part in _answer(each)),
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
-        _next(logs),
-    ]
-    return Group(*(part for part in parts if part is not None))
+        sentences("To record next, on the bench as closed_loop/ or from the car", to_record),
+    )  # fmt: skip
 
 
 def shown(table: Table) -> RenderableType:
     """A table of the page in a terminal."""
-    made = plain_table(*table.head, left=max(table.words, 1), prose=[name for name in _PROSE if name in table.head],
-                       spare=[name for name in _MAY_GO if name in table.head], file=_FILE)  # fmt: skip
-    for k, row in enumerate(table.rows):
-        made.add_row(*(Text(cell, style="bold red" if k in table.marked else "") for cell in row))
-    return made
+    rows = [[Text(cell, style="bold red" if k in table.marked else "") for cell in row]
+            for k, row in enumerate(table.rows)]  # fmt: skip
+    return filled(table.head, rows, left=max(table.words, 1), prose=[name for name in _PROSE if name in table.head],
+                  spare=[name for name in _MAY_GO if name in table.head], file=_FILE)  # fmt: skip
 
 
 def good_enough(each: Study) -> RenderableType:
     """One log held against the thresholds, with what was found at rest and of its sensors."""
-    said = (Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in says_of(each))
-    return Group(shown(judgements_table(each.verdict.judgements)), *said)
+    return Group(shown(judgements_table(each.verdict.judgements)), *dashed(says_of(each)))
 
 
 def _answer(each: Study) -> Iterator[RenderableType]:
     yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
-    yield from (Padding(Text(f"- {text}"), (0, 0, 0, 2)) for text in says_of(each))
-    for table in tables_of(each):
-        yield headed(f"{each.log.name}: {table.caption}", shown(table))
-
-
-def _next(logs: Sequence[DriveLog]) -> RenderableType | None:
-    """What to record next, for gains to be told from these logs."""
-    said = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells "
-            f"{lack.why}" for lack in record_next(logs)]  # fmt: skip
-    return sentences("To record next, on the bench as closed_loop/ or from the car", said)
+    yield from dashed(says_of(each))
+    yield from (headed(f"{each.log.name}: {one.caption}", shown(one)) for one in tables_of(each))
 
 
 def _columns(log: DriveLog) -> str:

@@ -13,35 +13,28 @@ from ...control.pid import Gains, Task
 from ...control.supply_table import SupplyTable
 from ...model.ecus import Pasting, Scheduling, named
 from ...run_folder.design import supply_table_json
-from ..blocks import headed, plain_table, sentences
+from ..blocks import headed, plain_table, sentences, stacked
 from ..numbers import short
 
 
 def snippet(written: Mapping[str, Any]) -> RenderableType:
     """The settings of `profile` in pid.json, and what is assumed of that ECU."""
-    pasting = named(written["name"]).pasting
-    settings = {Pasting.TUNE_FILE: _tune_file, Pasting.BY_HAND: _by_hand}[pasting](written)
-    assumed = sentences("Assumed of it", [f"assumed: {each}" for each in written["assumed"]])
-    meant = sentences("What these gains mean", written.get("says") or [])
-    parts = (headed(f"For {written['title']}: {pasting.value}", settings), meant, _code(written), assumed)
-    return Group(*(part for part in parts if part is not None))
+    pasting, code = named(written["name"]).pasting, written.get("code")
+    lines = (line for each in constants(written) for line in Xml.tostring(each, "unicode").splitlines())
+    return stacked(
+        headed(f"For {written['title']}: {pasting.value}",
+               _lines(lines) if pasting is Pasting.TUNE_FILE else _by_hand(written)),
+        sentences("What these gains mean", written.get("says") or []),
+        headed(CODE, _lines(code)) if code else None,
+        sentences("Assumed of it", [f"assumed: {each}" for each in written["assumed"]]),
+    )  # fmt: skip
 
 
 CODE = "Behind its PID, in your own code, at each tick, in %; rate begins at 0 and before at the target"
 
 
-def _code(written: Mapping[str, Any]) -> RenderableType | None:
-    """What its user adds to the output; None where that is nothing."""
-    lines = written.get("code")
-    return headed(CODE, _lines(lines)) if lines else None
-
-
 def _lines(lines: Iterable[str]) -> RenderableType:
     return Group(*(Text(line, no_wrap=True, overflow="ignore") for line in lines))
-
-
-def _tune_file(written: Mapping[str, Any]) -> RenderableType:
-    return _lines(line for each in constants(written) for line in Xml.tostring(each, "unicode").splitlines())
 
 
 def constants(written: Mapping[str, Any]) -> Iterator[Xml.Element]:

@@ -7,19 +7,28 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 
 from ...control.design import Design
 from .. import style
-from ..blocks import headed, plain_table, sentences
+from ..blocks import sentences, stacked, table
 from ..numbers import short
 
 
 def safety_table(design: Design) -> RenderableType:
     """Sentences on jam check and heat, then a row a failure."""
-    parts = (sentences("Jam check", jam_words(design)), _sensors(design), _sags(design), _returns(design),
-             sentences("Holding", holding_words(design)))  # fmt: skip
-    return Group(*(part for part in parts if part is not None))
+    return stacked(
+        sentences("Jam check", jam_words(design)),
+        _sensors(design),
+        _sags(design),
+        table(
+            "The springs bring it back",
+            ("no current, from %", "open terminals s", "shorted s", "rests at %"),
+            [(_pct(each.opening), _seconds(each.cut_s), _seconds(each.shorted_s), " to ".join(map(_pct, each.rests)))
+             for each in design.safety.returns],
+        ),
+        sentences("Holding", holding_words(design)),
+    )  # fmt: skip
 
 
 def jam_words(design: Design) -> list[str]:
@@ -54,37 +63,26 @@ def _seconds(value: float | None) -> str:
     return "never" if value is None else short(value)
 
 
-def _sensors(design: Design) -> RenderableType:
+def _sensors(design: Design) -> RenderableType | None:
     settings = design.settings.safety
-    table = plain_table("sensor at 25 %", "unchecked\nopens to %", "jam check\nafter s", "\nopens to %",
-                        "two sensors\nafter s", "\nopens to %")  # fmt: skip
-    for each in design.safety.sensors:
-        table.add_row(each.fault, _pct(each.opens), _seconds(each.jam_after), _pct(each.jam_opens),
-                      _seconds(each.apart_after), _pct(each.apart_opens))  # fmt: skip
+    rows = [(each.fault, _pct(each.opens), _seconds(each.jam_after), _pct(each.jam_opens), _seconds(each.apart_after),
+             _pct(each.apart_opens)) for each in design.safety.sensors]  # fmt: skip
+    head = ("sensor at 25 %", "unchecked\nopens to %", "jam check\nafter s", "\nopens to %", "two sensors\nafter s",
+            "\nopens to %")  # fmt: skip
     said = (f"The position sensor fails (at {settings.supply:g} V; two sensors: {_pct(settings.apart)} % apart for "
             f"{settings.apart_for:g} s; worst of hot and cold, little and much friction)")  # fmt: skip
-    return headed(said, table)
+    return table(said, head, rows)
 
 
-def _sags(design: Design) -> RenderableType:
-    settings = design.settings.safety
-    table = plain_table("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "seen as jam")
-    for each in design.safety.sags:
-        trip = "-" if each.false_trip is None else "YES" if each.false_trip else "no"
-        table.add_row(each.name, _pct(each.opening), _pct(each.closes), _pct(each.opens), _seconds(each.back_after),
-                      _pct(each.wound), trip)  # fmt: skip
+def _sags(design: Design) -> RenderableType | None:
+    settings, trips = design.settings.safety, {None: "-", True: "YES", False: "no"}
+    rows = [(each.name, _pct(each.opening), _pct(each.closes), _pct(each.opens), _seconds(each.back_after),
+             _pct(each.wound), trips[each.false_trip]) for each in design.safety.sags]  # fmt: skip
     crank = " then ".join(
         f"{v:g} V for {1e3 * t:g} ms" for v, t in zip(settings.crank, settings.crank_for, strict=True)
     )
-    return headed(f"The supply sags (dip: {settings.dip:g} V for {1e3 * settings.dip_for:g} ms; crank: {crank})", table)
-
-
-def _returns(design: Design) -> RenderableType:
-    table = plain_table("no current, from %", "open terminals s", "shorted s", "rests at %")
-    for each in design.safety.returns:
-        low, high = (_pct(share) for share in each.rests)
-        table.add_row(_pct(each.opening), _seconds(each.cut_s), _seconds(each.shorted_s), f"{low} to {high}")
-    return headed("The springs bring it back", table)
+    said = f"The supply sags (dip: {settings.dip:g} V for {1e3 * settings.dip_for:g} ms; crank: {crank})"
+    return table(said, ("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "seen as jam"), rows)
 
 
 def holding_words(design: Design) -> list[str]:

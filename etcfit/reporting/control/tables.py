@@ -14,13 +14,13 @@ from ...control.frequency import FrequencyResponse, Ratio, phases
 from ...control.frequency.response import POSITION
 from ...control.judged import Tuned
 from ...control.linearise import SYMBOLS, UNITS, Reduction
-from ...control.loop_figures import FIGURES, LoopFigures, Requirements
+from ...control.loop_figures import FIGURES
 from ...estimation.fitted_model import Fitted
 from ...model.ecu import Ecu, Notation
 from ...model.ecus import ECUS
 from ...model.feed_forward import Term, listed
 from ...run_folder.design import written_for
-from ..blocks import cautioned, headed, plain_table, rig_title, sentences
+from ..blocks import cautioned, filled, headed, plain_table, rig_title, sentences, stacked, table
 from ..numbers import Digits, short
 from .for_an_ecu import snippet, supply_table
 from .safety import safety_table
@@ -35,16 +35,19 @@ from .verdicts import (
     what_is_asked,
 )
 
+_UNNAMED = ("For no ECU in particular: --ecu NAME designs in its own controller and writes what to paste. NAME is "
+            "one of")  # fmt: skip
+
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
     """Coefficients with standard errors, poles, gain and operating point."""
     plant = reduction.plant
-    table = plain_table("coefficient", "value", "stderr")
+    made = plain_table("coefficient", "value", "stderr")
     for name, value, stderr in zip(
         ("b0", "a2", "a1", "a0"), (*plant.num, *plant.den[1:]), reduction.stderr, strict=True
     ):
         digits = Digits.of(value, float(stderr))
-        table.add_row(name, digits(value), digits(float(stderr)))
+        made.add_row(name, digits(value), digits(float(stderr)))
     unit = f"{reduction.output_unit}/{reduction.input_unit}"
     lines = [
         f"G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), {unit}",
@@ -59,22 +62,22 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     ]
     if fitted.state.compromise is not None:
         lines.append("stderr: 1.96 of them reach as far as the ranges that subsets of the data give; no standard error")
-    parts = (*(Text("  " + line) for line in lines), table, constants_table(reduction))
-    whole = Group(rig_title(fitted.config, "transfer function"), *(part for part in parts if part is not None))
+    said = (Text("  " + line) for line in lines)
+    whole = stacked(rig_title(fitted.config, "transfer function"), *said, made, constants_table(reduction))
     return cautioned(whole, fitted.state)
 
 
 def constants_table(reduction: Reduction) -> RenderableType | None:
     """kS, kV and kA with their standard errors, by radian and by turn; None where nobody asked for them."""
-    found = reduction.constants
+    found, rows = reduction.constants, []
     if found is None:
         return None
-    table = plain_table("constant", "value", "stderr", "unit", "by turn")
     for name, value, stderr, unit in zip(SYMBOLS, found.values, found.stderr, UNITS, strict=True):
         digits = Digits.of(float(value), float(stderr))
         turn = "" if name == "kS" else f"{short(2.0 * np.pi * float(value), 4)} {unit.replace('rad', 'turn')}"
-        table.add_row(name, digits(float(value)), digits(float(stderr)), unit, turn)
-    return headed("Feed-forward v = kS sgn(w) + kV w + kA dw/dt, w of the shaft whose angle was logged", table)
+        rows.append((name, digits(float(value)), digits(float(stderr)), unit, turn))
+    title = "Feed-forward v = kS sgn(w) + kV w + kA dw/dt, w of the shaft whose angle was logged"
+    return table(title, ("constant", "value", "stderr", "unit", "by turn"), rows)
 
 
 def _pole(pole: complex) -> str:
@@ -118,7 +121,7 @@ def sine_table(response: FrequencyResponse) -> RenderableType:
         sentences("Order of lag", orders),
         sentences("Left out", response.warnings),
     ]
-    return Group(*(part for part in parts if part is not None))
+    return stacked(*parts)
 
 
 def _with_margins(ratio: Ratio, phase: float) -> tuple[str, str]:
@@ -160,7 +163,11 @@ def design_table(design: Design) -> RenderableType:
         headed("What they do", _figures_table(design)),
         sentences("How to read it", words),
         sentences("No gains", refused),
-        *_for_an_ecu(design),
+        *(
+            [sentences("Nothing to paste", [CURE])]
+            if design.withheld
+            else [_in_its_own_unit(design), _proposed(design)]
+        ),
         fleet_table(design),
         scenario_table(design),
         sentences("Outside the bench", outside_the_bench(design)),
@@ -172,23 +179,14 @@ def design_table(design: Design) -> RenderableType:
             "Not met. What binds: eased alone, each of these would let the optimum meet everything", design.limits
         ),
     ]
-    return cautioned(Group(*(part for part in parts if part is not None)), design.fitted.state)
-
-
-def _for_an_ecu(design: Design) -> list[RenderableType | None]:
-    """What is typed into one, or pasted; else why there is nothing."""
-    if design.withheld:
-        return [sentences("Nothing to paste", [CURE])]
-    return [_in_its_own_unit(design), _proposed(design)]
+    return cautioned(stacked(*parts), design.fitted.state)
 
 
 def _gains_table(design: Design) -> RenderableType:
     """Gains of every rule, and whether they do what is required."""
     share = "units" if of_models(design) == "units" else "P(met)"
-    table = plain_table("rule", "Kp\nV/rad", "Ki\nV/(rad s)", "Kd\nV s/rad", "met", "margins", share)
-    for tuned in design.tuned.values():
-        table.add_row(*_gains_row(design, tuned))
-    return table
+    head = "rule", "Kp\nV/rad", "Ki\nV/(rad s)", "Kd\nV s/rad", "met", "margins", share
+    return filled(head, [_gains_row(design, tuned) for tuned in design.tuned.values()])
 
 
 def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
@@ -197,18 +195,18 @@ def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
     gains = (short(g) for g in tuned.gains)
     if word := doubt(design.fitted.state):  # what a model that is no estimate meets is no success
         return (tuned.rule, *gains, word if tuned.stable else "unstable", "-", "-")
-    safe = "yes" if _safe(tuned.nonlinear, design.task.requirements) else "no"
-    return (tuned.rule, *gains, _met(tuned), safe, f"{tuned.probability_met:.2f}")
+    figures, asked = tuned.nonlinear, design.task.requirements
+    safe = figures.gain_margin_db >= asked.gain_margin_db and figures.phase_margin_deg >= asked.phase_margin_deg
+    met = ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
+    return (tuned.rule, *gains, met, "yes" if safe else "no", f"{tuned.probability_met:.2f}")
 
 
 def _figures_table(design: Design) -> RenderableType:
     """Figures of every rule that has gains."""
     shown = {symbol: of for symbol, of in FIGURES.items() if of.heading}
-    table = plain_table("rule", *(f"{of.heading}\n{of.unit}" for of in shown.values()))
-    for tuned in design.tuned.values():
-        if tuned.nonlinear is not None:
-            table.add_row(tuned.rule, *(short(getattr(tuned.nonlinear, symbol)) for symbol in shown))
-    return table
+    rows = [(tuned.rule, *(short(getattr(tuned.nonlinear, symbol)) for symbol in shown))
+            for tuned in design.tuned.values() if tuned.nonlinear is not None]  # fmt: skip
+    return filled(("rule", *(f"{of.heading}\n{of.unit}" for of in shown.values())), rows)
 
 
 def _judges(design: Design, source: str) -> str:
@@ -254,46 +252,36 @@ def _habits(ecu: Ecu) -> Iterator[str]:
             f"derivative of {short(ecu.derivative_weight)} setpoint - position")  # fmt: skip
 
 
-def _met(tuned: Tuned) -> str:
-    return ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
-
-
-def _safe(metrics: LoopFigures, asked: Requirements) -> bool:
-    return metrics.gain_margin_db >= asked.gain_margin_db and metrics.phase_margin_deg >= asked.phase_margin_deg
-
-
 def _in_its_own_unit(design: Design) -> RenderableType | None:
     """Every rule's gains as [ecu] of rig.toml writes them: numbers to type in."""
     notation = design.fitted.config.notation
     if notation is None:
         return None
-    table = plain_table("rule", "P", "I", "D")
-    for tuned in design.tuned.values():
-        if tuned.gains is not None:
-            table.add_row(tuned.rule, *(short(g, 4) for g in design.written(tuned.gains, notation)))
+    rows = [(tuned.rule, *(short(g, 4) for g in design.written(tuned.gains, notation)))
+            for tuned in design.tuned.values() if tuned.gains is not None]  # fmt: skip
     clock = {"seconds": "I per s, D in s", "ticks": f"I and D by the tick of {short(1e3 * design.task.ecu.period)} ms"}
-    return headed(f"The same gains as [ecu] of rig.toml writes them: {notation.unit}, {clock[notation.form]}", table)
+    title = f"The same gains as [ecu] of rig.toml writes them: {notation.unit}, {clock[notation.form]}"
+    return table(title, ("rule", "P", "I", "D"), rows)
 
 
 def _proposed(design: Design) -> RenderableType:
     gains, ecu = design.chosen.gains, design.task.ecu
     assert gains is not None, "the proposed rule has gains"
-    native, written = design.written(gains, Notation(form="ticks")), written_for(design)
-    table = plain_table("proposed", "P", "I", "D", "unit")
-    table.add_row("continuous time", *(short(g, 5) for g in gains), "V/rad, s")
-    table.add_row(f"ticks of {short(1e3 * ecu.period)} ms", *(short(g, 5) for g in native), "V/rad, ticks")
+    native = design.written(gains, Notation(form="ticks"))
+    rows = [("continuous time", gains, "V/rad, s"), (f"ticks of {short(1e3 * ecu.period)} ms", native, "V/rad, ticks")]
     if (make := design.task.profile) is not None and make.notation is not None:
-        table.add_row(make.title, *(short(g, 5) for g in design.written(gains, make.notation)), make.notation.title)
+        rows.append((make.title, design.written(gains, make.notation), make.notation.title))
     if (own := design.fitted.config.notation) is not None:
-        table.add_row("as in rig.toml", *(short(g, 5) for g in design.written(gains, own)), own.title)
-    parts = [table, Text(), _curve(design), Text(_moving(design)), _unnamed() if written is None else snippet(written)]
-    return headed(f"Gains of {design.chosen.rule}, found {_ahead(design)}", Group(*parts))
-
-
-def _ahead(design: Design) -> str:
-    """With which terms of feed-forward, and whether there is any."""
+        rows.append(("as in rig.toml", design.written(gains, own), own.title))
+    made = filled(("proposed", "P", "I", "D", "unit"),
+                  [(name, *(short(g, 5) for g in each), unit) for name, each, unit in rows])  # fmt: skip
+    written = written_for(design)
+    ecus = Group(Text(), Text(f"{_UNNAMED} {', '.join(ECUS)}.")) if written is None else snippet(written)
+    # with which terms of feed-forward, and whether there is any
     others = listed(term for term in design.terms if term is not Term.SPRING)
-    return _spring(design) + (f"; with {' and '.join(others)} put ahead by code of yours" if others else "")
+    ahead = _spring(design) + (f"; with {' and '.join(others)} put ahead by code of yours" if others else "")
+    return headed(f"Gains of {design.chosen.rule}, found {ahead}",
+                  Group(made, Text(), _curve(design), Text(_moving(design)), ecus))  # fmt: skip
 
 
 def _moving(design: Design) -> str:
@@ -321,14 +309,7 @@ def _spring(design: Design) -> str:
 def _curve(design: Design) -> RenderableType:
     """Duty that holds the plate, and at which it begins to move."""
     bias, supply = design.bias, design.task.ecu.supply
-    table = plain_table("bias curve at, % of travel", "holding duty %", "opening %", "closing %")
-    table.columns[0].justify = "right"
     places = design.task.loop.share(bias.angles)
-    for place, *volts in zip(places, bias.hold, bias.opening, bias.closing, strict=True):
-        table.add_row(short(100.0 * float(place), 4), *(short(100.0 * float(v) / supply, 4) for v in volts))
-    return table
-
-
-def _unnamed() -> RenderableType:
-    said = "For no ECU in particular: --ecu NAME designs in its own controller and writes what to paste. NAME is one of"
-    return Group(Text(), Text(f"{said} {', '.join(ECUS)}."))
+    rows = [(short(100.0 * float(place), 4), *(short(100.0 * float(v) / supply, 4) for v in volts))
+            for place, *volts in zip(places, bias.hold, bias.opening, bias.closing, strict=True)]  # fmt: skip
+    return filled(("bias curve at, % of travel", "holding duty %", "opening %", "closing %"), rows, left=0)

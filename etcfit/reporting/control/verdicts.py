@@ -7,10 +7,10 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...control.design import Design
-from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, LoopFigures, Requirements
-from ...control.on_units import STABLE, OddOne, OnParts, PartsVerdict, Share
-from ...run_folder.design import design_json
-from ..blocks import headed, plain_table
+from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, Requirements
+from ...control.on_units import STABLE, OddOne, PartsVerdict, Share
+from ...run_folder.pid import design_json
+from ..blocks import filled, headed, plain_table
 from ..numbers import short
 from .sentence import sentence
 
@@ -33,11 +33,9 @@ def fleet_table(design: Design) -> RenderableType | None:
         lines.append(f"of {found.future.of} units drawn from the population, which the search did not know, "
                      f"{found.future.met} do: {share_in_words(found.future)}")  # fmt: skip
     lines += [f"{_OF[symbol].name} missed by {len(units)}: {some_of(units)}" for symbol, units in found.fails.items()]
-    table = plain_table("worst units", "hardest for it", "figure", "limit", "meets all")
-    for each in found.worst:
-        table.add_row(*hardest_cells(each))
+    worst = filled(("worst units", "hardest for it", "figure", "limit", "meets all"), map(hardest_cells, found.worst))
     said = (Text(f"  {line}") for line in lines)
-    return headed(f"{design.chosen.rule} on every unit of the fleet", Group(*said, table))
+    return headed(f"{design.chosen.rule} on every unit of the fleet", Group(*said, worst))
 
 
 def share_in_words(share: Share) -> str:
@@ -82,29 +80,23 @@ def _share(share: Share) -> str:
 def _words(design: Design, found: PartsVerdict) -> list[str]:
     """How to read it, and how the proposed gains fare outside the bench."""
     chosen = found.rules[design.chosen.rule]
+    place, requirement, figure, limit, meets = hardest_cells(found.corners.named(1)[0])
+    verdict = "met all the same" if meets == "yes" else "missed"
     said = [
         "share that meets everything by a stable loop: of the measured units by their shrunk values, and of units "
         f"drawn from the population of {found.where}; optimal is sought over the latter",
         f"{design.chosen.rule}: {share_in_words(chosen.drawn.share)} of such parts",
-        *_fails(chosen),
+        *(
+            f"{symbol.replace('_', ' ')} missed by {len(units)}: {some_of(units)}"
+            for symbol, units in chosen.measured.fails.items()
+        ),
         f"outside the bench: {found.share_at_corners.met} of {found.share_at_corners.of} units meet everything at "
         f"every corner of supply, winding and friction; {_share(found.anywhere.share)} of the drawn ones do, each "
         "under conditions of its own",
-        _hardest_corner(found),
+        f"hardest: {place}: {requirement} {figure}, asked {limit}: {verdict}",
         f"not told by the fleet, taken from the run: {', '.join(found.of_run) or 'nothing'}",
     ]
     return said + [f"not judged: {unit}, {why}" for unit, why in found.left_out.items()]
-
-
-def _fails(chosen: OnParts) -> list[str]:
-    return [f"{symbol.replace('_', ' ')} missed by {len(units)}: {some_of(units)}"
-            for symbol, units in chosen.measured.fails.items()]  # fmt: skip
-
-
-def _hardest_corner(found: PartsVerdict) -> str:
-    place, requirement, figure, limit, meets = hardest_cells(found.corners.named(1)[0])
-    verdict = "met all the same" if meets == "yes" else "missed"
-    return f"hardest: {place}: {requirement} {figure}, asked {limit}: {verdict}"
 
 
 def what_is_asked(asked: Requirements) -> str:
@@ -114,21 +106,16 @@ def what_is_asked(asked: Requirements) -> str:
 
 
 def scenario_table(design: Design) -> RenderableType:
-    """The proposed gains, scenario by scenario."""
-    table = plain_table("scenario", *(f"{FIGURES[symbol].heading} {FIGURES[symbol].unit}" for symbol in TRACKING))
-    for name, figures in design.chosen.scenarios.items():
-        table.add_row(name, *(short(getattr(figures, symbol)) for symbol in TRACKING))
+    """The proposed gains, scenario by scenario; below, the figures that have no column of their own."""
+    rows = [(name, *(short(getattr(figures, symbol)) for symbol in TRACKING))
+            for name, figures in design.chosen.scenarios.items()]  # fmt: skip
     metrics = design.chosen.nonlinear
     assert metrics is not None, "the proposed rule has gains"
-    heading = f"{design.chosen.rule} in every scenario (nonlinear model)"
-    return headed(heading, Group(table, Text(_cost(design, metrics))))
-
-
-def _cost(design: Design, metrics: LoopFigures) -> str:
-    """The figures that have no column of their own."""
     rest = {symbol: of for symbol, of in FIGURES.items() if not of.heading}
-    said = (f"{of.name} {short(getattr(metrics, symbol))} {of.unit}" for symbol, of in rest.items())
-    return f"{', '.join(said)}; the bridge has {design.settings.loop.bridge_ohm:g} ohm"
+    said = ", ".join(f"{of.name} {short(getattr(metrics, symbol))} {of.unit}" for symbol, of in rest.items())
+    made = filled(("scenario", *(f"{FIGURES[symbol].heading} {FIGURES[symbol].unit}" for symbol in TRACKING)), rows)
+    cost = Text(f"{said}; the bridge has {design.settings.loop.bridge_ohm:g} ohm")
+    return headed(f"{design.chosen.rule} in every scenario (nonlinear model)", Group(made, cost))
 
 
 def outside_the_bench(design: Design) -> list[str]:

@@ -17,7 +17,7 @@ from ...problem.prediction_error import PredictionError, logged_unit
 from ...problem.trace import Trace
 from ..numbers import short
 from ..pictures import all_traces
-from ..pool import Pool
+from ..pool import Pool, grouped
 from ..traces import source
 
 DEGREES = 180.0 / np.pi
@@ -128,16 +128,9 @@ def _entries(
     held_out: bool,
 ) -> list[Entry]:
     shared = {row.file for row in after}  # a trace of another rig has no error afterwards
-    was, now, then = _grouped([row for row in before if row.file in shared]), _grouped(after), _grouped(unknown)
+    was, now, then = grouped([row for row in before if row.file in shared]), grouped(after), grouped(unknown)
     return [Entry(*key, held_out, Pool.of(was[key]), Pool.of(now[key]), Pool.of(then[key]) if key in then else None)
             for key in was if key in now]  # fmt: skip
-
-
-def _grouped(rows: Sequence[PredictionError]) -> dict[tuple[str, str, str], list[PredictionError]]:
-    out: dict[tuple[str, str, str], list[PredictionError]] = {}
-    for row in rows:
-        out.setdefault((row.test, row.channel, row.unit), []).append(row)
-    return out
 
 
 def headline(diagnosis: Diagnosis) -> str:

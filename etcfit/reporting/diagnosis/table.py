@@ -11,11 +11,12 @@ from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, SetTried, S
 from ...diagnosis.probabilities import CALIBRATED, in_words
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
-from ..blocks import headed, plain_table, rig_title, sentences, spaced
+from ..blocks import filled, headed, outcome, rig_title, sentences, spaced, stacked, table
 from ..numbers import Digits, short
 from ..tables import STATUS_STYLE
 from .ledger import Entry, ledger
 
+_FILE = "RUN/diagnosis.json"
 _SHOWN = 5  # candidates a round
 
 
@@ -23,7 +24,8 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     """A diagnosis for stdout."""
     after = diagnosis.after
     model = " + ".join(["Eqs. 1-2", *diagnosis.final])
-    parts = [
+    ended = "The final fit converged", "THE FINAL FIT DID NOT CONVERGE"
+    return stacked(
         rig_title(after.rig.config, model),
         sentences("Verdict", diagnosis.verdict),
         _how_sure(diagnosis),
@@ -34,36 +36,25 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
         *(_candidates(k, each) for k, each in enumerate(diagnosis.rounds, start=1)),
         sentences("Looking back", [*diagnosis.removed, *map(_set, diagnosis.sets)]),
         _parameters(diagnosis.before, after),
-        _outcome(after),
+        spaced(outcome(after.converged, ended, f"{after.reason}; chi2/dof {short(after.chi2_per_dof, 4)}")),
         sentences("Warnings", after.warnings),
-    ]
-    return Group(*(part for part in parts if part is not None))
+    )
 
 
-def _ledger(entries: Sequence[Entry]) -> RenderableType:
-    open_ends = any(entry.unknown is not None for entry in entries)
-    heads = ["test", "channel", "data", "traces", "samples", "before", "after", "unit", "before/sigma", "after/sigma"]
-    curve = ["with unknown", "unknown/sigma"] if open_ends else []
-    table = plain_table(*heads, *curve, left=3, words=("unit",), spare=("samples", "traces", *curve[::-1]),
-                        file="RUN/diagnosis.json")  # fmt: skip
-    for entry in entries:
-        table.add_row(*_ledger_row(entry), *(_unknown(entry) if open_ends else ()))
+def _ledger(entries: Sequence[Entry]) -> RenderableType | None:
+    """One row a test and channel; the errors with a curve for what no effect explains where there is one."""
+    curve = ("with unknown", "unknown/sigma") if any(entry.unknown is not None for entry in entries) else ()
+    rows = []
+    for e in entries:
+        errors = short(e.before.rms), short(e.after.rms), e.unit or "1", short(e.before.ratio), short(e.after.ratio)
+        unknown = ("-", "-") if e.unknown is None else (short(e.unknown.rms), short(e.unknown.ratio))
+        rows.append((e.test, e.channel, "held out" if e.held_out else "fitted", str(e.before.traces),
+                     str(e.before.samples), *errors, *unknown[: len(curve)]))  # fmt: skip
     title = "The ledger: free-running error, rms, before and after the diagnosis; sigma: noise of one sample"
-    if open_ends:
-        title += "; unknown: with a smooth curve for what no effect explains"
-    return headed(title, table)
-
-
-def _ledger_row(entry: Entry) -> tuple[str, ...]:
-    before, after = entry.before, entry.after
-    which = "held out" if entry.held_out else "fitted"
-    count = str(before.traces), str(before.samples)
-    errors = short(before.rms), short(after.rms), entry.unit or "1", short(before.ratio), short(after.ratio)
-    return entry.test, entry.channel, which, *count, *errors
-
-
-def _unknown(entry: Entry) -> tuple[str, str]:
-    return ("-", "-") if entry.unknown is None else (short(entry.unknown.rms), short(entry.unknown.ratio))
+    title += "; unknown: with a smooth curve for what no effect explains" if curve else ""
+    head = "test", "channel", "data", "traces", "samples", "before", "after", "unit", "before/sigma", "after/sigma"
+    made = filled((*head, *curve), rows, left=3, words=("unit",), spare=("samples", "traces", *curve[::-1]), file=_FILE)
+    return headed(title, made)
 
 
 def _how_sure(diagnosis: Diagnosis) -> RenderableType | None:
@@ -77,12 +68,10 @@ def _how_sure(diagnosis: Diagnosis) -> RenderableType | None:
 
 
 def _stated(statements: Sequence[Statement]) -> RenderableType:
-    table = plain_table("effect", "how sure", "probability", "what else could be", "what would tell", left=2,
-                        prose=("what else could be", "what would tell"), file="RUN/diagnosis.json")  # fmt: skip
-    for each in statements:
-        others = in_words(each.instead) or "nothing that was tried"
-        table.add_row(each.effect, each.certainty, f"{each.probability:.2f}", others, each.told_by)
-    return table
+    rows = [(each.effect, each.certainty, f"{each.probability:.2f}", in_words(each.instead) or "nothing that was tried",
+             each.told_by) for each in statements]  # fmt: skip
+    head = "effect", "how sure", "probability", "what else could be", "what would tell"
+    return filled(head, rows, left=2, prose=("what else could be", "what would tell"), file=_FILE)
 
 
 def _unexplained(diagnosis: Diagnosis) -> list[str]:
@@ -115,14 +104,11 @@ def _rounds(rounds: Sequence[RoundReport]) -> RenderableType:
 
 
 def _candidates(k: int, each: RoundReport) -> RenderableType | None:
-    if not each.candidates:
-        return None
-    table = plain_table("effect", "outcome", "screened gain", "fit ratio", "held-out ratio", "BIC", left=2,
-                        spare=("screened gain",), file="RUN/diagnosis.json")  # fmt: skip
-    for candidate in each.candidates[:_SHOWN]:
-        table.add_row(*_candidate(candidate, each))
     rest = len(each.candidates) - _SHOWN
-    return headed(f"Round {k}, candidates" + (f", the first {_SHOWN} of {_SHOWN + rest}" if rest > 0 else ""), table)
+    title = f"Round {k}, candidates" + (f", the first {_SHOWN} of {_SHOWN + rest}" if rest > 0 else "")
+    head = "effect", "outcome", "screened gain", "fit ratio", "held-out ratio", "BIC"
+    rows = [_candidate(candidate, each) for candidate in each.candidates[:_SHOWN]]
+    return table(title, head, rows, left=2, spare=("screened gain",), file=_FILE)
 
 
 def _candidate(candidate: Candidate, each: RoundReport) -> tuple[str, ...]:
@@ -137,24 +123,21 @@ def _candidate(candidate: Candidate, each: RoundReport) -> tuple[str, ...]:
     return candidate.effect, mark, short(candidate.screened), *ratios, bic
 
 
-def _parameters(before: FitResult, after: FitResult) -> RenderableType:
+def _parameters(before: FitResult, after: FitResult) -> RenderableType | None:
     """The gear ratio is left out: nothing changes it."""
     was, now = intervals(before), intervals(after)
-    units = {
-        p.symbol: p.unit for p in (*before.free_parameters.layout.parameters, *after.free_parameters.layout.parameters)
-    }
-    table = plain_table(
-        "parameter", "before", "95 % interval before", "after", "95 % interval after", "unit", "status",
-        words=("unit",), prose=("status",), spare=("95 % interval before", "before"), file="RUN/fit.json",
-    )  # fmt: skip
+    units = {p.symbol: p.unit for fit in (before, after) for p in fit.free_parameters.layout.parameters}
+    rows = []
     for symbol in dict.fromkeys((*was, *now)):
         if symbol != "N":
             interval = now.get(symbol) or was[symbol]
             status = interval.status if symbol in now else "no longer there"
             status += f" ({interval.remark})" if interval.remark and symbol in now else ""
-            table.add_row(symbol, *_figures(was.get(symbol)), *_figures(now.get(symbol)), units[symbol],
-                          Text(status, style=STATUS_STYLE[interval.status]))  # fmt: skip
-    return headed("Parameters before and after", table)
+            rows.append((symbol, *_figures(was.get(symbol)), *_figures(now.get(symbol)), units[symbol],
+                         Text(status, style=STATUS_STYLE[interval.status])))  # fmt: skip
+    head = "parameter", "before", "95 % interval before", "after", "95 % interval after", "unit", "status"
+    return headed("Parameters before and after", filled(head, rows, words=("unit",), prose=("status",),
+                  spare=("95 % interval before", "before"), file="RUN/fit.json"))  # fmt: skip
 
 
 def _figures(i: Interval | None) -> tuple[str, str]:
@@ -162,9 +145,3 @@ def _figures(i: Interval | None) -> tuple[str, str]:
         return "-", "-"
     digits = Digits.of(i.value, i.spread)
     return digits(i.value), digits.span(i.low, i.high)
-
-
-def _outcome(after: FitResult) -> RenderableType:
-    style = "bold green" if after.converged else "bold red"
-    word = "The final fit converged" if after.converged else "THE FINAL FIT DID NOT CONVERGE"
-    return spaced(Text.assemble((word, style), f": {after.reason}; chi2/dof {short(after.chi2_per_dof, 4)}"))

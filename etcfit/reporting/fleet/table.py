@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
-from ..blocks import PlainTable, headed, plain_table, sentences
+from ..blocks import sentences, stacked, table
 from ..numbers import Digits, short
 from .words import JUDGEMENT, Content, Judgement, title, verdict
 
@@ -23,7 +23,7 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
         content: fleet.json.
         judgement: when a figure is called bad.
     """
-    parts = [
+    return stacked(
         _head(content, judgement),
         _population(content, judgement),
         _capability(content, judgement),
@@ -34,8 +34,7 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
         _gauge(content, judgement),
         _without("Not converged", content.get("not_converged") or ()),
         _without("Failed, and in nothing above", content.get("failed") or ()),
-    ]
-    return Group(*(part for part in parts if part is not None))
+    )
 
 
 def _head(content: Content, judgement: Judgement) -> RenderableType:
@@ -46,28 +45,19 @@ def _head(content: Content, judgement: Judgement) -> RenderableType:
     return Group(head, *lines)
 
 
-def _titled(name: str, table: PlainTable) -> RenderableType | None:
-    return headed(name, table) if table.row_count else None
-
-
 def _population(content: Content, judgement: Judgement) -> RenderableType | None:
-    table = plain_table(
-        "parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk",
-        "units that tell it", "unit", words=("unit",), file=_FILE,
-        spare=("units that tell it", "95 % interval of spread", "95 % interval of mean"),
-    )  # fmt: skip
+    rows = []
     for symbol, each in (content.get("population") or {}).items():
         mean = _by(each["mean"], each["mean_ci95"], each["sd"])
-        shared = each.get("shared", False)
-        spread = (Text("shared by all", style="dim"), "-") if shared else (
+        spread = (Text("shared by all", style="dim"), "-") if each.get("shared", False) else (
             _by(each["sd"], each["sd_ci95"], None), _span(each["sd_ci95"]))  # fmt: skip
-        cells = (mean, _span(each["mean_ci95"]), *spread)
-        table.add_row(symbol, *cells, _cpk(each.get("cpk"), judgement), _count(each.get("informed")), each["unit"])
-    return _titled("Population", table)
-
-
-def _count(count: int | None) -> str:
-    return "-" if count is None else f"{count:,}"
+        count = "-" if (informed := each.get("informed")) is None else f"{informed:,}"
+        rows.append((symbol, mean, _span(each["mean_ci95"]), *spread, _cpk(each.get("cpk"), judgement), count,
+                     each["unit"]))  # fmt: skip
+    head = ("parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk",
+            "units that tell it", "unit")  # fmt: skip
+    spare = "units that tell it", "95 % interval of spread", "95 % interval of mean"
+    return table("Population", head, rows, words=("unit",), spare=spare, file=_FILE)
 
 
 def _by(value: float | None, interval: Sequence[float] | None, spread: float | None) -> str:
@@ -88,25 +78,23 @@ def _cpk(value: float | None, judgement: Judgement) -> Text:
 
 
 def _capability(content: Content, judgement: Judgement) -> RenderableType | None:
-    table = plain_table(
-        "limit of", "low", "high", "mean", "spread, 1 sd", "Cp", "Cpk", "95 % interval of Cpk", "outside", "unit",
-        words=("unit",), spare=("Cp", "95 % interval of Cpk", "spread, 1 sd"), file=_FILE,
-    )  # fmt: skip
+    rows = []
     for name, each in (content.get("capability") or {}).items():
         of = Digits.of(each["mean"] or 0.0, each["sd"])
-        limits = short(each["low"], 4), short(each["high"], 4)
         outside = "-" if each["outside"] is None else f"{short(100.0 * each['outside'], 2)} %"
-        table.add_row(name, *limits, of(each["mean"]), of(each["sd"]), short(each["cp"]), _cpk(each["cpk"], judgement),
-                      _span(each["cpk_ci95"]), outside, each["unit"])  # fmt: skip
-    return _titled("Specification limits", table)
+        rows.append((name, short(each["low"], 4), short(each["high"], 4), of(each["mean"]), of(each["sd"]),
+                     short(each["cp"]), _cpk(each["cpk"], judgement), _span(each["cpk_ci95"]), outside,
+                     each["unit"]))  # fmt: skip
+    head = ("limit of", "low", "high", "mean", "spread, 1 sd", "Cp", "Cpk", "95 % interval of Cpk", "outside", "unit")
+    spare = "Cp", "95 % interval of Cpk", "spread, 1 sd"
+    return table("Specification limits", head, rows, words=("unit",), spare=spare, file=_FILE)
 
 
 def _odd(content: Content) -> RenderableType | None:
     odd = content.get("odd") or ()
-    table = plain_table("unit", "why", "distance", "p", left=2, prose=("why",), spare=("distance",), file=_FILE)
-    for each in odd[:_MOST]:
-        table.add_row(each["unit"], each["why"], short(each["distance"]), short(each["p"], 2))
-    return _titled(_of("Odd units, the oddest first", len(odd)), table)
+    rows = [(each["unit"], each["why"], short(each["distance"]), short(each["p"], 2)) for each in odd[:_MOST]]
+    return table(_of("Odd units, the oddest first", len(odd)), ("unit", "why", "distance", "p"), rows, left=2,
+                 prose=("why",), spare=("distance",), file=_FILE)  # fmt: skip
 
 
 def _of(name: str, count: int) -> str:
@@ -114,45 +102,40 @@ def _of(name: str, count: int) -> str:
 
 
 def _drift(content: Content) -> RenderableType | None:
-    table = plain_table("drift of", "since unit", "size", "unit", "in sd", "p", left=2, words=("unit",))
-    for each in content.get("drift") or ():
-        table.add_row(each["symbol"], each["since"], f"{each['size']:+.3g}", each.get("unit"),
-                      _signed(each.get("size_sd")), short(each.get("p"), 2))  # fmt: skip
-    return _titled("Drift", table)
-
-
-def _signed(value: float | None) -> str:
-    return "-" if value is None else f"{value:+.2g}"
+    rows = [(each["symbol"], each["since"], f"{each['size']:+.3g}", each.get("unit"),
+             "-" if (sd := each.get("size_sd")) is None else f"{sd:+.2g}", short(each.get("p"), 2))
+            for each in content.get("drift") or ()]  # fmt: skip
+    return table("Drift", ("drift of", "since unit", "size", "unit", "in sd", "p"), rows, left=2, words=("unit",))
 
 
 def _effects(content: Content) -> RenderableType | None:
-    table = plain_table("effect", "units with it", "of", "median", "parameter", "unit", words=("parameter", "unit"))
-    for name, each in (content.get("effects") or {}).items():
-        table.add_row(name, f"{len(each['units']):,}", f"{each['of']:,}", short(each["median"]), each.get("symbol"),
-                      each.get("unit"))  # fmt: skip
-    return _titled("Effects beyond Eqs. 1-2", table)
+    rows = [(name, f"{len(each['units']):,}", f"{each['of']:,}", short(each["median"]), each.get("symbol"),
+             each.get("unit")) for name, each in (content.get("effects") or {}).items()]  # fmt: skip
+    head = "effect", "units with it", "of", "median", "parameter", "unit"
+    return table("Effects beyond Eqs. 1-2", head, rows, words=("parameter", "unit"))
 
 
 def _figures(content: Content) -> RenderableType | None:
-    table = plain_table("figure", "meaning", "mean", "spread, 1 sd", "95 % of units", "unit", left=2, words=("unit",),
-                        prose=("meaning",), spare=("meaning",), file=_FILE)  # fmt: skip
+    rows = []
     for name, each in (content.get("figures") or {}).items():
         of = Digits.of(each["mean"] or 0.0, each["sd"])
         cells = of(each["mean"]), of(each["sd"]), of.span(each["low"], each["high"])
-        table.add_row(name.replace("_", " "), each["meaning"], *cells, each["unit"])
-    return _titled("What the line measures", table)
+        rows.append((name.replace("_", " "), each["meaning"], *cells, each["unit"]))
+    head = "figure", "meaning", "mean", "spread, 1 sd", "95 % of units", "unit"
+    return table("What the line measures", head, rows, left=2, words=("unit",), prose=("meaning",), spare=("meaning",),
+                 file=_FILE)  # fmt: skip
 
 
 def _gauge(content: Content, judgement: Judgement) -> RenderableType | None:
-    table = plain_table("gauge of", "repeatability", "reproducibility", "part", "total", "R&R", "ndc", "unit",
-                        words=("unit",), spare=("total", "part"), file=_FILE)  # fmt: skip
+    rows = []
     for name, each in (content.get("gauge") or {}).items():
         sizes = (short(each[key]) for key in ("repeatability", "reproducibility", "part", "total"))
         share: Any = each["rr_percent"]
         bad = share is not None and share > judgement.gauge
         percent = Text("-" if share is None else f"{short(share)} %", style="bold red" if bad else "")
-        table.add_row(name, *sizes, percent, short(each["ndc"], 2), each["unit"])
-    return _titled("Gauge R&R, standard deviations", table)
+        rows.append((name, *sizes, percent, short(each["ndc"], 2), each["unit"]))
+    head = "gauge of", "repeatability", "reproducibility", "part", "total", "R&R", "ndc", "unit"
+    return table("Gauge R&R, standard deviations", head, rows, words=("unit",), spare=("total", "part"), file=_FILE)
 
 
 def _without(name: str, units: Sequence[Any]) -> RenderableType | None:

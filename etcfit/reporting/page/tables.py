@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from ...problem.prediction_error import PredictionError
 from ..html import Table, measured, number, span, symbol, unit
-from ..pool import Pool
+from ..pool import Pool, grouped
 from .contents import Contents, rows_of
 
 LOST, COMPROMISE = "not identifiable", "compromise"
@@ -117,7 +116,4 @@ def _pairs(before: Any, after: Any) -> Iterable[tuple[Key, Pool, Pool]]:
 
 
 def _pools(rows: Any) -> dict[Key, Pool]:
-    groups: dict[Key, list[PredictionError]] = {}
-    for row in rows_of(rows):
-        groups.setdefault((row.test, row.channel, row.unit), []).append(row)
-    return {key: Pool.of(group) for key, group in groups.items()}
+    return {key: Pool.of(group) for key, group in grouped(rows_of(rows)).items()}

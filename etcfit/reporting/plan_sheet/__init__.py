@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 
 from ...experiment.campaign import Campaign, PlannedTest, band, logger
 from ...experiment.plan import channels
@@ -18,7 +18,7 @@ from ...files import whole
 from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
 from .. import style
-from ..blocks import headed, plain_table, rig_title, sentences
+from ..blocks import rig_title, sentences, stacked, table
 from ..html import Table, environment
 from ..html import symbol as typeset_symbol
 from ..numbers import short
@@ -30,31 +30,30 @@ from ..traces import stack
 def plan_table(campaign: Campaign) -> RenderableType:
     """A campaign for stdout."""
     why = list(dict.fromkeys(why for _, why in campaign.left_out))
-    parts = [
+    return stacked(
         rig_title(campaign.rig.config, f"the next {len(campaign.tests)} tests, {campaign.seconds:.0f} s of log"),
         _tests(campaign),
         _expected(campaign),
         sentences("Cautions", campaign.cautions),
         sentences(f"Left out: {len(campaign.left_out)} candidates would exceed a limit, for example", why[:3]),
-    ]
-    return Group(*(part for part in parts if part is not None))
+    )
 
 
-def _tests(campaign: Campaign) -> RenderableType:
-    table = plain_table("record as", "what", "current, A", "winding, degC", "pause, s", left=2, prose=("what",),
-                        paths=("record as",))  # fmt: skip
+def _tests(campaign: Campaign) -> RenderableType | None:
+    rows = []
     for test in campaign.tests:
         note = campaign.remark(test)
         says = test.candidate.plan.says + (f" ({note})" if note else "")
-        table.add_row(test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}")
-    return headed("In this order", table)
+        rows.append((test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}"))
+    head = "record as", "what", "current, A", "winding, degC", "pause, s"
+    return table("In this order", head, rows, left=2, prose=("what",), paths=("record as",))
 
 
-def _expected(campaign: Campaign) -> RenderableType:
-    table = plain_table("parameter", "standard error now, %", "expected after all tests, %", "expected/now")
-    for symbol, now, expected in zip(campaign.symbols, campaign.now, campaign.expected, strict=True):
-        table.add_row(symbol, short(100.0 * now, 2), short(100.0 * expected, 2), f"{expected / now:.2f}")
-    return headed("What these tests will tell", table)
+def _expected(campaign: Campaign) -> RenderableType | None:
+    rows = [(symbol, short(100.0 * now, 2), short(100.0 * then, 2), f"{then / now:.2f}")
+            for symbol, now, then in zip(campaign.symbols, campaign.now, campaign.expected, strict=True)]  # fmt: skip
+    head = "parameter", "standard error now, %", "expected after all tests, %", "expected/now"
+    return table("What these tests will tell", head, rows)
 
 
 def amps(test: PlannedTest) -> float:

@@ -1,10 +1,10 @@
-"""What the statistics of a fleet decide by, as far as it may be set; other thresholds stand by their formulas."""
+"""What statistics and engine of a fleet decide by, as far as it may be set; other thresholds are by their formulas."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...ranges import check_ranges, real
+from ..ranges import check_ranges, real, whole
 
 
 @dataclass(frozen=True)
@@ -46,3 +46,41 @@ class FleetSettings:
 
 
 DEFAULT = FleetSettings()
+
+
+@dataclass(frozen=True)
+class EngineSettings:
+    """When a unit is given up, and in which portions units are handed out.
+
+    Args:
+        tries: workers on which a unit is tried whose worker dies, or whose worker has no room left; then it has failed.
+        time_limit: s that one unit may take.
+        grace: s after which a unit that cannot be stopped at its time limit costs its worker process.
+        portion: s of work that one task holds, so that tiny units share the price of a task.
+        largest_portion: units in one task.
+    """
+
+    tries: int = whole(2, 1, 10)
+    time_limit: float = real(900.0, above=0.0, high=1e6)
+    grace: float = real(30.0, above=0.0, high=1e5)
+    portion: float = real(0.3, above=0.0, high=60.0)
+    largest_portion: int = whole(256, 1, 10_000)
+
+    __post_init__ = check_ranges
+
+
+@dataclass(frozen=True)
+class StoreSettings:
+    """How often results reach the disk, and how many files they may make.
+
+    Args:
+        flush: s after which what came back is on disk, so that a killed client loses no more.
+        merge: files of one size that are made one; n units leave about merge log_merge(n) files.
+        rows: of a Parquet row group, and held in memory when files are made one.
+    """
+
+    flush: float = real(1.0, above=0.0, high=3600.0)
+    merge: int = whole(16, 2, 1000)
+    rows: int = whole(1000, 1, 1_000_000)
+
+    __post_init__ = check_ranges

@@ -7,8 +7,7 @@ import json
 import pytest
 
 import fleets
-from etcfit.fleets.line import FIGURES, Condition, measured
-from etcfit.fleets.prediction import predict
+from etcfit.fleets.line import FIGURES, Condition, measured, predict
 from etcfit.run_folder.fleet import figures_json, predictions_json
 
 

@@ -1,0 +1,440 @@
+"""pid.json, declared: every key, what it means and which figure of a design it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..control.design import Design
+from ..control.loop_figures import MARGINS, REQUIRED, LoopFigures
+from ..control.on_units import Share
+from ..control.pid.ecu import UNIT
+from ..files import plain
+from ..model.feed_forward import listed
+from .declared import Record, by_name, figures, key, list_of
+from .design import (
+    as_written,
+    ecu_with_gains,
+    jam_with_names,
+    rules_as_written,
+    rusefi,
+    supply_table_json,
+    written_for,
+)
+from .fit import versions
+
+
+def design_json(design: Design) -> dict[str, Any]:
+    """The object of pid.json. A settling time is null where no response settles, a margin where there is none."""
+    return plain(PID.written(design))
+
+
+def _ends(share: Share) -> list[float]:
+    return [share.low, share.high]
+
+
+METRICS = figures(
+    LoopFigures,
+    "How well a loop follows its setpoint, and what that costs; null is infinite, absent, or not computed there.",
+    ref="metrics",
+)
+MODEL = Record(
+    effects=key("[text]", "Names of all its effects, those of Eqs. 1-2 among them (see the catalogue of effects).",
+        lambda fitted: [each.name for each in fitted.free_parameters.layout.types]),
+)  # fmt: skip
+FIT_STATE = Record(
+    chi2_per_dof=key("number?", "Of its residual, per degree of freedom; 1 where only noise is left."),
+    converged=key("flag", "Whether it is at an optimum."),
+    reason=key("text", "In words why (not)."),
+    compromise=key("text?", "Why its parameters are no estimates; null where they are. Else errors and draws are as "
+        "wide as the ranges that subsets of the data give, and a share of draws is no probability."),
+)  # fmt: skip
+GAINS = Record(
+    Kp=key("number", "V/rad."),
+    Ki=key("number", "V/(rad s)."),
+    Kd=key("number", "V s/rad."),
+    unit=key("text", "Of Kp.", lambda _: UNIT, const="V/rad"),
+)  # fmt: skip
+ECU = Record(
+    P=key("number", "V/rad."),
+    I=key("number", "V/rad for each tick."),
+    D=key("number", "V/rad times ticks."),
+    period_s=key("number", "T, its clock.", "period"),
+    unit=key("text", "Of the three.", lambda _: UNIT),
+    supply_V=key("number", "Its output stays within plus and minus this.", "supply"),
+    derivative_filter_s=key("number", "Low-pass of the derivative.", "filter"),
+    delay_s=key("number", "From reading to acting.", "delay"),
+    pwm_V=key("number", "Step of its output; 0 for none.", "pwm"),
+    resolution_rad=key("number", "Step of the position it reads.", "resolution"),
+    duty_limit=key("number", "Largest that it puts out, share of the supply.", "duty", optional=True),
+    integral_limit=key("number?", "Largest that its integral may hold, share of the supply; null where it stands "
+        "still at the output's limit instead.", lambda ecu: ecu["integral"] or None, optional=True),
+    slew_V_per_s=key("number?", "Largest change of its output; null for none.",
+        lambda ecu: ecu["slew"] or None, optional=True),
+    dead_band_rad=key("number", "Error within which its integral stands still.", "dead_band", optional=True),
+    setpoint_weight=key("number", "b, its proportional part acts on b setpoint - position.", optional=True),
+    derivative_weight=key("number", "c, its derivative is that of c setpoint - position; 0 for a derivative of the "
+        "position alone.", optional=True),
+    noise_rad=key("number", "Standard deviation of one position reading.", "noise", optional=True),
+    input_filter_s=key("number", "Time constant of the filter ahead of its converter; 0 for none.",
+        "lag", optional=True),
+    divides_by_battery=key("flag", "Whether it divides its output by the battery voltage, so that the output means "
+        "volts.", lambda ecu: bool(ecu["compensated"]), optional=True),
+)  # fmt: skip
+AS_WRITTEN = Record(
+    P=key("number", "Proportional."),
+    I=key("number", "Integral."),
+    D=key("number", "Derivative."),
+    unit=key("text", "Output over error, such as %/%."),
+    form=key("text", "ticks or seconds."),
+)  # fmt: skip
+CORNER = Record(
+    supply_V=key("number", "There.", lambda corner: corner[0]),
+    winding_degC=key("number", "There.", lambda corner: corner[1]),
+    friction_over_bench=key("number", "There.", lambda corner: corner[2]),
+)  # fmt: skip
+CONDITIONS = Record(
+    supply_V=key("[number]", "Least and largest.", "settings.conditions.supply"),
+    winding_degC=key("[number]", "Coldest and hottest.", "settings.conditions.winding"),
+    friction_over_bench=key("[number]", "Least and largest.", "settings.conditions.friction"),
+    worst=key(METRICS, "Of the fitted model at all corners of the conditions, each figure at its worst.",
+        "robust.worst"),
+    hardest=key(CORNER, "Corner at which most is missed, or least is left.", "robust.corner"),
+    met=key("{flag}", "By requirement, at every corner.", "robust.met"),
+    stable=key("flag", "The linear loop is, at every corner.", "robust.stable"),
+    probability_met=key("number", "Share of the draws, each under conditions drawn for it, that meet every "
+        "requirement.", "robust.probability_met"),
+)  # fmt: skip
+TABLE_GAINS = Record(
+    P=key("[number]", "Proportional."),
+    I=key("[number]", "Integral."),
+    D=key("[number]", "Derivative."),
+)  # fmt: skip
+TABLE_END = Record(
+    "One supply.",
+    supply_V=key("number", "Of the car."),
+    fixed=key(METRICS, "With the gains as they are."),
+    table=key(METRICS, "With those of the table, feed-forward divided likewise."),
+    helps=key("flag", "The table follows more closely."),
+)  # fmt: skip
+OVER_POSITION = Record(
+    crossover_Hz=key("number", "Of the loop at a quarter of the travel."),
+    within_pct=key("number", "Differences up to this count as none."),
+    share_of_travel_within=key("number", "Where the plant's gain at the crossover differs by no more."),
+    least_ratio=key("number", "Of that gain to the one at a quarter of the travel, anywhere."),
+    largest_ratio=key("number", "Likewise."),
+)  # fmt: skip
+SUPPLY_TABLE = Record(
+    ecu_has=key("text?", "Whether the named make of ECU has one: table, code (yours sets the gains), none, or "
+        "unknown; null where none was named.", enum=["table", "code", "none", "unknown", None]),
+    designed_at_V=key("number", "Supply for which `gains` were found."),
+    supply_V=key("[number]", "At each point of the table."),
+    gains=key(TABLE_GAINS, "At each of these supplies, as the ECU writes them."),
+    unit=key("text", "Output over error, such as %/%."),
+    form=key("text", "ticks or seconds."),
+    worst=key(list_of(TABLE_END), "At the ends of a car's supply, each figure at its worst of winding and friction "
+        "there."),
+    position=key(OVER_POSITION, "Whether a table over the position had anything to do."),
+    says=key("[text]", "The same in words."),
+)  # fmt: skip
+FRONT_POINT = Record(
+    "One point.",
+    gains=key(GAINS, "v = Kp e + Ki integral of e + Kd de/dt, e in rad, v in V."),
+    duty_activity_limit_pct=key("number?", "Null for none.", "limit"),
+    duty_activity_pct=key("number", "Of these gains.", "activity"),
+    rmse_pct=key("number", "Tracking error, of the travel.", "rmse"),
+    met=key("flag", "They meet everything else, with the search's reserve.", "meets"),
+)  # fmt: skip
+ENVELOPE = Record(
+    error_pct=key("[number]", "Thresholds of the error that the ECU sees, rising.", "errors", 100.0),
+    longest_s=key("[number]", "For how long the error was larger without a break, the longest of all.", "longest"),
+    largest_pct=key("number", "The largest error of all.", "largest", 100.0),
+    models=key("whole", "How many were tried."),
+)  # fmt: skip
+JAM = Record(
+    error_pct=key("number", "Threshold.", "check.error", 100.0),
+    timeout_s=key("number", "Timeout.", "check.timeout"),
+    longest_above_s=key("number", "For how long a sound throttle was further off.", "check.longest"),
+    sustained_pct=key("number", "Error that a sound throttle keeps up for the timeout, 0 for none of those tried.",
+        "check.sustained", 100.0),
+    told_after_s=key("{number?}", "By scenario, from its first change until a plate that is held since is told; null "
+        "for never.", "check.tells"),
+    written=key("{number}?", "As the named ECU writes it; null where its settings are not known."),
+)  # fmt: skip
+SENSOR_FAULT = Record(
+    "One fault.",
+    fault=key("text", "In words."),
+    asked_pct=key("number", "Setpoint since then.", "asked", 100.0),
+    opens_pct=key("number", "Widest opening that no check stops.", "opens", 100.0),
+    jam_after_s=key("number?", "Until the jam check has told it; null where it does not in every model.", "jam_after"),
+    jam_opens_pct=key("number", "Widest opening with the jam check.", "jam_opens", 100.0),
+    apart_after_s=key("number?", "Likewise with the check of two sensors against each other beside it.", "apart_after"),
+    apart_opens_pct=key("number", "Widest opening with both.", "apart_opens", 100.0),
+)  # fmt: skip
+SAG = Record(
+    "One sag at one opening.",
+    name=key("text", "dip or crank."),
+    opening_pct=key("number", "Held.", "opening", 100.0),
+    closes_pct=key("number", "By how much the plate falls.", "closes", 100.0),
+    opens_pct=key("number", "By how much it overshoots.", "opens", 100.0),
+    back_after_s=key("number?", "From the supply's return until the plate stays near its setpoint; null for not while "
+        "watched.", "back_after"),
+    integral_pct=key("number", "Largest change of the integral, of the supply.", "wound", 100.0),
+    false_trip=key("flag?", "The jam check would take it for a jam; null where none is proposed."),
+)  # fmt: skip
+RETURN = Record(
+    "From one opening.",
+    opening_pct=key("number", "At which the current is cut.", "opening", 100.0),
+    open_terminals_s=key("number?", "Until it stays near the limp-home position, or the closed stop where there is "
+        "none; null for not while watched.", "cut_s"),
+    shorted_terminals_s=key("number?", "Likewise on shorted terminals.", "shorted_s"),
+    rests_pct=key("[number]", "Where it comes to rest, least and largest.", "rests", 100.0),
+)  # fmt: skip
+HOLDING = Record(
+    position_pct=key("[number]", "Of the other rows.", "shares", 100.0),
+    current_A=key("[number]", "In the middle of the dry friction.", "current"),
+    closing_A=key("[number]", "About to close.", "closing"),
+    opening_A=key("[number]", "About to open.", "opening"),
+    winding_W=key("[number]", "Heat in the winding.", "watts"),
+    winding_rise_K=key("[number]?", "By which the winding is warmer in the long run; null where its heating is not "
+        "known.", "rise"),
+    full_duty_A=key("number", "Current at the full duty against a stop.", "stall_A"),
+    full_duty_W=key("number", "Heat of it in the winding.", "stall_W"),
+    full_duty_s=key("number?", "Until the winding is as hot as the settings allow; null for never, or where its "
+        "heating is not known.", "longest"),
+    heating_known=key("flag", "The model has the winding's heating.", lambda holding: holding.rise is not None),
+)  # fmt: skip
+SAFETY = Record(
+    envelope=key(ENVELOPE, "How far off a sound throttle is, in every scenario, over all draws under conditions drawn "
+        "for them and the corners of the conditions.", "safety.envelope"),
+    jam=key(JAM, "Jam check proposed: the least threshold whose timeout, with the reserve of the settings, is short "
+        "enough; null where none is.", jam_with_names, null=True),
+    sensor=key(list_of(SENSOR_FAULT), "Faults of the position sensor at a quarter of the travel, each figure the "
+        "worst of the models.", "safety.sensors"),
+    supply=key(list_of(SAG), "Sags of the supply while an opening is held, each figure the worst of the models.",
+        "safety.sags"),
+    unpowered=key(list_of(RETURN), "The plate without a current, each figure the worst of the models.",
+        "safety.returns"),
+    holding=key(HOLDING, "Holding the plate, fitted model at the bench's temperature.", "safety.holding"),
+)  # fmt: skip
+OVER_DRAWS = Record(
+    probability_met=key("number?", "Share of draws that meet every requirement, by a stable loop.",
+        "chosen.probability_met"),
+    probability_margins=key("number?", "Share of draws with the margins asked for.", "chosen.probability_stable"),
+    draws=key("whole", "How many."),
+    origin=key("text", "posterior, or laplace where there is none; fleet where the draws are units of a fleet and the "
+        "nominal model is their mean."),
+)  # fmt: skip
+SETPOINT = Record(
+    times_s=key("[number]", "Corners.", "times"),
+    shares_of_travel=key("[number]", "Corners, 0 to 1.", "shares"),
+    scenarios=key("[text]", "Names, in their order.", optional=True),
+)  # fmt: skip
+BIAS_CURVE = Record(
+    angles_rad=key("[number]", "Rising.", "angles"),
+    hold_V=key("[number]", "In the middle of the dry friction: the bias curve.", "hold"),
+    closing_V=key("[number]", "At which it is about to close.", "closing"),
+    opening_V=key("[number]", "At which it is about to open.", "opening"),
+)  # fmt: skip
+FRICTION_AHEAD = Record(
+    opening_V=key("number", "Ahead while the setpoint rises.", "opening"),
+    closing_V=key("number", "Taken off while it falls.", "closing"),
+    full_from_rad_per_s=key("number", "Rate from which on it is all there.", "full"),
+)  # fmt: skip
+RATE_AHEAD = Record(
+    V_s_per_rad=key("number", "N K_b + R_a (N^2 B_m + B_L) / (N K_m).", "slope"),
+)  # fmt: skip
+AHEAD = Record(
+    terms=key("[text]", "With which the gains were found: spring (the bias curve), friction, rate.",
+        lambda design: listed(design.terms), items={"type": "string", "enum": ["spring", "friction", "rate"]}),
+    friction=key(FRICTION_AHEAD, "Of dry friction: by the sign of the setpoint's rate, straight where that is small.",
+        "sliding"),
+    rate=key(RATE_AHEAD, "Of back-EMF and viscous drag: in proportion to the setpoint's rate.", "sliding"),
+    rate_filter_s=key("number", "Time constant of the filter of that rate; the derivative's.", "task.ecu.filter"),
+)  # fmt: skip
+RULE = Record(
+    "One rule.",
+    gains=key(GAINS, "v = Kp e + Ki integral of e + Kd de/dt, e in rad, v in V.", "tuned.gains", null=True),
+    as_written=key(AS_WRITTEN, "The gains as the ECU of [ecu] in rig.toml writes them: numbers to type in; null where "
+        "it names no unit.", null=True),
+    why_not=key("text?", "Why it has no gains; null where it has.", lambda rule: rule["tuned"].why or None),
+    linear=key(METRICS, "On the linear model; null without gains.", "tuned.linear", null=True),
+    nonlinear=key(METRICS, "On the nonlinear model; null without gains.", "tuned.nonlinear", null=True),
+    met=key("{flag}", "By requirement.", "tuned.met"),
+    stable=key("flag", "As above; false without gains.", "tuned.stable", optional=True),
+    probability_met=key("number?", "As above.", "tuned.probability_met"),
+    probability_margins=key("number?", "As above.", "tuned.probability_stable"),
+)  # fmt: skip
+RUSEFI_GAINS = Record(
+    pFactor=key("number", "Proportional."),
+    iFactor=key("number", "Per s."),
+    dFactor=key("number", "Times s."),
+    periodMs=key("number", "Clock; fixed there."),
+    minValue=key("number", "Limit of what the PID asks for; the duty itself stays within 90 %."),
+    maxValue=key("number", "Limit of what the PID asks for; the duty itself stays within 90 %."),
+    etbBiasBins=key("[number]", "Position, % of travel."),
+    etbBiasValues=key("[number]", "Duty that holds it, %."),
+    gains_found_with_bias=key("flag", "Leave the bias table at 0 where false."),
+    unit=key("text", "Of the gains."),
+    etb_iTermMin=key("number", "Least integral, % of duty.", optional=True),
+    etb_iTermMax=key("number", "Largest integral, % of duty.", optional=True),
+    duty_closing=key("[number]", "Duty at which the plate is about to close at these positions, %.", optional=True),
+    duty_opening=key("[number]", "Duty at which the plate is about to open at these positions, %.", optional=True),
+)  # fmt: skip
+TYPED_GAIN = Record(
+    value=key("number", "To type in; of an ECU whose unit is not published the most useful share that is known, see "
+        "`unit`."),
+    unit=key("text", "Of it, such as %/%, per s; of an ECU whose unit is not published what `value` is a share of."),
+    of_present=key("number?", "Over the gain that the ECU has now, of an ECU whose unit is not published; null where "
+        "that is not known.", optional=True),
+    of_ultimate=key("number?", "Over the P at which P alone makes the plate swing on; null of I and D.", optional=True),
+    seconds=key("number?", "Of I the time P over I, of D the time D over P, s; null of P.", optional=True),
+)  # fmt: skip
+TYPED_LIMIT = Record(
+    value=key("number", "To type in."),
+    unit=key("text", "Of it."),
+)  # fmt: skip
+PROFILE = Record(
+    name=key("text", "Of `--ecu`."),
+    title=key("text", "Of the make."),
+    gains=key(by_name(TYPED_GAIN), "Proportional, integral and derivative gain, by the names that the ECU gives them."),
+    limits=key(by_name(TYPED_LIMIT), "Its other settings, by name, that make it the controller that was designed."),
+    bias=key("{[number]}?", "Its table of feed-forward, by the names of its two rows: target position (% of the "
+        "travel) and duty (%), as finely as the table can name them; all 0 where the gains were found without "
+        "feed-forward; null where it has none."),
+    source=key("text", "What is known of this ECU is taken from."),
+    assumed=key("[text]", "What is taken of it without a source, one sentence each."),
+    code=key("[text]", "Lines that a user adds behind the PID in code of his own, at each tick, in %; empty where "
+        "nothing beside the table is put ahead.", optional=True),
+    says=key("[text]", "What the gains mean, of an ECU whose unit is not published, one sentence each.", optional=True),
+)  # fmt: skip
+FUTURE = Record(
+    share_met=key("number", "Share of them that meet every requirement.", "value"),
+    share_ci95=key("[number]", "95 % interval of that share for the number of draws alone.",
+        _ends, minItems=2, maxItems=2),
+    draws=key("whole", "How many were drawn.", "of"),
+)  # fmt: skip
+UNIT_VERDICT = Record(
+    "One of them.",
+    unit=key("text", "Its name."),
+    requirement=key("text", "What it misses by most, or meets most narrowly; \"stable\" where its linear loop is not."),
+    figure=key("number?", "What it reaches of it; null is infinite."),
+    limit=key("number", "What is asked for."),
+    meets=key("flag", "Whether it meets everything all the same."),
+)  # fmt: skip
+FLEET = Record(
+    share_met=key("number", "Share of the units that meet every requirement by a stable loop.", "share.value"),
+    share_ci95=key("[number]", "95 % interval of that share in the population, exact for independent units.",
+        lambda found: _ends(found.share), minItems=2, maxItems=2),
+    share_asked=key("number", "Share that was asked for.", "asked"),
+    reached=key("flag", "Whether enough units meet everything; if not, no gains were found with which more do."),
+    units=key("whole", "Units judged.", "share.of"),
+    future=key(FUTURE, "The same of units drawn from the population, which the fleet has not made yet; null where "
+        "none were drawn.", null=True),
+    worst=key(list_of(UNIT_VERDICT), "Units that fare worst, the worst first."),
+    fails=key("{[text]}", "Names of the units that miss each requirement; one that none misses is left out."),
+    searches=key("whole", "Searches made until these gains were found, each anew with the units that failed before."),
+    says=key("text", "The same in a sentence."),
+    settings=key("object", "Every field of `etcfit.control.settings.FleetDesignSettings`."),
+)  # fmt: skip
+ON_UNITS = Record(
+    share_met=key("number", "That meets every requirement by a stable loop.", "share.value"),
+    share_ci95=key("[number]", "95 % interval of that share for the number of units alone, exact.",
+        lambda found: _ends(found.share), minItems=2, maxItems=2),
+    of=key("whole", "How many there are.", "share.of"),
+    worst_rmse_pct=key("number?", "Largest tracking error among them; null is infinite.",
+        lambda found: float(found.figures.rmse_pct.max())),
+)  # fmt: skip
+RULE_ON_PARTS = Record(
+    "Its gains at the bench.",
+    measured=key(ON_UNITS, "On the measured units."),
+    drawn=key(ON_UNITS, "On units drawn from the population."),
+    worst=key(UNIT_VERDICT, "The measured unit that fares worst."),
+    fails=key("{[text]}", "Names of the measured units that miss each requirement; one that none misses is left out.",
+        "measured.fails"),
+)  # fmt: skip
+SHARE = Record(
+    share_met=key("number", "That meets every requirement by a stable loop.", "value"),
+    share_ci95=key("[number]", "95 % interval of that share for the number of units alone, exact.",
+        _ends, minItems=2, maxItems=2),
+    of=key("whole", "How many there are."),
+)  # fmt: skip
+CORNER_VERDICT = Record(**{**UNIT_VERDICT.keys, "unit": key("text", "Its name, and the corner.")})
+PARTS_CONDITIONS = Record(
+    corners=key(SHARE, "Of the measured units, at every corner.", "share_at_corners"),
+    hardest=key(CORNER_VERDICT, "The measured unit and corner at which most is missed, or least is left.",
+        lambda found: found.corners.named(1)[0]),
+    drawn=key(ON_UNITS, "On the drawn units, each under conditions drawn for it.", "anywhere"),
+)  # fmt: skip
+PARTS = Record(
+    fleet=key("text", "Run folder of the fleet.", "where"),
+    name=key("text", "Of the fleet."),
+    units=key("[text]", "Names of the measured units, each by its shrunk values."),
+    left_out=key("{text}", "Units of the fleet that are none of the parts, with why: odd, not converged, without a "
+        "result."),
+    of_run=key("[text]", "Parameters that the fleet does not tell: those of the run."),
+    rules=key(by_name(RULE_ON_PARTS), "By rule that has gains."),
+    conditions=key(PARTS_CONDITIONS, "The proposed gains under the conditions of a car, see `conditions`.", ""),
+)  # fmt: skip
+PID = Record(
+    "PID gains, every rule compared: written by `etcfit design`.",
+    rig=key("text", "Name of the rig, from rig.toml.", "fitted.config.name"),
+    synthetic=key("flag", "The data came from a simulation.", "fitted.config.synthetic"),
+    model=key(MODEL, "The model.", "fitted"),
+    fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
+    anyway=key("flag", "The gains were asked for with --anyway: table and page give what is typed into an ECU even "
+        "where the fit did not converge or is a compromise (`fit`). Absent in older files, then false.", optional=True),
+    rule=key("text", "Whose gains are proposed.", "chosen.rule"),
+    gains=key(GAINS, "v = Kp e + Ki integral of e + Kd de/dt, e in rad, v in V.", "chosen.gains"),
+    ecu=key(ECU, "The same for an ECU that counts ticks: P = Kp, I = Ki T, D = Kd / T; and the ECU they were sought "
+        "for.", ecu_with_gains),
+    as_written=key(AS_WRITTEN, "The gains as the ECU of [ecu] in rig.toml writes them: numbers to type in; null where "
+        "it names no unit.", lambda design: as_written(design, design.chosen.gains), null=True),
+    linear=key(METRICS, "Of the proposed gains on the linear model and the paper's trapezoid; null where there are "
+        "none.", "chosen.linear", null=True),
+    nonlinear=key(METRICS, "Of the proposed gains on the fitted nonlinear model, the worst of all scenarios.",
+        "chosen.nonlinear"),
+    requirements=key(figures(LoopFigures, "", REQUIRED), "What each figure must stay below; null for no limit.",
+        lambda design: design.task.requirements.limits()),
+    margins_asked=key(figures(LoopFigures, "", MARGINS), "At least; asked of the rule optimal only.",
+        lambda design: design.task.requirements.limits(MARGINS)),
+    met=key("{flag}", "By requirement, on the fitted nonlinear model in every scenario.", "chosen.met"),
+    scenarios=key(
+        by_name(METRICS, "One scenario: how well it is followed, the tracking error over all of it; of a log that "
+        "alone."),
+        "The proposed gains on the fitted nonlinear model, scenario by scenario.", "chosen.scenarios", optional=True),
+    conditions=key(CONDITIONS, "The proposed gains where supply, winding and friction are not those of the bench.",
+        "", optional=True),
+    supply_table=key(SUPPLY_TABLE, "The proposed gains as a table over the supply with which the loop stays what was "
+        "designed: in % they go with 1/U.",
+        lambda design: supply_table_json(design.task, design.chosen.gains, design.supply_table), optional=True),
+    front=key(list_of(FRONT_POINT), "Tracking against effort on the fitted model: the best gains within each limit of "
+        "the duty's activity, the first without one.", optional=True),
+    safety=key(SAFETY, "What the proposed gains do where something fails; positions and errors in % of the travel.",
+        "", optional=True),
+    stable=key("flag", "The linear loop is; of an unstable one no requirement counts as met, whatever one response "
+        "shows.", "chosen.stable", optional=True),
+    met_linear=key("{flag}", "By requirement of the paper, on the linear model and the paper's trapezoid.",
+        "chosen.met_linear"),
+    limits=key("[text]", "Where a requirement is missed, what keeps any gains from meeting it, one sentence each."),
+    posterior=key(OVER_DRAWS, "Over draws of the parameters.", ""),
+    setpoint=key(SETPOINT, "On which everything was judged."),
+    feed_forward=key("flag", "The gains were found with a bias curve ahead of the PID.",
+        lambda design: design.task.loop.bias is not None),
+    bias_curve=key(BIAS_CURVE, "Voltages that hold the plate at positions that the ECU's own table can name, straight "
+        "in between; in the loop only where `feed_forward` is true.", "bias", optional=True),
+    feed_forward_terms=key(AHEAD, "Terms ahead of the PID, and the numbers of those that follow the setpoint's rate, "
+        "asked for or not.", "", optional=True),
+    rules=key(by_name(RULE), "By name, every rule.", rules_as_written),
+    rusefi=key(RUSEFI_GAINS, "The gains as rusEFI has them: % of duty over % of travel; null where they were sought "
+        "for another controller (`etcfit design --ecu rusefi` seeks them for rusEFI's: 500 Hz, no filter, integral "
+        "within 30 %, duty within 90 %).", rusefi, null=True),
+    profile=key(PROFILE, "Settings of the make of ECU that was named (`etcfit design --ecu NAME`), as that ECU writes "
+        "them; null where none was.", written_for, null=True, optional=True),
+    fleet=key(FLEET, "How the proposed gains fare unit by unit; only in the design of a fleet, whose draws are units "
+        "and whose nominal model is their mean.", optional=True),
+    parts=key(PARTS, "How gains fare on the parts of one design; only where a fleet was given (--parts), over whose "
+        "drawn units `optimal` was sought then.", optional=True),
+    settings=key("object", "What the design decided by: every field of `etcfit.DesignSettings`."),
+    versions=key("{text}", "Versions of etcfit, Python and the numerical libraries that made this file.",
+        lambda _: versions()),
+)  # fmt: skip
