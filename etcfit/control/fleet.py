@@ -127,7 +127,7 @@ class Parts:
 
     def of_run(self, fitted: Fitted) -> tuple[str, ...]:
         """Parameters of a model that the fleet does not tell."""
-        return tuple(symbol for symbol in fitted.values if symbol not in self.model.told)
+        return tuple(symbol for symbol in fitted.values if symbol not in self.model.identifiable_symbols)
 
     def measured(self, fitted: Fitted) -> Throttle:
         """Each unit as a plant of a model, whose own values stand for what the fleet does not tell."""
@@ -142,7 +142,7 @@ class Parts:
         return self._plants(fitted, self.model.future(len(rest), np.random.default_rng(seed)), rest)
 
     def _plants(self, fitted: Fitted, units: FleetModel, rest: np.ndarray) -> Throttle:
-        told = {symbol: units.values[symbol] for symbol in self.model.told if symbol in fitted.values}
+        told = {symbol: units.values[symbol] for symbol in self.model.identifiable_symbols if symbol in fitted.values}
         return Throttle.build(fitted.free_parameters.layout.types, fitted.values_at(rest) | told)
 
     def must_be_of(self, fitted: Fitted) -> None:
