@@ -32,7 +32,6 @@ from etcfit.control.settings import (
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import (
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,
@@ -45,7 +44,7 @@ from etcfit.files import plain
 from etcfit.fleets.settings import EngineSettings, FleetSettings, PopulationSettings, StoreSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
-from etcfit.reporting.fleet.words import Judgement
+from etcfit.reporting.fleet import Judgement
 
 KINDS: list[Any] = [
     AdviceSettings,
@@ -53,7 +52,6 @@ KINDS: list[Any] = [
     CheckSettings,
     PlanSettings,
     ContradictionSettings,
-    EdgesInStepSettings,
     FitSettings,
     GlobalSearchSettings,
     GuideSettings,

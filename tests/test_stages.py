@@ -313,10 +313,10 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
 
 def test_what_is_asked_for_reaches_the_design(found: Diagnosis, monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("etcfit.control.design.design", lambda *args, present: given.append(args))
+    monkeypatch.setattr("etcfit.control.design.design", lambda *args, parts: given.append(args))
     wanted = DesignRequest("simc", 10, True, {"overshoot_pct": 10.0}, {"period": 2e-3}, "link")
     design_of(found.before.fitted(), wanted, None, silent)
-    ((_, computer, requirements, rule, drawn, feed_forward, _, _, make, log),) = given
+    ((_, computer, requirements, rule, drawn, feed_forward, _, _, make, log, _),) = given
     assert (requirements, rule, drawn, feed_forward, log) == (Requirements(10.0), "simc", None, True, None)
     assert (computer.period, make.name) == (2e-3, "link")
 

@@ -100,20 +100,18 @@ def design_of(
         UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
     """
     from ..control.design import design
-    from ..control.fleet import design_for_parts
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 
     computer, make = _computer(fitted, asked)
     log = None if asked.log is None else setpoint_of(Path(asked.log), fitted.config)
-    given = (computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
-             settings or DesignSettings(), make, log)  # fmt: skip
-    if asked.parts is None:
-        found = design(fitted, *given, present=asked.present)
-    else:
+    parts = None
+    if asked.parts is not None:
         from ..run_folder.fleet import parts_of
 
-        found = design_for_parts(fitted, parts_of(Path(asked.parts)), *given, present=asked.present)
+        parts = parts_of(Path(asked.parts))
+    found = design(fitted, computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
+                   settings or DesignSettings(), make, log, asked.present, parts=parts)  # fmt: skip
     return replace(found, anyway=True) if asked.anyway else found
 
 
@@ -128,7 +126,8 @@ def fleet_design_of(
     Raises:
         MeasurementError, UsageError: as `design_of`.
     """
-    from ..control.fleet import design_for_fleet, future_units
+    from ..control.design import design_for_fleet
+    from ..control.fleet import future_units
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings
 

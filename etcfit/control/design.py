@@ -11,13 +11,14 @@ import numpy as np
 
 from ..car_log.log import Series
 from ..errors import UsageError
-from ..estimation.fitted_model import Fitted
+from ..estimation.fitted_model import Fitted, FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import PROFILES, EcuProfile
 from ..model.feed_forward import Asked, Term, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
+from .fleet import EVERY_UNIT, Parts, SearchOverUnits, best_for_parts, fare_on_parts, one_by_one, representatives
 from .judged import Robust, Tuned, judged, outside_the_bench
 from .linearise import reduce, stops
 from .on_units import FleetVerdict, PartsVerdict
@@ -30,7 +31,7 @@ from .pid.optimal import FrontPoint, front
 from .safety import Safety
 from .safety import safety as safety_of
 from .setpoint import Setpoint
-from .settings import DesignSettings
+from .settings import DesignSettings, FleetDesignSettings
 from .supply_table import SupplyTable, supply_table
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
@@ -132,7 +133,6 @@ def gains_as_found(
     """Those of the ECU that [ecu] of rig.toml describes, known or fitted; one that the fit called not known is none.
 
     Args:
-        fitted: the model.
         unit: one of each gain in SI, of an ECU whose unit is known.
         present: P, I and D of that ECU in its own unit, which then count; see `control.own_numbers`.
     """
@@ -159,13 +159,9 @@ def task_of(
     """What the rules are given.
 
     Args:
-        fitted: the model.
-        ecu: the controller.
-        requirements: what is asked for.
         drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
         feed_forward: terms ahead of the PID, see `model.feed_forward`: True for the curve of holding voltages alone.
         settings: how many draws, and the budgets of simulation and rules.
-        profile: the make of ECU that the controller is; None where none is named.
         log: setpoint of a log from the car, per cent of the travel; None for none.
         present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
     Raises:
@@ -190,11 +186,7 @@ def task_of(
 
 
 def _refuse_others(terms: tuple[Term, ...], profile: EcuProfile) -> None:
-    """Refuse terms of feed-forward that an ECU cannot have.
-
-    Raises:
-        UsageError: there is one.
-    """
+    """Refuse terms of feed-forward that an ECU cannot have."""
     if Term.SPRING in terms and Term.SPRING not in profile.terms:
         raise UsageError(f"{profile.title} has no table of feed-forward. Leave --feed-forward out.")
     if others := [term for term in terms if term not in profile.terms]:
@@ -221,27 +213,88 @@ def design(
     profile: EcuProfile | None = None,
     log: Series | None = None,
     present: Mapping[str, float] = NOTHING,
+    rules: Mapping[str, Rule] = RULES,
+    parts: Parts | None = None,
 ) -> Design:
     """Tune by every rule, and propose the gains of one.
 
     Args:
         fitted, ecu, requirements, drawn, feed_forward, settings, profile, log, present: see `task_of`.
-        rule: whose gains are proposed.
-        report: called with what is going on and the share done.
+        parts: of the design that the model is one of. `optimal` is then sought over units drawn from their population
+            in place of draws of the one model (`best_for_parts`), and every rule is judged on the parts too.
     Raises:
-        UsageError: no such rule, a model without an electrical side, or a rule that has no gains for this plant.
+        UsageError: no such rule, a model without an electrical side, a rule that has no gains for this plant, or parts
+            of another design.
     """
-    must_be_known(rule, RULES)
+    _must_be_known(rule, rules)
+    origin = "laplace" if drawn is None else "posterior"
+    if drawn is None:
+        drawn = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed))
+    if parts is not None:
+        parts.must_be_of(fitted)
     task = task_of(fitted, ecu, requirements, drawn, feed_forward, settings, profile, log, present)
-    return propose(fitted, task, rule, RULES, "laplace" if drawn is None else "posterior", report)
+    if parts is None:
+        return propose(fitted, task, rule, rules, origin, report)
+    future = parts.drawn(fitted, drawn, settings.seed)
+    found = propose(fitted, task, rule, _with_best(rules, lambda task: best_for_parts(task, future)), origin, report)
+    report("judging the parts", 0.97)
+    return replace(found, parts=fare_on_parts(task, fitted, found.tuned, found.proposed, parts, future))
 
 
-def must_be_known(rule: str, rules: Mapping[str, Rule]) -> None:
-    """Refuse a rule that is none of these.
+def design_for_fleet(
+    model: FleetModel,
+    ecu: Ecu,
+    requirements: Requirements = PAPERS,
+    rule: str = BEST,
+    future: FleetModel | None = None,
+    feed_forward: Asked = False,
+    report: Report = quiet,
+    settings: DesignSettings = DesignSettings(),
+    asked: FleetDesignSettings = EVERY_UNIT,
+    profile: EcuProfile | None = None,
+    log: Series | None = None,
+    rules: Mapping[str, Rule] = RULES,
+    present: Mapping[str, float] = NOTHING,
+) -> Design:
+    """Tune by every rule, and propose gains that meet the requirements on nearly all units of a fleet.
 
+    The nominal model is the mean unit. `optimal` is sought over extreme and random units and, where too few of all
+    units meet everything with its gains, anew with those that fail among them; of the gains so found the first that
+    enough units meet everything with, else those that most do.
+
+    Args:
+        model: the units, by their shrunk values.
+        ecu, requirements, feed_forward, settings, profile, log, present: see `task_of`.
+        future: units drawn from the population (`future_units`), which are judged apart from the fleet's own.
     Raises:
-        UsageError: it is not.
+        UsageError: no such rule, or a rule that has no gains for this plant.
     """
+    _must_be_known(rule, rules)
+    fitted, everyone = model.nominal, model.coordinates
+    seen = everyone
+    if future is not None and len(everyone) < settings.draws - 1:  # too few to stand for those that will come
+        seen = np.vstack((everyone, future.coordinates))
+    known = representatives(seen, settings.draws - 1, asked)
+    optimum = replace(settings.optimum, certain=asked.share, few=min(asked.few, len(known) + 1))
+    settings = replace(settings, optimum=optimum)
+    task = task_of(fitted, ecu, requirements, seen[known], feed_forward, settings, profile, log, present)
+    plants = fitted.throttles(everyone)
+    search = SearchOverUnits(plants, model.units, asked)
+    found = propose(fitted, task, rule, _with_best(rules, search), "fleet", report)
+    report("judging every unit", 0.97)
+    own, ahead = one_by_one(task, plants, model.units, found.proposed), None
+    if future is not None:
+        fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
+        ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, found.proposed).share
+    return replace(found, fleet=FleetVerdict(asked, own, ahead, max(1, search.made)))
+
+
+def _with_best(rules: Mapping[str, Rule], search: Rule) -> Mapping[str, Rule]:
+    """The rules with another search in place of `optimal`, where it is among them."""
+    return {**rules, BEST: search} if BEST in rules else rules
+
+
+def _must_be_known(rule: str, rules: Mapping[str, Rule]) -> None:
     if rule not in rules:
         raise UsageError(f"no tuning rule is called {rule!r}. Known: {', '.join(rules)}.")
 
@@ -252,12 +305,7 @@ def propose(
     """Tune a task by some rules, and propose the gains of one of them.
 
     Args:
-        fitted: the model.
-        task: what the rules are given.
-        rule: whose gains are proposed.
-        rules: by name, `rule` among them.
         origin: where the draws came from, see `Design`.
-        report: called with what is going on and the share done.
     Raises:
         UsageError: the rule has no gains for this plant.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -65,14 +65,14 @@ class Tuned:
     rule: str
     gains: Gains | None
     why: str
-    linear: LoopFigures | None
-    nonlinear: LoopFigures | None
-    scenarios: Mapping[str, LoopFigures]
-    met: Mapping[str, bool]
-    met_linear: Mapping[str, bool]
-    probability_met: float | None
-    probability_stable: float | None
-    band: np.ndarray | None
+    linear: LoopFigures | None = None
+    nonlinear: LoopFigures | None = None
+    scenarios: Mapping[str, LoopFigures] = field(default_factory=dict)
+    met: Mapping[str, bool] = field(default_factory=dict)
+    met_linear: Mapping[str, bool] = field(default_factory=dict)
+    probability_met: float | None = None
+    probability_stable: float | None = None
+    band: np.ndarray | None = None
 
     @property
     def stable(self) -> bool:
@@ -93,10 +93,10 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
     anew = over_models(task, task.loop.with_new_noise_seed(), gains) if task.ecu.noise > 0.0 else at_bench
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
-            out[name] = _refused(name, refusal)
-            continue
-        k = list(have).index(name)
-        out[name] = _tuned(task, name, refusal, at_bench.of(k), anew.of(k))
+            out[name] = Tuned(name, None, refusal.why)
+        else:
+            k = list(have).index(name)
+            out[name] = _tuned(task, name, refusal, at_bench.of(k), anew.of(k))
     return out
 
 
@@ -125,10 +125,6 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
     """Gains of shape (G,) on every model of a loop, by name, so many at once; one of the result for each of them.
 
     Args:
-        task: scenarios and what is asked.
-        loop: around U models.
-        units: their names.
-        gains: of the controller.
         at_once: models whose responses are in memory together; the last ones are filled up, so that all compile once.
     """
     count = len(units)
@@ -188,8 +184,3 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
     )
-
-
-def _refused(name: str, refusal: Refusal) -> Tuned:
-    """A rule without gains."""
-    return Tuned(name, None, refusal.why, None, None, {}, {}, {}, None, None, None)

@@ -62,7 +62,6 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
     The standard errors are the delta method's, sqrt(g C g) with g the gradient in coordinates.
 
     Args:
-        fitted: the model.
         input_unit, output_unit: see `INPUTS` and `OUTPUTS`.
         share: of the travel; without stops, of a quarter turn.
     Raises:
@@ -142,14 +141,8 @@ class MotorConstants:
 def motor_constants(
     fitted: Fitted, lower: float, upper: float, share: float = MIDDLE, settings: SlidingSettings = SlidingSettings()
 ) -> MotorConstants:
-    """The constants of a model with any effects: kS and kV as `pid.sliding.sliding_of` has friction and rate, the mean
+    """The constants of a model with any effects: kS and kV as `pid.feedforward.sliding_of` has friction and rate, mean
     of both ways over the travel; kA = R_a / (L_a b0) about a share of it.
-
-    Args:
-        fitted: the model.
-        lower, upper: its travel, rad.
-        share: of the travel, for kA.
-        settings: the speed.
     """
     types, gear = fitted.free_parameters.layout.types, fitted.config.gear_ratio
     travel = upper - lower

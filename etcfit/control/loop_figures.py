@@ -239,7 +239,6 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigure
     """How well a response follows: each figure the worst of all levels, or of all stretches.
 
     Args:
-        setpoint: what was asked for.
         time: s, shape (K,), from 0 with an even step.
         share: of the travel, shape (..., K); what is not finite counts as infinitely far off.
     """
@@ -283,12 +282,7 @@ def with_effort(figures: LoopFigures, run: Run) -> LoopFigures:
 
 
 def with_heat(figures: LoopFigures, winding: Any, bridge: float) -> LoopFigures:
-    """Figures, and the heat that the current makes.
-
-    Args:
-        figures: with the current.
-        winding, bridge: resistances, ohm.
-    """
+    """Figures, and the heat that the current makes in resistances of winding and bridge (ohm)."""
     current = figures.current_rms_A
     return replace(
         figures, **{symbol: FIGURES[symbol].how["formula"](current, winding, bridge) for symbol in symbols_by(By.HEAT)}

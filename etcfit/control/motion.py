@@ -77,6 +77,13 @@ class _Carry(NamedTuple):
     still: Any
 
 
+def free_step(body: Any, dt: Scalar, volts: Scalar, time: Scalar, circuit: Scalar = 1.0) -> Step:
+    """One integration step of dt (s) under a constant voltage (V), the plate free between the stops of its body."""
+    return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0,
+                circuit=circuit, plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower,
+                upper=body.upper, guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
+
+
 def _within(theta: Any, bands: Bands) -> Any:
     return (theta[:, None] >= bands.low) & (theta[:, None] <= bands.high)
 
@@ -94,10 +101,7 @@ def _moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watch
     count, (dt, longest, rest) = what.angle.shape[0], watching
 
     def one(throttle: Throttle, x: State, z: Any, volts: Any, circuit: Any, time: Any) -> Any:
-        held = Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0,
-                    circuit=circuit, plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower,
-                    upper=body.upper, guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
-        return step(throttle, x, z, held)
+        return step(throttle, x, z, free_step(body, dt, volts, time, circuit))
 
     every = jax.vmap(one, in_axes=(0, 0, 0, 0, 0, None))
 
@@ -126,15 +130,7 @@ _every = jax.jit(_moved)
 
 
 def moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
-    """Every model in an experiment of its own, side by side on every core.
-
-    Args:
-        throttles: models, parameters of shape (D,).
-        what: entries of shape (D,).
-        bands: angles watched for, shape (D, M).
-        body: gear ratio and stops, such as `pid.loop.Body`.
-        watching: how closely, and for how long.
-    """
+    """Every model (D) in an experiment of its own, side by side on every core; `body`: gear ratio and stops, rad."""
     count = np.shape(what.angle)[0]
     room = -(-count // CORES)  # models a core; the last one is repeated until each has as many
     whole = np.minimum(np.arange(room * CORES), count - 1)

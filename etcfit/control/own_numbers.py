@@ -67,10 +67,6 @@ def shares(task: Task, gains: Gains) -> tuple[Share, Share, Share]:
 
     K_now are the gains of the ECU that drove the logs, as [ecu] of rig.toml has them or the fit finds them. Where they
     are not known, the P at which P alone swings on tells what one of the ECU's numbers of P means: K_u over it.
-
-    Args:
-        task: what the gains were found for.
-        gains: SI.
     """
     now = task.as_found if isinstance(task.as_found, Gains) else None
     most, swings_at = ultimate(task.plant, task.ecu.late), task.present.get("swings_at")
@@ -91,12 +87,7 @@ def shares(task: Task, gains: Gains) -> tuple[Share, Share, Share]:
 
 
 def said(task: Task, gains: Gains, title: str) -> Iterator[str]:
-    """What the shares mean, how far the present P is from instability, and how to learn what is not known.
-
-    Args:
-        task, gains: as of `shares`.
-        title: of the ECU.
-    """
+    """What the shares mean, how far the present P is from instability, and how to learn what is not known."""
     P, *rest = shares(task, gains)
     most, swings_at, number = ultimate(task.plant, task.ecu.late), task.present.get("swings_at"), task.present.get("P")
     yield f"{title} publishes no unit of its gains: they are given against what you know of them"

@@ -79,31 +79,23 @@ class SupplyTable:
     position: OverPosition
 
     def written(self, gains: Gains, notation: Notation, ecu: Ecu, travel: float) -> tuple[Terms, ...]:
-        """The three gains at each of its supplies, as an ECU writes them.
-
-        Args:
-            gains: of the ECU's own supply.
-            notation: of the ECU.
-            ecu: its period.
-            travel: of the plate, rad.
-        """
+        """The three gains, of the ECU's own supply, as it writes them at each of these; travel of the plate in rad."""
         supplies = (ecu.supply if ecu.compensated else supply for supply in self.supplies)
         return tuple(notation.written(gains, ecu._replace(supply=supply), travel) for supply in supplies)
 
 
 def supply_table(task: Task, gains: Gains) -> SupplyTable:
-    """The table of some gains, tried at both ends of the supply beside the gains without a table.
-
-    Args:
-        task: what they were found for.
-        gains: of one rule.
-    """
-    fixed = at_corners(task.loop, task.settings.conditions)
-    ends = tuple(
-        AtSupply(supply, _worst(task, fixed, gains, supply), _worst(task, _knowing(task, fixed, supply), gains, supply))
-        for supply in dict.fromkeys(task.settings.conditions.supply)
-    )
-    return SupplyTable(task.settings.schedule.supplies, ends, over_position(task, gains))
+    """The table of some gains, tried at both ends of the supply beside the gains without a table."""
+    ranges = task.settings.conditions
+    fixed = at_corners(task.loop, ranges)
+    ends = []
+    for supply in dict.fromkeys(ranges.supply):
+        # an ECU that divides by the battery voltage needs no table
+        knowing = fixed
+        if not task.ecu.compensated:
+            knowing = at_corners(task.loop.under(reckoning_with(task.ecu, supply)), ranges)
+        ends.append(AtSupply(supply, *(_worst(task, loop, gains, supply) for loop in (fixed, knowing))))
+    return SupplyTable(task.settings.schedule.supplies, tuple(ends), over_position(task, gains))
 
 
 def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
@@ -112,35 +104,15 @@ def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
     return ecu._replace(supply=supply, pwm=more * ecu.pwm, slew=more * ecu.slew)
 
 
-def _knowing(task: Task, fixed: Loop, supply: float) -> Loop:
-    """The nominal model at every corner, under an ECU with the table's gains, and feed-forward, of a supply (V): the
-    fixed ones where the ECU divides by the battery voltage itself."""
-    if task.ecu.compensated:
-        return fixed
-    return at_corners(task.loop.under(reckoning_with(task.ecu, supply)), task.settings.conditions)
-
-
 def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
-    """Each figure at its worst of the corners that have this supply.
-
-    Args:
-        task: setpoint and ECU.
-        loop: the nominal model at every corner.
-        gains: to try.
-        supply: V.
-    """
+    """Each figure at its worst of the corners that have this supply (V)."""
     there = corners(task.settings.conditions).supply == supply
     found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of(0)
     return found.figures.worst(there)
 
 
 def over_position(task: Task, gains: Gains) -> OverPosition:
-    """The nominal plant's gain at the crossover, linearised at places over the travel.
-
-    Args:
-        task: plant and ECU.
-        gains: which say where the crossover is.
-    """
+    """The nominal plant's gain at the crossover, linearised at places over the travel."""
     ecu, loop = task.ecu, task.loop.first(1)
     frequencies = FINE.frequencies(ecu.period)
     open_loop = OpenLoop.of(task.plant, ecu)

@@ -11,6 +11,8 @@ import numpy as np
 from .base import Dataset, Source, csv_text, licence_text, on_github
 
 _FULL_DUTY = 885  # PWM counts
+_LOGGED = {"time [s]": "timestamp", "duty [%]": "load", "supply [V]": "input_volts", "position [rad]": "position",
+           "setpoint [rad]": "goal_position", "temperature [degC]": "temp"}  # fmt: skip
 _COMMIT = "af2260462471ff45ac18af159b1327ea51d8db15"
 
 
@@ -83,34 +85,16 @@ There is no current: resistance and motor constant cannot be told apart. The arm
 """
 
 
-def _column(entries: list[dict], name: str) -> np.ndarray:
-    return np.array([entry[name] for entry in entries], dtype=float)
-
-
 def signed_duty(load: np.ndarray) -> np.ndarray:
-    """duty = load/885, where load is a signed PWM count logged as unsigned 16 bit.
-
-    Args:
-        load: counts, shape (n,).
-    Returns:
-        shape (n,), dimensionless, -1 to 1.
-    """
+    """duty = load/885, -1 to 1, where load is a signed PWM count logged as unsigned 16 bit, shape (n,)."""
     return np.where(load > 32767, load - 65536, load) / _FULL_DUTY
 
 
-def _driven(entries: list[dict]) -> dict[str, np.ndarray]:
-    return {
-        "time [s]": _column(entries, "timestamp"),
-        "duty [%]": 100.0 * signed_duty(_column(entries, "load")),
-        "supply [V]": _column(entries, "input_volts"),
-        "position [rad]": _column(entries, "position"),
-        "setpoint [rad]": _column(entries, "goal_position"),
-        "temperature [degC]": _column(entries, "temp"),
-    }
-
-
-def _released(entries: list[dict]) -> dict[str, np.ndarray]:
-    return {"time [s]": _column(entries, "timestamp"), "position [rad]": _column(entries, "position")}
+def _columns(entries: list[dict], *headers: str) -> dict[str, np.ndarray]:
+    columns = {header: np.array([entry[_LOGGED[header]] for entry in entries], dtype=float) for header in headers}
+    if "duty [%]" in columns:
+        columns["duty [%]"] = 100.0 * signed_duty(columns["duty [%]"])
+    return columns
 
 
 def _traces(file: Path) -> Iterator[tuple[str, str]]:
@@ -118,9 +102,10 @@ def _traces(file: Path) -> Iterator[tuple[str, str]]:
     run = json.loads(file.read_text(encoding="utf-8"))
     name, entries = f"kp{run['kp']}_{run['trajectory']}.csv", run["entries"]
     off = next((k for k, entry in enumerate(entries) if not entry["torque_enable"]), len(entries))
-    yield f"response/{name}", csv_text(f"{file.name}, torque on", _driven(entries[:off]))
+    yield f"response/{name}", csv_text(f"{file.name}, torque on", _columns(entries[:off], *_LOGGED))
     if off < len(entries):
-        yield f"inertia/{name}", csv_text(f"{file.name}, from torque off: terminals open", _released(entries[off:]))
+        yield f"inertia/{name}", csv_text(f"{file.name}, from torque off: terminals open",
+                                            _columns(entries[off:], "time [s]", "position [rad]"))  # fmt: skip
 
 
 def _convert(files: Mapping[str, Path]) -> dict[str, str]:

@@ -16,6 +16,10 @@ from ..problem.trace import Trace
 from .composition import Composition, Effect, carried, resting
 from .settings import DiagnosisSettings
 
+TRIAL_TOLERANCE = 1e-3  # relative change of chi2 that ends the refit of a trial
+STEEPEST_START = 3.0  # chi2 with which a trial may begin, over that of the model without the effect
+START_HALVINGS = 8  # times that the amplitudes are halved at most until a trial begins below that
+
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
@@ -116,15 +120,14 @@ class CandidateModel:
         """Effects more, not yet refitted.
 
         The values come from a linear model, so they may lead far off: amplitudes are halved towards their off values
-        until chi2 is no more than `steepest_start` times that without the effects, or `start_halvings` are spent.
+        until chi2 is no more than `STEEPEST_START` times that without the effects, or `START_HALVINGS` are spent.
 
         Args:
-            effects: candidates of the composition.
             values: of their parameters, SI by symbol.
         """
-        most, at = self.settings.steepest_start * self.chi2, dict(values)
+        most, at = STEEPEST_START * self.chi2, dict(values)
         trial = self.with_effects((*self.added, *effects), at)
-        for _ in range(self.settings.start_halvings):
+        for _ in range(START_HALVINGS):
             if trial.chi2 < most:
                 break
             at |= {s: 0.5 * (at[s] + v) for effect in effects for s, v in (effect.off or {}).items()}
@@ -133,7 +136,7 @@ class CandidateModel:
 
     def optimised(self) -> CandidateModel:
         """At the nearest optimum under its whitening."""
-        x, _ = descend(self.problem, self.x, self.weighted, self.settings.trial_tolerance)
+        x, _ = descend(self.problem, self.x, self.weighted, TRIAL_TOLERANCE)
         return replace(self, x=x)
 
 

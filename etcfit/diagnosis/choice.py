@@ -16,6 +16,16 @@ from .screen import Signature
 from .settings import DiagnosisSettings
 from .trial import TrialVerdict
 
+LEAST_PROMISE = 0.3  # share of the fall in -2 log likelihood that BIC would ask, which the score test must promise
+RIVAL_PROMISE = 0.3  # share of the largest promise of the round that another candidate must exceed
+RIVAL_PROMISE_FAR = 0.1  # the same far from the data, where a linear promise is a rough one
+# fall of chi2 over what the effect leaves above the noise; one that explains less imitates something else
+LEAST_PART = 0.2
+LEAST_PART_OF_ONE = 1.0  # the same of an effect in one channel of one trace
+TIED_LIKELIHOOD = 6.0  # difference in -2 log likelihood below which two effects explain the data equally well
+# of chi2 above the noise: a contradicted effect that explains more is judged again after a full refit
+SECOND_TRIAL_SHARE = 0.5
+
 
 class Outcome(Enum):
     """How a round ends."""
@@ -56,13 +66,7 @@ class Choice:
 
 
 def worth_a_look(chi2: float, samples: float, formula_chi2: float) -> bool:
-    """Whether chi2 exceeds the noise's, one a sample, by what inexact formulas may leave; always where that is 0.
-
-    Args:
-        chi2: of the fitted traces.
-        samples: fitted samples.
-        formula_chi2: chi2 that inexact formulas of the effects added may leave.
-    """
+    """Whether chi2 exceeds the noise's, one a sample, by what inexact formulas may leave; always where that is 0."""
     return not (formula_chi2 > 0.0 and chi2 - samples < formula_chi2)
 
 
@@ -70,7 +74,6 @@ def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
     """The choice of a round that is not worth a look.
 
     Args:
-        names: effects added so far.
         off: relative error of the least exact formula among them.
         excess: chi2 per sample above 1.
     """
@@ -82,9 +85,9 @@ def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
 
 
 def promises(g: Signature, before: Score, settings: DiagnosisSettings) -> bool:
-    """Whether the score test promises `least_promise` of the fall in -2 log likelihood that BIC asks."""
+    """Whether the score test promises `LEAST_PROMISE` of the fall in -2 log likelihood that BIC asks."""
     asked = len(g.variant.amplitudes) * np.log(before.count) - settings.strong_bic_change
-    return bool(g.gain * before.likelihood_per_chi2 > settings.least_promise * asked)
+    return bool(g.gain * before.likelihood_per_chi2 > LEAST_PROMISE * asked)
 
 
 def promising(
@@ -94,13 +97,8 @@ def promising(
 
     Effects of the rig have places of their own: there are so many of them, and so alike, that together they would
     leave none to the throttle's. So have those of one channel of one trace, which may promise as much as a whole test.
-
-    Args:
-        signatures: of all candidates, the most promising first.
-        before: score of the model without them.
-        far: whether that model is far from the data.
     """
-    rival = settings.rival_promise_far if far else settings.rival_promise
+    rival = RIVAL_PROMISE_FAR if far else RIVAL_PROMISE
     worth = []
     for of_the_rig in (False, True):
         kind = [g for g in signatures if is_of_the_rig(g.variant.effect) is of_the_rig]
@@ -113,10 +111,6 @@ def promising(
 def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSettings) -> list[Signature]:
     """The first few, and behind them the first `rig_refits` of single channels of single traces, which would else leave
     no room for simpler ones: in a test of one fitted trace both promise the same.
-
-    Args:
-        signatures: the most promising first.
-        most: of the others.
     """
     single = [g for g in signatures if is_of_one_channel(g.variant.effect)]
     others = [g for g in signatures if not is_of_one_channel(g.variant.effect)]
@@ -131,13 +125,13 @@ def deserves_second_trial(v: TrialVerdict, before: Score, far: bool, settings: D
 
     It may have ended in another valley than the best, or be held there by the whitening of the model before.
     """
-    main = not far and v.gain > settings.second_trial_share * (before.chi2 - v.samples)
-    return main and not v.bic_change > settings.strong_bic_change and not v.helps_elsewhere(settings)
+    main = not far and v.gain > SECOND_TRIAL_SHARE * (before.chi2 - v.samples)
+    return main and not v.bic_change > settings.strong_bic_change and not v.helps_elsewhere()
 
 
 def is_accepted(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
     """Whether an effect is worth its parameters and not contradicted by the held-out traces."""
-    return v.is_strong(settings) and v.helps_elsewhere(settings)
+    return v.is_strong(settings) and v.helps_elsewhere()
 
 
 def choose(
@@ -151,25 +145,51 @@ def choose(
         noise: chi2 of noise alone; an effect that explains little of what it leaves above it imitates something else.
     """
     strong = [v for v in verdicts if v.is_strong(settings)]
-    good = [v for v in strong if v.helps_elsewhere(settings)]
-    main = [v for v in good if v.gain > least_part(v.effect, settings) * (v.score.chi2 - noise)]
+    good = [v for v in strong if v.helps_elsewhere()]
+    main = [v for v in good if v.gain > least_part(v.effect) * (v.score.chi2 - noise)]
     proven = [v for v in main if v.score.chi2 < most]
     if proven:
-        return _added(proven, settings)
-    # the best of those that came furthest is spoken of
+        return _added(proven)
+    return _none_added(main, good, strong, verdicts, settings)
+
+
+def _none_added(
+    main: Sequence[TrialVerdict],
+    good: Sequence[TrialVerdict],
+    strong: Sequence[TrialVerdict],
+    tried: Sequence[TrialVerdict],
+    settings: DiagnosisSettings,
+) -> Choice:
+    """Why nothing is added: a sentence on the best of those that came furthest."""
+    outcome, why = Outcome.NO_PROMISE, "No effect of the catalogue promises to explain anything more."
     if main:
-        return _not_proven(main[0])
-    if good:
-        return _small_part(good[0], settings)
-    if strong:
-        return _contradicted(strong[0])
-    return _not_worth_it(verdicts[0], settings) if verdicts else _no_promise()
+        outcome, v = Outcome.NOT_PROVEN, main[0]
+        why = (
+            f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact "
+            "formula of an effect found before would leave: not proven."
+        )
+    elif good:
+        outcome, v = Outcome.SMALL_PART, good[0]
+        why = (
+            f"{v.effect.name} does best, but explains less than {100 * least_part(v.effect):.0f} % of what it leaves: "
+            "what is missing is something else."
+        )
+    elif strong:
+        outcome = Outcome.CONTRADICTED
+        why = f"{strong[0].effect.name} helps on the fitted traces only, not on those held out."
+    elif tried:
+        outcome, v = Outcome.NOT_WORTH_IT, tried[0]
+        why = (
+            f"{v.effect.name} does best, but is not worth its parameters "
+            f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
+        )
+    return Choice(outcome, None, (), why)
 
 
-def least_part(effect: Effect, settings: DiagnosisSettings) -> float:
+def least_part(effect: Effect) -> float:
     """Fall of chi2 over what an effect leaves above the noise, at least: one of a single channel of a single trace, of
     which there are hundreds, must explain more than it leaves, for a general lack bends each trace in its own way."""
-    return settings.least_part_of_one if is_of_one_channel(effect) else settings.least_part
+    return LEAST_PART_OF_ONE if is_of_one_channel(effect) else LEAST_PART
 
 
 def in_turn(
@@ -183,43 +203,9 @@ def in_turn(
     return (choice, *(c for c in in_turn(rest, settings, most, noise) if c.effect is not None))
 
 
-def _no_promise() -> Choice:
-    return Choice(Outcome.NO_PROMISE, None, (), "No effect of the catalogue promises to explain anything more.")
-
-
-def _not_worth_it(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
-    why = (
-        f"{v.effect.name} does best, but is not worth its parameters "
-        f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
-    )
-    return Choice(Outcome.NOT_WORTH_IT, None, (), why)
-
-
-def _contradicted(v: TrialVerdict) -> Choice:
-    why = f"{v.effect.name} helps on the fitted traces only, not on those held out."
-    return Choice(Outcome.CONTRADICTED, None, (), why)
-
-
-def _small_part(v: TrialVerdict, settings: DiagnosisSettings) -> Choice:
-    why = (
-        f"{v.effect.name} does best, but explains less than {100 * least_part(v.effect, settings):.0f} % of what it "
-        "leaves: "
-        "what is missing is something else."
-    )
-    return Choice(Outcome.SMALL_PART, None, (), why)
-
-
-def _not_proven(v: TrialVerdict) -> Choice:
-    why = (
-        f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact formula "
-        "of an effect found before would leave: not proven."
-    )
-    return Choice(Outcome.NOT_PROVEN, None, (), why)
-
-
-def _added(proven: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Choice:
+def _added(proven: Sequence[TrialVerdict]) -> Choice:
     best = proven[0]
-    ties = tuple(v.effect for v in proven[1:] if alike(v, best, settings))
+    ties = tuple(v.effect for v in proven[1:] if alike(v, best))
     held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
     words = (
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
@@ -229,18 +215,18 @@ def _added(proven: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Choic
     return Choice(Outcome.ADDED, best.effect, ties, words)
 
 
-def alike(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
+def alike(v: TrialVerdict, best: TrialVerdict) -> bool:
     """Whether two effects explain the data equally well: a tie.
 
         chi2_v - chi2_best < max(6 chi2_best / n, left)    or    BIC_v - BIC_best < 6
 
-    n: independent samples; 6: `tied_likelihood`; left: chi2 that the less exact formula of the two may leave. A mistake
+    n: independent samples; 6: `TIED_LIKELIHOOD`; left: chi2 that the less exact formula of the two may leave. A mistake
     of the rig of a size that is far less usual (6 again, of -2 ln prior) is no tie, however alike the fits. One with
     fewer parameters may fit a little worse and be as likely: then BIC alone is even. BIC chooses which of them is put
     into the model; it does not prove that one.
     """
-    left = chi2_left_by_formula(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples, settings)
+    left = chi2_left_by_formula(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples)
     apart = v.score.chi2 - best.score.chi2
-    fits = apart < left or apart * best.score.likelihood_per_chi2 < settings.tied_likelihood
-    usual = v.prior - best.prior < settings.tied_likelihood
-    return bool((fits and usual) or v.bic_change - best.bic_change < settings.tied_likelihood)
+    fits = apart < left or apart * best.score.likelihood_per_chi2 < TIED_LIKELIHOOD
+    usual = v.prior - best.prior < TIED_LIKELIHOOD
+    return bool((fits and usual) or v.bic_change - best.bic_change < TIED_LIKELIHOOD)

@@ -1,4 +1,4 @@
-"""Which effects of the rig its checks state, read off the records before any fit, and how large."""
+"""Every effect that a rig could show, those that its checks state, and the models that have some of them in it."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from ..problem.jacobian import AT_ONCE
 from ..problem.trace import Trace, by_test
 from ..rig.base import Finding, Rig
 
+# ---- Which effects of the rig its checks state, read off the records before any fit, and how large
+
 
 def stated_effects(
     findings: Iterable[Finding], candidates: Iterable[type[AbstractEffect]]
@@ -27,13 +29,10 @@ def stated_effects(
         effect: effect.stated[finding.kind](finding.size)
         for finding in findings
         for effect in families
-        if finding.kind in effect.stated and _is_at_its_place(finding, effect)
+        if finding.kind in effect.stated
+        and (effect.place.test, effect.place.file) == (finding.test or "", "")
+        and effect.place.channel in ("", finding.channel)
     }
-
-
-def _is_at_its_place(finding: Finding, effect: type[AbstractRigEffect]) -> bool:
-    place = effect.place
-    return place.test == (finding.test or "") and place.channel in ("", finding.channel) and not place.file
 
 
 # ---- Every effect that a rig could show, and the models that have some of them in it

@@ -1,4 +1,4 @@
-"""The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas."""
+"""The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, final fit, statements."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ from .candidate_model import CandidateModel
 from .evidence import is_white, motions
 from .exchange import exchanged, merged, pruned
 from .findings import Diagnosis, Question, SetTried, Unexplained
-from .free_sets import searched_free
+from .free_sets import FREE_SPREAD, searched_free
 from .model_discrepancy import formula_covariance, percent_off
-from .other_rig import Strange, clears, of_another_rig
-from .probabilities import SOMETHING_ELSE, UNSAID, besides, doubted, said
+from .other_rig import Strange, explains_misfit, of_another_rig
+from .probabilities import SOMETHING_ELSE, UNSAID, doubted, said, with_proven_effect
 from .refit import start
-from .rounds import Keep, Progress, first_from_checks, forget, forward, names
+from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing
 from .score import score, tie_covariance
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
 from .statements import rig_mistakes, runs_free_worse, statements, tie, verdict
 from .unexplained import Allowed, allowing_for_the_rest, outdone, unexplained
+
+# ---- The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas
 
 
 def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResult:
@@ -46,7 +48,7 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
         report("letting the final model run free", 0.95)
         known = problem.layout.coordinates({**s.values, **progress.free})
         x = min((x, known), key=lambda at: free_run_cost(problem, at))
-        problem, weighted, x, _ = freed(problem.guided(0.0), x, s.settings.free_spread, result.settings)
+        problem, weighted, x, _ = freed(problem.guided(0.0), x, FREE_SPREAD, result.settings)
         end = Termination(True, "best free run found from the optimum of the guided residual", far=True)
     optimum = Optimum(result.rig, result.readings, problem, s.held_out, weighted, x, end, settings=result.settings)
     after = outcome(optimum)
@@ -116,8 +118,7 @@ def covers(moved: np.ndarray, sd: np.ndarray, sd_without: np.ndarray) -> bool:
     return bool(np.all(np.abs(moved) <= Z_95 * np.hypot(sd, sd_without)))
 
 
-# ---- The course of a diagnosis: rounds, exchanges, sets of effects, data of another rig, and the statements at the
-# end.
+# ---- the course
 
 
 def diagnose(
@@ -125,7 +126,7 @@ def diagnose(
     report: Report = quiet,
     settings: DiagnosisSettings = DEFAULT,
     begun: Progress | None = None,
-    keep: Keep = forget,
+    keep: Keep = keep_nothing,
 ) -> Diagnosis:
     """Trace the residual of a fit to the effects that its model lacks.
 
@@ -142,16 +143,16 @@ def diagnose(
     first = start(result, settings)
     progress, strange = (begun, None) if begun is not None else _simplest(result, Progress(first), report)
     if strange is not None:
-        return _of_the_others(strange, result, report, settings)
+        return _diagnosis_without_piece(strange, result, report, settings)
     keep(progress)
     if not progress.is_at_an_end:
         progress = forward(result, progress, report, keep=keep)
     progress = _looked_back(result, progress, report)
-    progress, sets = _of_sets(result, first, progress, report)
+    progress, sets = _compared_with_sets(result, first, progress, report)
     if progress.model.added and _astray(progress.model, result):
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
-            return _of_the_others(strange, result, report, settings)
+            return _diagnosis_without_piece(strange, result, report, settings)
     left = outdone(result, first, progress.model, report)
     if left is not None:
         progress = progress.back_to(first)
@@ -161,13 +162,14 @@ def diagnose(
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
     if progress.model.added and runs_free_worse(after, result, settings):
-        worse = f"Run free, the model with {names(progress.model)} is further from the data: all taken away again."
+        added = listed(e.name for e in progress.model.added)
+        worse = f"Run free, the model with {added} is further from the data: all taken away again."
         progress = progress.back_to(first, worse)
         left, after = unexplained(result, first, {}, report), result
     rest = Allowed(after)
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
-    return _told(result, rest, first, progress, left, sets)
+    return _assembled(result, rest, first, progress, left, sets)
 
 
 def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Progress, Strange | None]:
@@ -184,7 +186,7 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
         return progress, None
     progress = forward(result, progress, report, most=len(progress.rounds) + 1)
     one = None if progress.is_at_an_end else progress.model
-    if one is not None and clears(one, result) and is_white(one):
+    if one is not None and explains_misfit(one, result) and is_white(one):
         return progress, None
     errors = result.score_fit if before.added == () else score(before).fit_rows
     return progress, of_another_rig(result, before, errors, report, one)
@@ -195,7 +197,9 @@ def _astray(s: CandidateModel, result: FitResult) -> bool:
     return s.far or s.chi2_per_sample >= result.settings.contradiction.compromise
 
 
-def _of_the_others(strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings) -> Diagnosis:
+def _diagnosis_without_piece(
+    strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings
+) -> Diagnosis:
     """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
     report(strange.why, 0.0)
     rest = diagnose(strange.rest, report, settings)
@@ -211,7 +215,7 @@ def _of_the_others(strange: Strange, result: FitResult, report: Report, settings
         removed=(strange.why, *rest.removed),
         rig=(mistake, *rest.rig),
         aside=(*strange.traces, *rest.aside),
-        probabilities=besides(strange.name, rest.probabilities, settings),
+        probabilities=with_proven_effect(strange.name, rest.probabilities, settings),
         questions=(asked, *rest.questions),
         statements=(stated, *rest.statements),
         verdict=(stated.sentence, *rest.verdict),
@@ -232,7 +236,7 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 
-def _of_sets(
+def _compared_with_sets(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
     """The progress, or that of a set of effects which does better, looked back on as well; and the sets tried."""
@@ -242,7 +246,7 @@ def _of_sets(
     return (progress if better is progress else _looked_back(result, better, report)), tried
 
 
-def _told(
+def _assembled(
     result: FitResult,
     rest: Allowed,
     first: CandidateModel,
@@ -254,7 +258,7 @@ def _told(
     s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
     slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
-    doubts = () if s.far else doubted(progress.rounds, present, settings)
+    doubts = () if s.far else doubted(progress.rounds, present)
     added, doubts, asked, chance = said(progress.rounds, present, doubts, left is not None, settings, slow)
     ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]

@@ -1,15 +1,4 @@
-"""What the model lacks along the measured motion.
-
-The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
-what the model lacks,
-
-    T_missing = N K_m / R_a stiffness (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
-
-so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the stepper that
-simulates the fit does it all. The second holds for what changes slower than L_a/R_a.
-
-Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
-"""
+"""What the residual shows: torque and voltage that the model lacks along the motion, and whether it is noise."""
 
 from __future__ import annotations
 
@@ -37,17 +26,31 @@ from ..problem.residual import run
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
 from .findings import Evidence, Motion, Share, Whiteness
-from .settings import DiagnosisSettings
+
+# ---- What the model lacks along the measured motion
+#
+# The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
+# what the model lacks,
+#
+#     T_missing = N K_m / R_a stiffness (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
+#
+# so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the stepper
+# that simulates the fit does it all. The second holds for what changes slower than L_a/R_a.
+#
+# Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
+
+
+WHITE_P = 1e-4  # p-value of a test for autocorrelation or correlation below which a residual is not white
+LARGE_RMS = 0.03  # excess of a residual's RMS over 1 sigma that a wrong estimate of the noise may explain
+# standard deviations of the RMS of white noise, 1/sqrt(2 n), that are allowed beside that excess
+LARGE_RMS_DEVIATIONS = 5.0
+SHARE_BINS = 24  # of equal count along an axis, whose means are the curve that takes a share of the variance away
+SHARE_SAMPLES = 200  # fewest samples from which such a share is read
+SHARE_TOLD = 0.05  # share of the variance from which on a sentence names it
 
 
 def _shown(throttle: Throttle, path: StatePath, steps: Step) -> dict[str, Any]:
-    """Signals of a batch or of one entry, and what every effect contributes, (effects, T, L).
-
-    Args:
-        throttle: the model.
-        path: its states and memories at the end of each step.
-        steps: what it ran on.
-    """
+    """Signals of a batch or of one entry, and what every effect contributes, (effects, T, L)."""
     state, z = path
     u = steps.inputs(1.0)
     parts = throttle.parts(state, z, u)
@@ -109,7 +112,6 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
     """Missing torque and voltage of both models along the measured motion.
 
     Args:
-        before, after: the first and the final model.
         held_out: of the traces held out rather than those fitted.
     """
     first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
@@ -175,10 +177,10 @@ def evidence(s: CandidateModel) -> Evidence:
     along = signals(s.problem, s.x, stiffness)
     rows = _rows(s, along)
     volts = missing_voltage(s.problem, s.x, stiffness)
-    found = (*shares("torque", along, [a["torque"] for a in along], s.settings),
-             *shares("voltage", along, volts, s.settings))  # fmt: skip
+    found = (*shares("torque", along, [a["torque"] for a in along]),
+             *shares("voltage", along, volts))  # fmt: skip
     found = tuple(sorted(found, key=lambda share: -share.share))
-    return Evidence(tuple(rows), all(row.white for row in rows), found, tuple(sentences(rows, found, s.settings)))
+    return Evidence(tuple(rows), all(row.white for row in rows), found, tuple(sentences(rows, found)))
 
 
 def is_white(s: CandidateModel) -> bool:
@@ -187,35 +189,29 @@ def is_white(s: CandidateModel) -> bool:
     return all(row.white for row in _rows(s, along))
 
 
-def _weighed_down(s: CandidateModel) -> np.ndarray:
-    """Factor by which each sample was weighed down, shape (T, L, M): a residual is judged by its noise alone."""
-    return s.problem.sigma / s.problem.batch.slots.sigma
-
-
 def _rows(s: CandidateModel, along: Sequence[Signals]) -> list[Whiteness]:
-    """Each channel of each trace."""
-    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * (_weighed_down(s) if s.far else 1.0))
+    """Each channel of each trace, judged by its noise alone: far from the data samples were weighed down."""
+    weighed_down = s.problem.sigma / s.problem.batch.slots.sigma if s.far else 1.0
+    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * weighed_down)
     out = []
     for trace, part, signal in zip(s.problem.batch.traces, r, along, strict=True):
         for m, channel in enumerate(trace.channels):
             place = Place(trace.measurement.file, trace.measurement.test, channel)
-            out.append(whiteness(place, part[:, m], np.isfinite(trace.data[:, m]), signal, s.settings))
+            out.append(whiteness(place, part[:, m], np.isfinite(trace.data[:, m]), signal))
     return out
 
 
-def whiteness(
-    place: Place, r: np.ndarray, logged: np.ndarray, along: Signals, settings: DiagnosisSettings
-) -> Whiteness:
+def whiteness(place: Place, r: np.ndarray, logged: np.ndarray, along: Signals) -> Whiteness:
     """Whether one channel's residual is noise: no larger than its noise, not autocorrelated, correlated with nothing.
 
-        rms < 1 + 0.03 + 5 / sqrt(2 n),    p-values > 1e-4, that of the correlation times the number of signals tried
+        rms < 1 + LARGE_RMS + LARGE_RMS_DEVIATIONS / sqrt(2 n),    p-values > WHITE_P, that of the correlation times the
+        number of signals tried
 
     Args:
         place: whose residual it is.
         r: whitened residual, shape (n,).
         logged: where the channel has a sample, shape (n,).
         along: "input", "speed", "angle", "current" and "time" at the instants, shape (n,) each.
-        settings: what decides; the numbers above are `large_rms`, `large_rms_deviations` and `white_p`.
     """
     regressors = {
         "input": along["input"],
@@ -229,23 +225,15 @@ def whiteness(
     name, rho = strongest(own, {k: v[logged] for k, v in regressors.items()})
     p = min(1.0, len(regressors) * 2.0 * float(ndtr(-abs(rho) * math.sqrt(own.size))))
     size, box = float(np.sqrt(np.mean(own**2))), ljung_box(own)
-    fair = size < 1.0 + settings.large_rms + settings.large_rms_deviations / math.sqrt(2.0 * own.size)
-    white = fair and box > settings.white_p and p > settings.white_p
+    fair = size < 1.0 + LARGE_RMS + LARGE_RMS_DEVIATIONS / math.sqrt(2.0 * own.size)
+    white = fair and box > WHITE_P and p > WHITE_P
     return Whiteness(*place, own.size, size, box, name, rho, p, white)
 
 
-class Correlated(NamedTuple):
-    """A signal and a residual's correlation coefficient with it."""
-
-    name: str
-    rho: float
-
-
-def strongest(r: np.ndarray, regressors: Signals) -> Correlated:
-    """The signal with which a residual correlates most, whatever the sign; all of shape (n,)."""
+def strongest(r: np.ndarray, regressors: Signals) -> tuple[str, float]:
+    """The signal with which a residual correlates most, whatever the sign, and the coefficient; all of shape (n,)."""
     every = {name: correlation(r, signal) for name, signal in regressors.items()}
-    name = max(every, key=lambda key: abs(every[key]))
-    return Correlated(name, every[name])
+    return max(every.items(), key=lambda item: abs(item[1]))
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
@@ -255,9 +243,7 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return float(a @ b) / power if power > 0.0 else 0.0
 
 
-def shares(
-    enters: str, along: Sequence[Signals], missing: Sequence[np.ndarray], settings: DiagnosisSettings
-) -> list[Share]:
+def shares(enters: str, along: Sequence[Signals], missing: Sequence[np.ndarray]) -> list[Share]:
     """How much of a missing torque or voltage each quantity explains; none where too few samples know it.
 
     Args:
@@ -267,10 +253,10 @@ def shares(
     """
     y = np.concatenate(missing)
     seen = np.isfinite(y)
-    if seen.sum() < settings.share_samples:
+    if seen.sum() < SHARE_SAMPLES:
         return []
     axes = {axis: np.concatenate([a[axis] for a in along])[seen] for axis in _AXES[enters]}
-    return [Share(enters, axis, explained(values, y[seen], settings.share_bins)) for axis, values in axes.items()]
+    return [Share(enters, axis, explained(values, y[seen], SHARE_BINS)) for axis, values in axes.items()]
 
 
 def explained(axis: np.ndarray, y: np.ndarray, bins: int) -> float:
@@ -294,8 +280,8 @@ def explained(axis: np.ndarray, y: np.ndarray, bins: int) -> float:
     return float(np.clip(1.0 - within / total * fair, 0.0, 1.0))
 
 
-def sentences(rows: Sequence[Whiteness], found: Sequence[Share], settings: DiagnosisSettings) -> list[str]:
-    """The evidence in words: the largest residual that is not white, and the shares of at least `share_told`."""
+def sentences(rows: Sequence[Whiteness], found: Sequence[Share]) -> list[str]:
+    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_TOLD`."""
     odd = [row for row in rows if not row.white]
     if not odd:
         return [f"All {len(rows)} residuals are white: noise, as far as these tests see."]
@@ -305,7 +291,7 @@ def sentences(rows: Sequence[Whiteness], found: Sequence[Share], settings: Diagn
         f"{worst.rms:.3g} times its noise and goes along with {worst.strongest} (correlation {worst.correlation:+.2f})."
     ]
     for enters in ("torque", "voltage"):
-        mine = [share for share in found if share.enters == enters and share.share > settings.share_told]
+        mine = [share for share in found if share.enters == enters and share.share > SHARE_TOLD]
         if mine:
             words = ", ".join(f"{share.axis} {100 * share.share:.0f} %" for share in mine)
             out.append(f"Of the missing {enters}, a curve over one quantity takes away: {words}.")

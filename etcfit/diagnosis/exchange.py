@@ -1,32 +1,39 @@
-"""Looking back: each effect found is compared again with its rivals, now that all later effects are in the model.
-
-What was missing together with others may have been taken for something like it. So each effect is compared once more
-with the rivals of its round, in its place in the final model; and each is tried to be taken away.
-
-Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source: the
-rivals of an effect are those that explained at least half as much in its round, not all candidates.
-"""
+"""Looking back: an effect is exchanged for a rival, taken away, or put in place of two others."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
 from ..estimation.joint_fit import Report
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import alike, is_accepted
+from .choice import TIED_LIKELIHOOD, alike, is_accepted
 from .composition import Effect, resting
 from .loop import Round, screened
 from .model_discrepancy import formula_error_chi2
-from .refit import holds, refit_fully, refit_worsened
+from .refit import is_no_worse, refit_fully, refit_worsened
 from .score import Apart, distance_to, folds, left_out, score
-from .settings import DiagnosisSettings
-from .trial import Cost, Trial, TrialVerdict, bic_change, judged, tried
+from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
+
+# ---- Looking back: each effect found is compared again with its rivals, now that all later effects are in the model
+#
+# What was missing together with others may have been taken for something like it. So each effect is compared once more
+# with the rivals of its round, in its place in the final model; and each is tried to be taken away.
+#
+# Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source:
+# the rivals of an effect are those that explained at least half as much in its round, not all candidates.
+
+
+# share of the fall of chi2 of the effect added that another must exceed to be compared in the final model
+EXCHANGE_RIVAL = 0.5
+# share of a signature that nothing at work can imitate, below which an effect may be put in place of two
+IMITATED = 0.05
+MERGES = 2  # such effects tried at most, the most imitated first
+HANDING_OVER = 8  # steps in which two effects are led to their off values
 
 
 @dataclass(frozen=True)
@@ -48,8 +55,8 @@ class Found:
     @classmethod
     def of(cls, turned: Round) -> Found:
         """What a round added."""
-        best, settings = turned.best, turned.before.settings
-        rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict, settings)}
+        best = turned.best
+        rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict)}
         ties = _apart(best, (t for t in turned.trials if t.verdict.effect in turned.choice.ties))
         return cls(best.verdict.effect, ties, -best.verdict.bic_change, rivals)
 
@@ -59,9 +66,9 @@ class Found:
         return replace(self, ties={effect: far for effect, far in self.ties.items() if effect not in at_work})
 
 
-def is_rival(v: TrialVerdict, best: TrialVerdict, settings: DiagnosisSettings) -> bool:
-    """Whether another effect explained more than the share `exchange_rival` of what the one added did."""
-    return v.effect is not best.effect and v.gain > settings.exchange_rival * best.gain
+def is_rival(v: TrialVerdict, best: TrialVerdict) -> bool:
+    """Whether another effect explained more than the share `EXCHANGE_RIVAL` of what the one added did."""
+    return v.effect is not best.effect and v.gain > EXCHANGE_RIVAL * best.gain
 
 
 def _apart(best: Trial, ties: Iterable[Trial]) -> dict[Effect, Apart]:
@@ -71,28 +78,21 @@ def _apart(best: Trial, ties: Iterable[Trial]) -> dict[Effect, Apart]:
 # ---- one effect given up for another
 
 
-class Preference(NamedTuple):
-    """Of an effect (number 0) and its rivals (1, 2, ...): the one preferred, and those tied to it."""
-
-    best: int
-    ties: tuple[int, ...]
-
-
-def preference(here: TrialVerdict, others: Sequence[TrialVerdict], settings: DiagnosisSettings) -> Preference:
-    """Which of an effect and its rivals explains most for its parameters, and which fit as well as that.
+def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> tuple[int, tuple[int, ...]]:
+    """Which of an effect (0) and its rivals (1, 2, ...) explains most for its parameters, and which fit as well.
 
     The effect itself stays where the best is a tie with it and BIC does not choose between the two either: a formula
     with more parameters may fit as well as the right one.
     """
     every = (here, *others)
     best = min(every, key=lambda v: v.bic_change)
-    even = here.bic_change - best.bic_change < settings.tied_likelihood
-    best = here if even and alike(here, best, settings) else best
-    ties = (k for k, v in enumerate(every) if v is not best and alike(v, best, settings))
-    return Preference(next(k for k, v in enumerate(every) if v is best), tuple(ties))
+    even = here.bic_change - best.bic_change < TIED_LIKELIHOOD
+    best = here if even and alike(here, best) else best
+    ties = (k for k, v in enumerate(every) if v is not best and alike(v, best))
+    return next(k for k, v in enumerate(every) if v is best), tuple(ties)
 
 
-def in_place(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
+def replaced_in_order(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
     """The effects added with one exchanged for another: the order in which they were found stays."""
     return tuple(new if e is old else e for e in added)
 
@@ -103,12 +103,8 @@ def gave_way(old: TrialVerdict, new: TrialVerdict) -> str:
     return f"{old.effect.name} gave way to {new.effect.name}, which explains more (BIC {more:+.1f})."
 
 
-class LookBack(NamedTuple):
-    """The model after looking back, the effects in it, and a sentence for each exchange."""
-
-    model: CandidateModel
-    found: tuple[Found, ...]
-    sentences: tuple[str, ...]
+# the model after looking back, the effects in it, and a sentence for each exchange
+LookBack = tuple[CandidateModel, tuple[Found, ...], tuple[str, ...]]
 
 
 def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
@@ -120,25 +116,25 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             continue
         report(f"asking again whether it is {each.effect.name}", 0.88)
         every = _beside(s, each.effect, rivals)
-        liked = preference(every[0].verdict, [t.verdict for t in every[1:]], s.settings)
-        best = every[liked.best]
-        if liked.best:
+        chosen, tied = preference(every[0].verdict, [t.verdict for t in every[1:]])
+        best = every[chosen]
+        if chosen:
             new = refit_fully(best.model, report)
-            if not holds(new, s, score(s)) or contradicted(best.model, s):
+            if not is_no_worse(new, s, score(s)) or contradicted(best.model, s):
                 continue
             words.append(gave_way(every[0].verdict, best.verdict))
-            s = replace(new, added=in_place(s.added, each.effect, best.verdict.effect))
-        ties = _apart(best, (every[tie] for tie in liked.ties))
+            s = replace(new, added=replaced_in_order(s.added, each.effect, best.verdict.effect))
+        ties = _apart(best, (every[tie] for tie in tied))
         now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
-    return LookBack(s, tuple(each.told_apart_from(s.added) for each in now), tuple(words))
+    return s, tuple(each.told_apart_from(s.added) for each in now), tuple(words)
 
 
 def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]) -> tuple[Trial, ...]:
     """Trials of the effect and, after it, of the rivals that stand, each over the model with none of them."""
     base = s.without(effect).optimised()
     before = score(base)
-    others = concurrently(lambda rival: tried(base, *rival, before), list(rivals.items()))
-    return judged(effect, before, s), *(t for t in others if is_accepted(t.verdict, s.settings))
+    others = concurrently(lambda rival: run_trial(base, *rival, before), list(rivals.items()))
+    return judge_trial(effect, before, s), *(t for t in others if is_accepted(t.verdict, s.settings))
 
 
 def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
@@ -149,19 +145,9 @@ def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
 # ---- one effect taken away
 
 
-class Pruned(NamedTuple):
-    """The model after pruning, and a sentence for each effect taken away."""
-
-    model: CandidateModel
-    sentences: tuple[str, ...]
-
-
-def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Pruned:
+def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
     """Take away each added effect that is no longer worth its parameters, the others at work, or does no more than
-    inexact formulas of the others would leave. One that was found alone stays.
-
-    Args:
-        first_chi2_per_dof: of the first fit.
+    inexact formulas of the others would leave; a sentence for each. One that was found alone stays.
     """
     words = []
     for effect in s.added if len(s.added) > 1 else ():
@@ -173,7 +159,7 @@ def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> Prun
             rest = "" if change < 0.0 else ", but for no more than inexact formulas leave"
             words.append(f"{effect.name} was taken away again: what came after explains it{rest} (BIC {change:+.1f}).")
             s = new
-    return Pruned(s, tuple(words))
+    return s, tuple(words)
 
 
 def idle(bic_change: float, lost: float, blurred: float) -> bool:
@@ -206,13 +192,9 @@ Two = tuple[Effect, Effect]
 
 
 def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
-    """The model with one effect in place of two that were added, where that explains as much for fewer parameters.
-
-    Args:
-        found: the effects added, and what is known of them.
-    """
+    """The model with one effect in place of two that were added, where that explains as much for fewer parameters."""
     if s.far or len(s.added) < 2:
-        return LookBack(s, tuple(found), ())
+        return s, tuple(found), ()
     before = score(s)
     for one in _imitated(s):
         for two in combinations(s.added, 2):
@@ -221,12 +203,11 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
             if new is None or not (change := bic_change(before, score(new), cost(s, two, one))) < 0.0:
                 continue
             new = refit_fully(new, report)
-            if not holds(new, s, before) or contradicted(new, s):
+            if not is_no_worse(new, s, before) or contradicted(new, s):
                 continue
-            return LookBack(
-                new, (*found, Found(one, {}, _worth(found, two) - change, {})), (gave_way_to_one(two, one, change),)
-            )
-    return LookBack(s, tuple(found), ())
+            worth = sum(each.worth for each in found if each.effect in two) - change
+            return new, (*found, Found(one, {}, worth, {})), (gave_way_to_one(two, one, change),)
+    return s, tuple(found), ()
 
 
 def cost(s: CandidateModel, two: Two, one: Effect) -> Cost:
@@ -250,7 +231,7 @@ def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateM
     if not np.all(np.isfinite(goal)):
         return None
     free, reach = np.setdiff1d(np.arange(x.size), held), layout.reach(x)
-    for left in range(s.settings.handing_over, 0, -1):
+    for left in range(HANDING_OVER, 0, -1):
         r, _, jacobian = m.problem.linearise(x, m.weighted)
         columns, toward = jacobian.reshape(-1, x.size) * reach, (goal - x[held]) / left
         ahead = r.ravel() + columns[:, held] @ (toward / reach[held])
@@ -269,9 +250,5 @@ def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateM
 def _imitated(s: CandidateModel) -> Iterator[Effect]:
     """Effects not at work of which the parameters at work do nearly all, the most imitated first."""
     signatures = screened(s, [e for e in s.composition.candidates if not s.at_work(e)])
-    alike = sorted((g for g in signatures if 0.0 < g.own < s.settings.imitated), key=lambda g: g.own)
-    yield from (g.variant.effect for g in alike[: s.settings.merges])
-
-
-def _worth(found: Sequence[Found], two: Two) -> float:
-    return sum(each.worth for each in found if each.effect in two)
+    alike = sorted((g for g in signatures if 0.0 < g.own < IMITATED), key=lambda g: g.own)
+    yield from (g.variant.effect for g in alike[:MERGES])

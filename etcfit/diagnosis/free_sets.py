@@ -3,7 +3,8 @@
 Under the guide, by which the rounds compare effects there, the plate goes where it was measured; what an effect does to
 where a free plate goes shows little, and the set that the rounds found need not be the one whose free run is best. So
 a set is grown beside theirs, from the free run of the first fit: of the effects that stood in any round the one is
-taken first to which a guide leads lowest, as in a fit of named effects (`estimation.nested`), then the next, as long as
+taken first to which a guide leads lowest, as in a fit of named effects (`free_run.guided_start`), then the next, as
+long as
 
     -2 log L = 2 n log(error) + k log n,    n = number of independent samples,
 
@@ -22,7 +23,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..estimation.free_run import free_run_cost, freed, lower, lowest
+from ..estimation.free_run import free_run_cost, freed, likeliest_addition, lower_end
 from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report, from_own_starts, model_of
 from ..estimation.result import FitResult
@@ -30,6 +31,7 @@ from ..problem.prediction_error import pooled, rows
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from .candidate_model import CandidateModel
+from .choice import TIED_LIKELIHOOD
 from .composition import Effect
 from .exchange import Found
 from .findings import RoundReport, SetTried
@@ -37,6 +39,8 @@ from .refit import refit_fully
 from .rounds import Progress
 from .score import holdout_worsened, independent
 from .settings import DiagnosisSettings
+
+FREE_SPREAD = 0.1  # of the search for the best free run, in units of each coordinate's reach (1: a change of 100 %)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +99,7 @@ def preferred(grown: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool
     change = bic_change(grown, own)
     if holdout_worsened(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
         return False
-    return change < -settings.tied_likelihood or (change < settings.tied_likelihood and grown.x.size < own.x.size)
+    return change < -TIED_LIKELIHOOD or (change < TIED_LIKELIHOOD and grown.x.size < own.x.size)
 
 
 def pool(rounds: Sequence[RoundReport], settings: DiagnosisSettings) -> tuple[str, ...]:
@@ -108,11 +112,7 @@ def pool(rounds: Sequence[RoundReport], settings: DiagnosisSettings) -> tuple[st
 
 
 def grown(result: FitResult, names: Sequence[str], report: Report, settings: DiagnosisSettings) -> FreeRun:
-    """A set of effects grown from the first fit's free run, one effect after the other.
-
-    Args:
-        names: of effects that may be taken.
-    """
+    """A set of effects grown from the first fit's free run, one effect after the other."""
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     known, plan = result.rig.config.effects, result.settings
     here, rest = FreeRun.of((), result.problem, result.x, held_out), tuple(names)
@@ -121,8 +121,8 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
         config = replace(result.rig.config, effects=(*known, *here.effects))
         rigs = {name: replace(result.rig, config=replace(config, effects=(*config.effects, name))) for name in rest}
         models = {name: model_of(rig) for name, rig in rigs.items()}
-        best, point = lowest(here.problem, here.x, models, plan)
-        end = lower(models[best], from_own_starts(models[best], plan), point, plan)
+        best, point = likeliest_addition(here.problem, here.x, models, plan)
+        end = lower_end(models[best], from_own_starts(models[best], plan), point, plan)
         new = FreeRun.of((*here.effects, best), end.problem, end.x, held_out)
         rest = tuple(name for name in rest if name != best)
         if holdout_worsened(new.holdout_rms, here.holdout_rms, settings.refit_rise):
@@ -136,11 +136,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
 def searched_free(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared.
-
-    Args:
-        progress: what the rounds came to, far from the data.
-    """
+    """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared."""
     s, settings = progress.model, first.settings
     names = pool(progress.rounds, settings)
     if not names:
@@ -149,7 +145,7 @@ def searched_free(
     found = {e.name: e for e in first.composition.candidates}
     effects = tuple(found[name] for name in other.effects)
     lean = s.lean()
-    run = freed(lean.problem.guided(0.0), lean.x, settings.free_spread, result.settings)
+    run = freed(lean.problem.guided(0.0), lean.x, FREE_SPREAD, result.settings)
     own = FreeRun.of(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
     if set(effects) == set(s.added):
         return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), ()

@@ -15,12 +15,12 @@ from .candidate_model import CandidateModel
 from .choice import Choice, deserves_second_trial, in_turn, is_accepted, nothing_to_read, promising, worth_a_look
 from .composition import Effect, is_of_the_rig, resting
 from .model_discrepancy import inexact
-from .refit import holds, refit_fully
+from .refit import is_no_worse, refit_fully
 from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
 from .score import Score, folds, left_out, score
 from .screen import Background, Signature, ranked, screen_of_the_rig
 from .tangents import Tangents, tangents_inside, variants
-from .trial import Trial, second_trial, tried
+from .trial import Trial, run_trial, second_trial
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +104,6 @@ def score_candidates(
 
     Effects of the rig, which act around the throttle and are cheap, are taken all at once; those that act in it see
     `inside`.
-
-    Args:
-        candidates: effects that are not at work.
-        kept: what is kept of each signature.
     """
     every = [e for e in candidates if is_of_the_rig(e)]
     prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))
@@ -133,11 +129,10 @@ def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:
     if not folds(s) or not any(strong):
         return list(trials)
     base = left_out(s)
-    return [_with_change(t, left_out(t.model) - base) if good else t for t, good in zip(trials, strong, strict=True)]
-
-
-def _with_change(trial: Trial, change: float) -> Trial:
-    return replace(trial, verdict=replace(trial.verdict, holdout_chi2_change=change))
+    return [
+        replace(t, verdict=replace(t.verdict, holdout_chi2_change=left_out(t.model) - base)) if good else t
+        for t, good in zip(trials, strong, strict=True)
+    ]
 
 
 Starts = Mapping[Effect, Mapping[str, float]]  # values to start a refit from, SI by symbol
@@ -165,12 +160,8 @@ def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) 
 
 
 def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score, report: Report) -> Trial:
-    return _asked_again(s, tried(s, effect, values, before), before, report)
-
-
-def _asked_again(s: CandidateModel, trial: Trial, before: Score, report: Report) -> Trial:
-    """The trial, or the second one of an effect that deserves it and stands there."""
-    effect, settings = trial.verdict.effect, s.settings
+    """The trial, or the second one of an effect that deserves it and is accepted there."""
+    trial, settings = run_trial(s, effect, values, before), s.settings
     if not deserves_second_trial(trial.verdict, before, s.far, settings):
         return trial
     report(f"refitting with {effect.name} in full", 0.8)
@@ -187,7 +178,7 @@ def refit_chosen(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
     for choice in (turned.choice, *turned.instead):
         attempt = replace(turned, choice=replace(choice, why=f"{words}{choice.why}"), instead=())
         new = refit_fully(attempt.best.model, report)
-        if holds(new, turned.before, turned.score):
+        if is_no_worse(new, turned.before, turned.score):
             return attempt, new
         words = f"{attempt.choice.with_refit_refused().why} "
     return replace(turned, choice=turned.choice.with_refit_refused(), instead=()), turned.before

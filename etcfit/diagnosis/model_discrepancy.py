@@ -1,23 +1,9 @@
-"""The formulas of the effects found are conventions: what that leaves unexplained, and what it does to parameters.
-
-A formula that is off by phi adds phi xi(t) c(t) to the residual, c what the effect does there and xi of size 1. Part of
-it looks like another effect (`formula_error_chi2`); the rest is taken for other values of the parameters
-(`formula_covariance`):
-
-    p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
-
-with c_b = c in one stretch of one trace and 0 elsewhere: xi is taken to be constant over a stretch and independent from
-one stretch to the next. Far from the data both are 0: samples are weighed there by what is left in them.
-
-Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy). Differs from source: xi is constant
-by stretches rather than a Gaussian process, and its size is `inexact` of the effect, not fitted.
-"""
+"""What formulas that are not exact leave and do to parameters, and what is left as random curves."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from scipy import linalg, optimize
@@ -31,7 +17,29 @@ from ..problem.free_parameters import effect_named
 from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Background
-from .settings import DiagnosisSettings
+
+# ---- The formulas of the effects found are conventions: what that leaves unexplained, and what it does to parameters
+#
+# A formula that is off by phi adds phi xi(t) c(t) to the residual, c what the effect does there and xi of size 1. Part
+# of it looks like another effect (`formula_error_chi2`); the rest is taken for other values of the parameters
+# (`formula_covariance`):
+#
+#     p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
+#
+# with c_b = c in one stretch of one trace and 0 elsewhere: xi is taken to be constant over a stretch and independent
+# from one stretch to the next. Far from the data both are 0: samples are weighed there by what is left in them.
+#
+# Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy). Differs from source: xi is constant
+# by stretches rather than a Gaussian process, and its size is `inexact` of the effect, not fitted.
+
+
+FORMULA_CEILING = 0.04  # chi2 that may be put down to an inexact formula: at most this share of the number of samples
+FORMULA_STRETCHES = 6  # equal parts of a trace, over each of which the error of a formula is taken to be constant
+CURVE_LENGTH = 3.0  # knots over which a random curve forgets what it was
+# rise of -2 log L without random curves, one event left out, from which on they are taken to be there
+CURVE_EVIDENCE = 10.0
+LARGE_CURVE = 0.05  # probability, before the data, that a random curve is larger than is typical of what it enters
+CURVE_STRETCHES = 20  # equal parts of a trace, one of which counts as one event
 
 
 def inexact(effects: Sequence[Effect]) -> float:
@@ -53,18 +61,18 @@ def formula_error_chi2(first_chi2_per_dof: float, s: CandidateModel) -> float:
     """
     n = s.weighted.samples
     explained = n * max(0.0, first_chi2_per_dof - 1.0)
-    return 0.0 if s.far else chi2_left_by_formula(inexact(s.added), explained, n, s.settings)
+    return 0.0 if s.far else chi2_left_by_formula(inexact(s.added), explained, n)
 
 
-def chi2_left_by_formula(phi: float, explained: float, n: float, settings: DiagnosisSettings) -> float:
+def chi2_left_by_formula(phi: float, explained: float, n: float) -> float:
     """min(phi^2 chi2, 0.04 n): chi2 that an effect whose formula is off may leave of what it explained.
 
     Args:
         phi: relative error of the formula.
         explained: chi2 that the effect explained.
-        n: fitted samples; 0.04 is `formula_ceiling`.
+        n: fitted samples; 0.04 is `FORMULA_CEILING`.
     """
-    return min(phi**2 * explained, settings.formula_ceiling * n)
+    return min(phi**2 * explained, FORMULA_CEILING * n)
 
 
 def formula_covariance(s: CandidateModel) -> np.ndarray:
@@ -98,7 +106,7 @@ def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> I
         jacobian: of the residual, shape (T, L, M, P).
         effect: c, what the effect does to the residual, shape (T, L, M).
     """
-    for lane, stretch in s.problem.batch.stretches(s.settings.formula_stretches):
+    for lane, stretch in s.problem.batch.stretches(FORMULA_STRETCHES):
         yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])
 
 
@@ -160,7 +168,6 @@ def curve_discrepancy(
     believed: np.ndarray,
     curves: Sequence[Curve],
     events: np.ndarray,
-    settings: DiagnosisSettings,
 ) -> CurveDiscrepancy:
     """Estimate every tau, and what the curves have done to the coordinates.
 
@@ -168,20 +175,18 @@ def curve_discrepancy(
         r: whitened residual at the optimum, shape (n,).
         jacobian: of it, shape (n, P).
         believed: information of the priors, shape (P, P).
-        curves: C of them.
         events: number of the stretch of a trace that each sample lies in, shape (n,).
-        settings: `curve_length` is l_K in knots; `curve_evidence` and `large_curve`.
     """
     none = CurveDiscrepancy({}, np.zeros_like(believed))
     if not any(c.columns.any() for c in curves):
         return none
     background = Background.spanned(r, jacobian)
-    root = np.linalg.cholesky(kernel(curves[0].columns.shape[1], settings.curve_length))
+    root = np.linalg.cholesky(kernel(curves[0].columns.shape[1], CURVE_LENGTH))
     ways = np.empty((r.size, len(curves) * len(root)))
     for c, own in zip(curves, np.split(ways, len(curves), axis=1), strict=True):
         np.matmul(c.columns, root, out=own)
     left = _Left.of(background, background.free_of(background.basis, ways), len(curves), events)
-    tau = most_likely(left, settings)
+    tau = most_likely(left)
     if not tau.any():
         return none
     sizes = {c.effect: float(t) * c.scale for c, t in zip(curves, tau, strict=True) if t > 0.0}
@@ -194,11 +199,7 @@ def curve_discrepancy(
 
 
 def t_to_normal_ratio(freedom: float) -> float:
-    """t_nu / 1.96, 95 % of both: a tau that nu visible amplitudes told is itself uncertain; two at least count.
-
-    Args:
-        freedom: nu.
-    """
+    """t_nu / 1.96, 95 % of both: a tau that nu visible amplitudes told is itself uncertain; two at least count."""
     return float(stdtrit(max(freedom, 2.0), 0.975) / ndtri(0.975))
 
 
@@ -283,24 +284,17 @@ class _Left:
         return size[:, None] * self.gram * size / self.noise
 
 
-def most_likely(left: _Left, settings: DiagnosisSettings) -> np.ndarray:
+def most_likely(left: _Left) -> np.ndarray:
     """tau of each curve by restricted maximum likelihood, shape (C,).
 
-    All are 0 where without them -2 ln L rises by less than `curve_evidence`, what they explain in one event left out.
+    All are 0 where without them -2 ln L rises by less than `CURVE_EVIDENCE`, what they explain in one event left out.
     Which of them it is need not be decided: curves over related axes share what they can all do.
     """
-    system = _Likelihood.of(left, -2.0 * np.log(settings.large_curve))
-    every = system.fitted()
-    one_event = max(0.0, float(np.max(left.by_event(every.tau), initial=0.0)))
-    needed = float(system.y @ system.y) - every.cost - one_event
-    return every.tau if needed > settings.curve_evidence else np.zeros_like(every.tau)
-
-
-class _Fitted(NamedTuple):
-    """tau where the cost is least, and the cost there."""
-
-    tau: np.ndarray
-    cost: float
+    system = _Likelihood.of(left, -2.0 * np.log(LARGE_CURVE))
+    tau, cost = system.fitted()
+    one_event = max(0.0, float(np.max(left.by_event(tau), initial=0.0)))
+    needed = float(system.y @ system.y) - cost - one_event
+    return tau if needed > CURVE_EVIDENCE else np.zeros_like(tau)
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,13 +319,13 @@ class _Likelihood:
         units = np.stack([w @ w.T / left.noise for w in each])
         return cls(left.turn.T @ left.across / np.sqrt(left.noise), units, price)
 
-    def fitted(self) -> _Fitted:
-        """At the least cost."""
+    def fitted(self) -> tuple[np.ndarray, float]:
+        """tau where the cost is least, and the cost there."""
         power = np.maximum(np.trace(self.units, axis1=1, axis2=2), 1e-300)
         start = np.minimum(np.sqrt(max(float(self.y @ self.y), 1.0) / (len(power) * power)), 1.0)
         bounds = [(0.0, _LARGEST)] * start.size
         found = optimize.minimize(self._cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        return _Fitted(found.x, float(found.fun))
+        return found.x, float(found.fun)
 
     def _cost(self, tau: np.ndarray) -> tuple[float, np.ndarray]:
         """Value and gradient."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
-from ..estimation.contradiction import muted
+from ..estimation.contradiction import with_only_weights_of
 from ..estimation.identifiability import listed
 from ..estimation.intervals import intervals
 from ..estimation.joint_fit import Report, finished, fit, fit_near
@@ -37,7 +37,7 @@ from .composition import carried
 from .evidence import is_white
 from .findings import RigMistake, SetAside, Statement
 from .loop import screened
-from .refit import refit_fully, start_at
+from .refit import NEAR_CHI2_PER_DOF, refit_fully, start_at
 from .settings import DiagnosisSettings
 from .statements import Named, statement
 
@@ -74,7 +74,7 @@ class Strange:
 
     def statement(self, settings: DiagnosisSettings) -> Statement:
         """It is shown, but for a lapse."""
-        apart = self.apart()
+        apart = differences(self.own, self.rest)
         each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(apart.items())[:_NAMED]]
         differs = listed(each) if each else "in what it does not tell"
         said = f"{OtherRig.kind} in {self.place.words}: a body of its own, which differs from all others: {differs}"
@@ -84,10 +84,6 @@ class Strange:
     def _mend(self) -> str:
         return f"{OtherRig.at(self.place).mend(0.0)}, or take the files out of the folder"
 
-    def apart(self) -> dict[str, float]:
-        """`differences` of the two bodies."""
-        return differences(self.own, self.rest)
-
     def mistake(self, stated: Statement) -> RigMistake:
         """As a finding; its size is the largest relative difference of a parameter that both tell."""
         return RigMistake(
@@ -95,7 +91,7 @@ class Strange:
             kind=OtherRig.kind,
             test=self.place.test or None,
             channel=None,
-            size=max((abs(d) for d in self.apart().values()), default=0.0),
+            size=max((abs(d) for d in differences(self.own, self.rest).values()), default=0.0),
             unit="",
             mend=self._mend,
             sentence=stated.sentence,
@@ -118,7 +114,7 @@ def of_another_rig(
     """
     for places in _pieces(errors, s.settings):
         nearest = min(((_misfit_without(s, place, result), k, place) for k, place in enumerate(places)), default=None)
-        if nearest is None or not nearest[0] < s.settings.near_chi2_per_dof:
+        if nearest is None or not nearest[0] < NEAR_CHI2_PER_DOF:
             continue
         place = nearest[2]
         report(f"fitting without {place.words}", 0.9)
@@ -171,8 +167,8 @@ def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float
         begins.append((free.layout.off_bounds(free.layout.coordinates(values)), result.settings.late))
     left = np.inf
     for x, steps in begins:
-        left = min(left, left_without(problem, x, steps, place, result.settings, s.settings.near_chi2_per_dof))
-        if left < s.settings.near_chi2_per_dof:
+        left = min(left, left_without(problem, x, steps, place, result.settings, NEAR_CHI2_PER_DOF))
+        if left < NEAR_CHI2_PER_DOF:
             break
     return left
 
@@ -185,21 +181,17 @@ def left_without(
     Where it cannot come below `near` any more, for what is forgiven less only adds to it, the way is not gone on.
     """
     left = np.inf
+    counted = (t for t in problem.batch.traces if not _is_of(t.measurement.file, place))
+    samples = sum(int(np.sum(np.isfinite(trace.data))) for trace in counted)
     for by in late:
         problem = problem.with_integrator_states(x)
         weighted = problem.weighted(weights.forgiving(problem, by))
-        others = muted(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
+        others = with_only_weights_of(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
         x, _ = descend(problem, x, others, settings.rough_tolerance, settings.steps)
-        left = problem.chi2(x, others) / max(1.0, _counted(problem, place) - x.size)
+        left = problem.chi2(x, others) / max(1.0, samples - x.size)
         if left > _HOPELESS * near and not problem.controlled:  # an ECU's integral, begun anew, may still bring it near
             break
     return left
-
-
-def _counted(problem: EstimationProblem, place: Place) -> int:
-    """Samples of all other traces."""
-    others = (t for t in problem.batch.traces if not _is_of(t.measurement.file, place))
-    return sum(int(np.sum(np.isfinite(trace.data))) for trace in others)
 
 
 def _is_of(file: str, place: Place) -> bool:
@@ -214,7 +206,7 @@ def _shown(
     aside = OtherRig.at(place).name
     try:
         rest = fit_near(_with_effects(result, (*effects, aside)), report, result.settings, s.values)
-        if rest is None or not clears(others := start_at(rest, s.settings), result):
+        if rest is None or not explains_misfit(others := start_at(rest, s.settings), result):
             return None
         report(f"fitting {place.words} alone", 0.95)
         alone = _with_effects(result, effects)
@@ -225,11 +217,15 @@ def _shown(
     here = _at(s, rest)
     traces, predicted = here.problem.batch.traces, here.problem.free_run(here.x)
     misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
-    if misfit < s.settings.near_chi2_per_dof or own is None:
+    if misfit < NEAR_CHI2_PER_DOF or own is None:
         return None
-    if own.chi2_per_dof > _most_left(misfit, result, s.settings):
+    # what noise may be, or next to nothing of the misfit: a fit to one trace may stop a little short of its optimum
+    if own.chi2_per_dof > max(result.settings.contradiction.compromise, min(_LEFT * misfit, NEAR_CHI2_PER_DOF)):
         return None
-    apart = _chi2_apart(others, start_at(own, s.settings))
+    # sum of squares of two bodies, and what BIC asks for the P parameters of the second: P ln n
+    second = start_at(own, s.settings)
+    samples = others.weighted.samples + second.weighted.samples
+    apart = others.chi2 + second.chi2 + second.x.size * float(np.log(samples))
     if (one is not None and _explains_all(one, result, apart)) or _one_effect_does(here, result, apart, report):
         return None
     itself = finished(own)
@@ -259,18 +255,12 @@ def _declared(problem: EstimationProblem) -> EstimationProblem:
     return replace(problem.guided(0.0), sigma=problem.batch.slots.sigma)
 
 
-def _most_left(misfit: float, result: FitResult, settings: DiagnosisSettings) -> float:
-    """Most chi2 per degree of freedom that a body of its own may leave of a piece with this much in the others' model:
-    what noise may be, or next to nothing of it, for a fit to one trace may stop a little short of its optimum."""
-    return max(result.settings.contradiction.compromise, min(_LEFT * misfit, settings.near_chi2_per_dof))
-
-
 def _explains_all(s: CandidateModel, result: FitResult, apart: float) -> bool:
     """Whether a model of all data leaves next to nothing, and a smaller sum of squares than two bodies would."""
-    return clears(s, result) and s.chi2 < apart
+    return explains_misfit(s, result) and s.chi2 < apart
 
 
-def clears(s: CandidateModel, result: FitResult) -> bool:
+def explains_misfit(s: CandidateModel, result: FitResult) -> bool:
     """Whether a model leaves nothing but noise, or next to nothing of what the first fit left above it."""
     if s.far:
         return False
@@ -279,17 +269,10 @@ def clears(s: CandidateModel, result: FitResult) -> bool:
     return nearly or is_white(s)
 
 
-def _chi2_apart(others: CandidateModel, own: CandidateModel) -> float:
-    """Sum of squares of two bodies, and what BIC asks for the P parameters of the second: P ln n."""
-    samples = others.weighted.samples + own.weighted.samples
-    return others.chi2 + own.chi2 + own.x.size * float(np.log(samples))
-
-
 def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, report: Report) -> bool:
     """Whether a single effect, of those that promise most where the others were fitted, clears up all data as well.
 
     Args:
-        here: the model of all data with the parameters of the others.
         apart: sum of squares above which a body more does better.
     """
     settings = here.settings
@@ -298,7 +281,7 @@ def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, repo
         effect = found.variant.effect
         report(f"trying {effect.name} instead", 0.95)
         near = here.trying((effect,), found.values).optimised()
-        is_near = near.chi2_per_sample < settings.near_chi2_per_dof
+        is_near = near.chi2_per_sample < NEAR_CHI2_PER_DOF
         if is_near and _explains_all(refit_fully(near, report), result, apart):
             return True
     return False

@@ -1,4 +1,4 @@
-"""What is probable enough for a word: one list for statements, terminal and pages."""
+"""How likely is each explanation: how much a name answers for, questions with answers, and what is worth a word."""
 
 from __future__ import annotations
 
@@ -10,6 +10,13 @@ from ..model.rig_effects import Place, rig_effect
 from ..problem.free_parameters import effect_named
 from .findings import Question, RoundReport, Whiteness
 from .settings import DiagnosisSettings
+
+# ---- What is probable enough for a word: one list for statements, terminal and pages
+
+
+BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
+LEAST_CREDIT = 0.5  # share of what is missing where it acts that a name must explain, beside what may be something else
+
 
 _WORTH_A_WORD = 0.02
 
@@ -48,21 +55,14 @@ _EVERYWHERE = Place()
 def credits(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float]:
     """Of each round the most that the name which it added may be believed, from 0 to 1; 1 where nothing says how much
     it explained: no later round, or a name that did not stay.
-
-    Args:
-        added: the effects of its final model.
     """
     return [_credit(k, rounds, added) for k in range(len(rounds))]
 
 
-def doubted(rounds: Sequence[RoundReport], added: Collection[str], settings: DiagnosisSettings) -> list[str]:
-    """Names that stay in the model and are not said, for something else is likelier.
-
-    Args:
-        rounds, added: as of `credits`.
-    """
+def doubted(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
+    """Names that stay in the model and are not said, for something else is likelier."""
     believed = zip(rounds, credits(rounds, added), strict=True)
-    return [str(each.added) for each, credit in believed if credit < settings.least_credit]
+    return [str(each.added) for each, credit in believed if credit < LEAST_CREDIT]
 
 
 def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
@@ -131,11 +131,11 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 #     w_e = prior_e exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
 #
 # T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be; what
-# was known before the data (`prior.py`, which the change of BIC leaves out here) is not tempered. `lapse` is the answer
-# "something else": how often a name is wrong however strong its evidence, for the truth may lie outside the catalogue;
-# more, where a name answers for less than all that is missing where it acts (`credit.py`). The answers of a question
-# add up to one. Over rounds an effect is there unless none of them puts it there. How well they are calibrated:
-# docs/validation/bank.md.
+# was known before the data (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the
+# answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside the
+# catalogue; more, where a name answers for less than all that is missing where it acts (`credits`). The answers of a
+# question add up to one. Over rounds an effect is there unless none of them puts it there. How well they are
+# calibrated: docs/validation/bank.md.
 #
 # Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
 
@@ -165,7 +165,7 @@ def questions(
         added: the effects that are in its final model and not in doubt.
         curve: whether a curve without a name was found.
         slow: whether a fitted test was logged so.
-        doubts: other effects of that model, which something else outdoes (`credit.doubted`).
+        doubts: other effects of that model, which something else outdoes (`doubted`).
     """
     gone = _withdrawn(rounds, added)
     believed = [min(each, 1.0 - settings.lapse) for each in credits(rounds, {*added, *doubts})]
@@ -175,7 +175,15 @@ def questions(
     ]
     left = _left(rounds, bool(added), curve, doubts, settings)
     every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
-    return tuple(_beside_a_slow_log(each, settings) for each in every) if slow else every
+    if not slow:
+        return every
+    return tuple(
+        Question(
+            each.asks,
+            {a: (1.0 - settings.slow_log) * p for a, p in each.answers.items()} | {BETWEEN_SAMPLES: settings.slow_log},
+        )
+        for each in every
+    )
 
 
 class Said(NamedTuple):
@@ -206,7 +214,7 @@ def said(
     Args:
         rounds, curve, settings, slow: as of `questions`.
         present: effects of the final model, in the order found.
-        doubts: those of them that something else outdoes (`credit.doubted`).
+        doubts: those of them that something else outdoes (`doubted`).
     """
     names = tuple(name for name in present if name not in doubts)
     asked = questions(rounds, names, curve, settings, slow, doubts)
@@ -215,11 +223,6 @@ def said(
     if unlikely:
         return said(rounds, present, (*doubts, *unlikely), curve, settings, slow)
     return Said(names, tuple(doubts), asked, chance)
-
-
-def _beside_a_slow_log(question: Question, settings: DiagnosisSettings) -> Question:
-    answers = {answer: (1.0 - settings.slow_log) * p for answer, p in question.answers.items()}
-    return Question(question.asks, {**answers, BETWEEN_SAMPLES: settings.slow_log})
 
 
 def probabilities(
@@ -255,7 +258,7 @@ def probabilities(
     }
 
 
-def besides(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
+def with_proven_effect(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
     """The same where something else was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
     return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
 
@@ -288,7 +291,7 @@ def _answers(
     that are not worth their parameters get no more than `missed` all together. One that was taken away again leaves
     what exceeds `missed` to something else.
     """
-    changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0, settings)
+    changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0)
                for c in each.candidates if c.bic_change is not None}  # fmt: skip
     best = changes.get(each.added, 0.0) if each.added is not None else 0.0
     weights = {e: math.exp(0.5 * (best - max(b, best))) for e, b in changes.items()}
@@ -303,6 +306,6 @@ def _answers(
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
 
 
-def _tempered(bic_change: float, prior: float, settings: DiagnosisSettings) -> float:
+def _tempered(bic_change: float, prior: float) -> float:
     """-2 ln w of an effect: its evidence tempered, its prior as it is."""
-    return (bic_change - prior) / settings.bic_temper + prior
+    return (bic_change - prior) / BIC_TEMPER + prior

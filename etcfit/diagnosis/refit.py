@@ -23,6 +23,14 @@ from .composition import compose
 from .score import Score, holdout_rms, holdout_worsened
 from .settings import DiagnosisSettings
 
+REFIT_TOLERANCE = 1e-4  # relative change of chi2 that ends the descent before the first whitening
+# chi2 per degree of freedom below which a model that was far from the data counts as near them
+NEAR_CHI2_PER_DOF = 10.0
+WHITENING_ROUNDS = 10  # most rounds of whitening and refitting
+STILL = 0.2  # standard errors: a round of whitening that moves no parameter by more is the last
+REWEIGHINGS = 2  # times that the samples are weighed by what is left in them, far from the data
+WORSE_CHI2 = 1.5  # chi2 per sample after a full refit over that before, from which on the refit is refused
+
 
 class Weighed(NamedTuple):
     """Fitted and held-out traces with the weights of their residuals; no holdout where nothing is held out."""
@@ -91,7 +99,7 @@ def whitened(
 
 def _reweighed(s: CandidateModel, held_out: tuple[Trace, ...]) -> CandidateModel:
     """Far from the data: at the optimum of the guided residual, weighed by what is left there."""
-    for _ in range(s.settings.reweighings):
+    for _ in range(REWEIGHINGS):
         s = whitened(s, s.problem, held_out, s.optimised().x, s.end)
     return s
 
@@ -105,11 +113,11 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     """
     problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
-    tolerance = s.settings.refit_tolerance
+    tolerance = REFIT_TOLERANCE
     ways = [lambda: descend(problem, s.x, weighted, tolerance), lambda: approach(problem, s.x, tolerance)]
     ends = concurrently(lambda way: way()[0], ways if s.far else ways[:1])
     x = min(ends, key=lambda end: problem.chi2(end, weighted)) if s.far else ends[0]
-    limit = s.settings.near_chi2_per_dof if s.far else MISFIT
+    limit = NEAR_CHI2_PER_DOF if s.far else MISFIT
     if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > limit:
         if not s.far and not refit_worsened(new := _in_rounds(s, problem, s.x, report), s):
             return new
@@ -121,12 +129,12 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
 
 def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
     """Refitted from x, whitened anew until nothing moves."""
-    still, most = s.settings.still, s.settings.whitening_rounds
+    still, most = STILL, WHITENING_ROUNDS
     problem, _, x, end = rounds(problem.with_release_times(x), x, report, still, most)
     return whitened(s, problem, s.held_out, x, end)
 
 
-def further_from_data(after: float | None, before: float | None, settings: DiagnosisSettings) -> bool:
+def further_from_data(after: float | None, before: float | None) -> bool:
     """Whether a full refit ended further from the data than the model it began with.
 
     Args:
@@ -135,22 +143,20 @@ def further_from_data(after: float | None, before: float | None, settings: Diagn
     """
     if before is None:
         return False
-    return after is None or not after < settings.worse_chi2 * before
+    return after is None or not after < WORSE_CHI2 * before
 
 
 def refit_worsened(new: CandidateModel, before: CandidateModel) -> bool:
     """`further_from_data` of two models."""
     after, was = (None if s.far else s.chi2_per_sample for s in (new, before))
-    return further_from_data(after, was, new.settings)
+    return further_from_data(after, was)
 
 
-def holds(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
+def is_no_worse(new: CandidateModel, before: CandidateModel, was: Score) -> bool:
     """Whether a full refit is neither further from the data nor clearly worse on the traces held out.
 
     Args:
-        new: refitted in full.
         before: the model it is to take the place of.
-        was: score of that.
     """
     if refit_worsened(new, before):
         return False

@@ -1,11 +1,4 @@
-"""What an effect of the rig in one trace alone would do to the residual: the tangent of a parameter, cut to that trace.
-
-    d r / d a = d r / d p in the samples of the trace, 0 elsewhere
-
-A winding that was warm in one trace is an R_a of that trace (`like` of the effect's family). A channel that reads too
-much in one trace is that of its whole test, where the model has that one; elsewhere what the reading alone does is
-whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one whitening serves hundreds of traces.
-"""
+"""What effects of the rig in single traces, and signals that are logged late, would do to the residual."""
 
 from __future__ import annotations
 
@@ -33,6 +26,19 @@ from .screen import Background, Signature, ranked
 from .settings import DiagnosisSettings
 from .tangents import Tangents, Variant
 
+# ---- What an effect of the rig in one trace alone would do to the residual: the tangent of a parameter, cut to that
+# trace
+#
+#     d r / d a = d r / d p in the samples of the trace, 0 elsewhere
+#
+# A winding that was warm in one trace is an R_a of that trace (`like` of the effect's family). A channel that reads too
+# much in one trace is that of its whole test, where the model has that one; elsewhere what the reading alone does is
+# whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one whitening serves hundreds of traces.
+
+
+LATE_STRETCHES = 20  # equal parts of a trace: what is late must explain more than the one that gains most, one event
+
+
 RigEffect = type[AbstractRigEffect]
 
 
@@ -47,10 +53,6 @@ def screen_of_single_traces(
 ) -> list[Signature]:
     """The signature of those candidates that stand out the most, of whole traces and of single channels; none of one
     of which nothing here tells what it does.
-
-    Args:
-        tangents: of that model with effects of the rig in whole tests beside it.
-        candidates: effects of the rig in single traces that do not delay.
     """
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     if not rigs:
@@ -235,12 +237,8 @@ def screen_of_late(
     return ranked(found)
 
 
-def of_one_event(s: CandidateModel, effect: Effect) -> float:
-    """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most.
-
-    Args:
-        s: the model with it.
-    """
+def gain_in_one_event(s: CandidateModel, effect: Effect) -> float:
+    """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most."""
     without = s.without(effect)
     with_it, before = (
         columns(each.problem.batch, each.problem.residual(each.x, each.weighted)) for each in (s, without)
@@ -248,7 +246,7 @@ def of_one_event(s: CandidateModel, effect: Effect) -> float:
     gains = [
         np.sum(stretch)
         for old, new in zip(before, with_it, strict=True)
-        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), s.settings.late_stretches)
+        for stretch in np.array_split(np.nansum(old**2 - new**2, axis=1), LATE_STRETCHES)
     ]
     return max(0.0, float(max(gains)))
 

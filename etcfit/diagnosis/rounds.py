@@ -1,10 +1,4 @@
-"""What a guide hides: a sensor whose reading is not where the plate is, or a mistake of the rig.
-
-Far from the data candidates are compared in runs that are drawn along the measured angle. A plate drawn to where a slow
-sensor has it has no lag left to show, a clock that is slow leaves it where it was measured, and the parameters have
-bent to make up for it. So where the first effect found does not bring the model near its data, the joint fit is made
-once more with such an effect in it; of the rig's, with those that promise most in a run that is not drawn.
-"""
+"""Round after round until one adds nothing; before them what the rig's checks found, and what a guide hides."""
 
 from __future__ import annotations
 
@@ -12,7 +6,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report, fit_near
 from ..estimation.result import FitResult
 from ..model.parameters import parameters_of
@@ -25,16 +18,16 @@ from .exchange import Found
 from .findings import Candidate, RoundReport
 from .loop import Round, refit_chosen, run_round, screened
 from .model_discrepancy import formula_error_chi2
-from .refit import holds, refit_fully
+from .refit import is_no_worse, refit_fully
 from .score import Apart, Score, score
-from .trial import Trial, judged
+from .trial import Trial, judge_trial
 
-
-class Unmasked(NamedTuple):
-    """A round that adds an effect hidden by the guide, and the model after it."""
-
-    turned: Round
-    model: CandidateModel
+# ---- What a guide hides: a sensor whose reading is not where the plate is, or a mistake of the rig
+#
+# Far from the data candidates are compared in runs that are drawn along the measured angle. A plate drawn to where a
+# slow sensor has it has no lag left to show, a clock that is slow leaves it where it was measured, and the parameters
+# have bent to make up for it. So where the first effect found does not bring the model near its data, the joint fit is
+# made once more with such an effect in it; of the rig's, with those that promise most in a run that is not drawn.
 
 
 def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
@@ -42,8 +35,9 @@ def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
     return tuple(effect for effect in candidates if effect.hidden)
 
 
-def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
-    """The effect hidden by the guide with which a fit comes nearest to the data; None where none comes near.
+def find_masked_effect(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
+    """A round that adds the effect hidden by the guide with which a fit comes nearest to the data, and the model after
+    it; None where none comes near.
 
     Several may: two gains that read half bend the data much as one gear does. So while more than noise is left the
     next one is tried too.
@@ -62,7 +56,7 @@ def hidden(result: FitResult, turned: Round, report: Report) -> Unmasked | None:
     )
     seen = tuple(g for g in turned.screened if g.variant.effect is found.effect)
     choice = Choice(Outcome.ADDED, found.effect, (), why)
-    return Unmasked(replace(turned, screened=seen, trials=(trial,), choice=choice), found.model)
+    return replace(turned, screened=seen, trials=(trial,), choice=choice), found.model
 
 
 class Near(NamedTuple):
@@ -125,8 +119,6 @@ def fitted_with(
     and the steps of the integrator are of a rig that can be, and its optimum is where the effect's refit begins.
 
     Args:
-        before: the model that it is to take the place of.
-        was: score of that.
         stated: the effect's first parameter, SI, by the rig's checks; the graph readings and nominal values where None.
     """
     config, first = result.rig.config, parameters_of(effect)[0]
@@ -144,7 +136,7 @@ def fitted_with(
         size = of_the_rig.compounded(stated, again.values[first.symbol])
         x[s.problem.layout.free.index(first.symbol)] = first.domain.coordinate(size)
     s = refit_fully(replace(s, x=x), report)
-    return None if s.far or not holds(s, before, was) else s
+    return None if s.far or not is_no_worse(s, before, was) else s
 
 
 def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial:
@@ -154,7 +146,7 @@ def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial
     """
     less = s.without(effect)
     less = replace(less, x=carried(before.x, before.problem.layout, less.problem.free_parameters, {}))
-    return judged(effect, score(less), s)
+    return judge_trial(effect, score(less), s)
 
 
 # ---- Round after round until one adds nothing, and each of them as data for the report
@@ -200,24 +192,27 @@ class Progress:
 Keep = Callable[[Progress], None]  # is given the progress after every round
 
 
-def forget(progress: Progress) -> None:
+def keep_nothing(progress: Progress) -> None:
     """Keeps nothing."""
 
 
 def forward(
-    result: FitResult, progress: Progress, report: Report, most: int | None = None, keep: Keep = forget
+    result: FitResult, progress: Progress, report: Report, most: int | None = None, keep: Keep = keep_nothing
 ) -> Progress:
     """Rounds from here until one adds nothing or `most` are made in all.
 
     Args:
-        progress: where to go on from.
         most: rounds in all; `rounds` of the settings where None.
         keep: is given the progress after every round that added something.
     """
     limit = progress.model.settings.rounds
     most = limit if most is None else min(most, limit)
     while (made := len(progress.rounds)) < most:
-        turned, s = _round(result, progress.model, _in_stage(report, made, limit), first=not made)
+
+        def in_round(text: str, share: float, made: int = made) -> None:
+            report(f"round {made + 1}: {text}", (made + share) / limit)
+
+        turned, s = _round(result, progress.model, in_round, first=not made)
         progress = replace(progress, model=s, rounds=(*progress.rounds, reported(turned)))
         report(f"round {made + 1}: {turned.choice.why}", (made + 0.5) / limit)
         if turned.added is None:
@@ -231,12 +226,8 @@ def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) ->
     """One round and the model after it; a first one that stays far from the data is asked what the guide hides."""
     turned, new = refit_chosen(run_round(s, report, formula_error_chi2(result.chi2_per_dof, s)), report)
     if first and new.far:
-        return hidden(result, turned, report) or (turned, new)
+        return find_masked_effect(result, turned, report) or (turned, new)
     return turned, new
-
-
-def _in_stage(report: Report, made: int, most: int) -> Report:
-    return lambda text, share: report(f"round {made + 1}: {text}", (made + share) / most)
 
 
 def reported(turned: Round) -> RoundReport:
@@ -265,11 +256,6 @@ def reported(turned: Round) -> RoundReport:
     )
 
 
-def names(s: CandidateModel) -> str:
-    """The effects added, in words."""
-    return listed(e.name for e in s.added)
-
-
 # ---- What the rig's checks found before any fit is tried first, each from the value that the check states
 #
 # A check reads a mistake of the rig off the records alone: the ratio of two back-EMF constants is twice the gear ratio
@@ -279,11 +265,7 @@ def names(s: CandidateModel) -> str:
 
 
 def first_from_checks(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """The progress with each effect added that a finding of the rig's checks states, where a fit with it stands.
-
-    Args:
-        progress: so far; a round is added for each effect.
-    """
+    """The progress with each effect added that a finding of the rig's checks states, where a fit with it stands."""
     for effect, value in progress.model.composition.stated.items():
         if not progress.model.at_work(effect):
             progress = _with_effect(effect, value, result, progress, report)

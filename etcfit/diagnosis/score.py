@@ -1,4 +1,4 @@
-"""How well a model does: on the traces that were fitted, and on those that were not."""
+"""How well a model does: fitted and held out, with traces left out in turn, and how far two tied models are apart."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ from ..problem.prediction_error import PredictionError, columns, pooled, rows
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
+
+# ---- How well a model does: on the traces that were fitted, and on those that were not
+
+
+FOLD_TOLERANCE = 1e-3  # relative change of chi2 that ends a refit without one group
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +113,7 @@ def independent(residuals: Iterable[np.ndarray]) -> float:
 
 
 def groups_of(moving: Sequence[int], folds: int) -> list[list[int]]:
-    """Traces left out together: dealt out one by one to `folds` groups; none where fewer than two move.
-
-    Args:
-        moving: numbers of the traces in which the plate moves.
-        folds: most groups.
-    """
+    """Traces left out together: dealt out one by one to `folds` groups; none where fewer than two move."""
     if len(moving) < 2:
         return []
     return [list(moving[start::folds]) for start in range(min(folds, len(moving)))]
@@ -145,7 +145,7 @@ def only(weighted: WeightedData, mask: np.ndarray) -> WeightedData:
 
 def refitted_without(s: CandidateModel, mask: np.ndarray) -> np.ndarray:
     """Coordinates, shape (P,), of the model refitted to the samples outside the mask, shape (T, L)."""
-    return minimise(s.problem, s.x, only(s.weighted, 1.0 - mask), s.settings.fold_tolerance)[0]
+    return minimise(s.problem, s.x, only(s.weighted, 1.0 - mask), FOLD_TOLERANCE)[0]
 
 
 def chi2_within(s: CandidateModel, x: np.ndarray, mask: np.ndarray) -> float:
@@ -207,7 +207,6 @@ def tie_covariance(free: Sequence[str], ties: Iterable[Apart]) -> np.ndarray:
 
     Args:
         free: symbols of the coordinates, P of them; what a tied model does not fit counts as not moved.
-        ties: the tied models.
     Returns:
         shape (P, P).
     """

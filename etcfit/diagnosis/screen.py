@@ -140,11 +140,14 @@ class Background:
         if share == 0.0:
             return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
         mine = [parameters[s] for s in variant.amplitudes]
-        scanned = any(s in variant.shape for s in variant.amplitudes)
-        best = _at_scanned(variant, mine, own, self.r) if scanned else _bounded(mine, own, self.r)
-        values = {p.symbol: a * p.domain.scale for p, a in zip(mine, best.amplitudes.tolist(), strict=True)}
+        if any(s in variant.shape for s in variant.amplitudes):  # a secant tells of that value, of no smaller one
+            amplitudes = np.array([variant.shape[p.symbol] / p.domain.scale for p in mine])
+            gain = max(float(self.r @ self.r - np.sum((self.r + own @ amplitudes) ** 2)), 0.0)
+        else:
+            amplitudes, gain = _bounded(mine, own, self.r)
+        values = {p.symbol: a * p.domain.scale for p, a in zip(mine, amplitudes.tolist(), strict=True)}
         seen = int(np.sum(np.any(own != 0.0, axis=0)))
-        return Signature(variant, own, best.gain, {**variant.shape, **values}, share, seen)
+        return Signature(variant, own, gain, {**variant.shape, **values}, share, seen)
 
 
 class Own(NamedTuple):
@@ -160,21 +163,8 @@ class Own(NamedTuple):
         return np.divide(self.way**2, self.power, out=np.zeros(self.way.size), where=self.power > 0.0)
 
 
-class Best(NamedTuple):
-    """Amplitudes over their scales, shape (k,), and by how much they lower chi2."""
-
-    amplitudes: np.ndarray
-    gain: float
-
-
-def _at_scanned(variant: Variant, mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> Best:
-    """Scanned amplitudes at their scanned values: a secant says what that value does, and nothing of a smaller one."""
-    amplitudes = np.array([variant.shape[p.symbol] / p.domain.scale for p in mine])
-    return Best(amplitudes, max(float(r @ r - np.sum((r + columns @ amplitudes) ** 2)), 0.0))
-
-
-def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> Best:
-    """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound."""
+def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
+    """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound, and by how much."""
     size = np.linalg.norm(columns, axis=0)
     own = size > 0.0  # an amplitude without a signature stays at its off value
     q, upper = np.linalg.qr(columns[:, own] / size[own])
@@ -183,7 +173,7 @@ def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> B
     gain = float(target @ target - np.sum((upper @ solution - target) ** 2))
     amplitudes = np.zeros(own.size)
     amplitudes[own] = solution / size[own]
-    return Best(amplitudes, max(gain, 0.0))
+    return amplitudes, max(gain, 0.0)
 
 
 def screen_of_the_rig(
@@ -198,7 +188,6 @@ def screen_of_the_rig(
 
     Args:
         tangents: of the model with all of them at work, at their off values.
-        kept: what is kept of each signature.
     """
     layout, found = tangents.problem.layout, []
     parameters = {p.symbol: p for p in layout.parameters}

@@ -1,14 +1,4 @@
-"""Every pair of candidates scored together: what two effects explain at once that neither explains alone.
-
-    gain_ab = max |r|^2 - |r + C_a' a + C_b' b|^2
-
-One QR of all signatures side by side, [C', r] = Q R, replaces n samples by as many rows as there are columns, so that a
-pair costs the solution of a few equations and thousands of pairs a second. Bounds of amplitudes are dropped first:
-without them a pair gains no less, so that only pairs that may still be among the best are solved with them.
-
-Source: Rao 1948 (score test), all subsets of size two (Miller 2002, Subset Selection in Regression, ch. 2). Differs
-from source: amplitudes are bounded.
-"""
+"""Sets of effects beside the one that came round by round: pairs scored together, and the best refitted."""
 
 from __future__ import annotations
 
@@ -24,17 +14,29 @@ from ..estimation.result import FitResult
 from ..model.parameters import parameters_of
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import Choice, Outcome, is_accepted
+from .choice import TIED_LIKELIHOOD, Choice, Outcome, is_accepted
 from .composition import Composition, Effect, resting
-from .exchange import Found
+from .exchange import EXCHANGE_RIVAL, Found
 from .findings import SetTried
 from .loop import Round, ScoredCandidates, score_candidates
-from .refit import holds, refit_fully
+from .refit import is_no_worse, refit_fully
 from .rounds import Progress, forward, reported
 from .score import Apart, Score, distance_to, holdout_worsened, score
 from .screen import Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
-from .trial import Cost, Trial, bic_change, judged
+from .trial import Cost, Trial, bic_change, judge_trial
+
+# ---- Every pair of candidates scored together: what two effects explain at once that neither explains alone
+#
+#     gain_ab = max |r|^2 - |r + C_a' a + C_b' b|^2
+#
+# One QR of all signatures side by side, [C', r] = Q R, replaces n samples by as many rows as there are columns, so that
+# a pair costs the solution of a few equations and thousands of pairs a second. Bounds of amplitudes are dropped first:
+# without them a pair gains no less, so that only pairs that may still be among the best are solved with them.
+#
+# Source: Rao 1948 (score test), all subsets of size two (Miller 2002, Subset Selection in Regression, ch. 2). Differs
+# from source: amplitudes are bounded.
+
 
 _NOTHING = 1e-5  # length of a column, once 1, below which another effect does all of it
 
@@ -176,21 +178,12 @@ def _values(block: _Block, amplitudes: np.ndarray) -> dict[str, float]:
 _SCORED = 60  # pairs kept of the score test: enough for those that rivals of the two make
 
 
-class Searched(NamedTuple):
-    """What a diagnosis goes on with, and the sets of effects that were compared."""
-
-    progress: Progress
-    tried: tuple[SetTried, ...]
-
-
-def searched(result: FitResult, first: CandidateModel, progress: Progress, report: Report) -> Searched:
-    """The rounds' progress, or one that begins with a pair of effects and explains clearly more.
-
-    Args:
-        progress: what the rounds came to.
-    """
+def searched(
+    result: FitResult, first: CandidateModel, progress: Progress, report: Report
+) -> tuple[Progress, tuple[SetTried, ...]]:
+    """The rounds' progress, or one that begins with a pair and explains clearly more; and the sets compared."""
     if first.far or not is_open(len(progress.model.added), progress.rounds[-1].evidence.white):
-        return Searched(progress, ())
+        return progress, ()
     report("scoring pairs of effects together", 0.86)
     best, before, compared = progress, score(first), []
     data = score_candidates(first, first.composition.candidates)
@@ -210,7 +203,7 @@ def searched(result: FitResult, first: CandidateModel, progress: Progress, repor
             best = replace(other, changed=(*progress.changed, *other.changed, words))
         elif liked.apart is not None:
             best = replace(best, even={**best.even, frozenset(other.model.added): liked.apart})
-    return Searched(best, tuple(compared))
+    return best, tuple(compared)
 
 
 # ---- decisions
@@ -258,8 +251,6 @@ def promising(
     """The pairs that promise more than each of their effects alone, and more than what the rounds found.
 
     Args:
-        every: pairs, the largest gain first.
-        promise: by which they are measured.
         added: what the rounds found; of more than two effects the best two are what is compared.
         settings: `pair_refits`, and `strong_bic_change` as what the second effect must promise.
     """
@@ -298,7 +289,7 @@ def compared_with(other: CandidateModel, s: CandidateModel) -> Comparison:
     if other.far or s.far:
         return Comparison(None, s.far and not other.far)
     here, there = score(s), s.with_effects(other.added, other.values).optimised()
-    after, asked = score(there), s.settings.tied_likelihood
+    after, asked = score(there), TIED_LIKELIHOOD
     change = bic_change(here, after, Cost(there.x.size - s.x.size, 1))
     if holdout_worsened(after.holdout_rms, here.holdout_rms, s.settings.refit_rise):
         return Comparison(change, False)
@@ -319,15 +310,15 @@ def _begun_with(
 ) -> Progress | None:
     """The first model refitted with a pair; None where one of the two is not worth its parameters beside the other."""
     new = refit_fully(first.trying(pair.effects, pair.values).optimised(), report)
-    if not holds(new, first, before):
+    if not is_no_worse(new, first, before):
         return None
     less = dict(zip(pair.effects, concurrently(lambda e: new.without(e).optimised(), pair.effects), strict=True))
-    given = {e: judged(e, score(less[e]), new).verdict for e in pair.effects}
+    given = {e: judge_trial(e, score(less[e]), new).verdict for e in pair.effects}
     if not all(is_accepted(v, first.settings) for v in given.values()):
         return None
     a, b = sorted(pair.effects, key=lambda e: -promise.alone[e])
     new = replace(new.with_effects((a, b), {}), end=new.end)
-    opening = judged(a, score(less[b].without(a).optimised()), less[b])
+    opening = judge_trial(a, score(less[b].without(a).optimised()), less[b])
     closing = Trial(new, given[b])
     why = f"Scored together, {a.name} and {b.name} explain more than what was found one after the other"
     signatures = ranked(data.signatures)
@@ -343,16 +334,10 @@ def _begun_with(
 def rivals(
     effect: Effect, pair: Pair, every: Sequence[Pair], promise: Promise, settings: DiagnosisSettings
 ) -> dict[Effect, dict[str, float]]:
-    """Effects that in the place of one of a pair explain a good part of it, with their parameters' values.
-
-    Args:
-        every: pairs, the largest gain first.
-        promise: what each explains alone.
-        settings: `exchange_rival`, and `refits` as the most of them.
-    """
+    """Effects that in the place of one of a pair explain a good part of it, with their parameters' values."""
     (other,) = (e for e in pair.effects if e is not effect)
     alone = promise.alone[other]
-    asked = settings.exchange_rival * (pair.gain - alone)
+    asked = EXCHANGE_RIVAL * (pair.gain - alone)
     found = {}
     for p in every:
         if other in p.effects and effect not in p.effects and p.gain - alone > asked:

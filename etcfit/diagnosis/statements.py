@@ -1,7 +1,4 @@
-"""What a diagnosis states of each name: how sure it is, what else could explain the same, which measurement would tell.
-
-One place has the words; terminal, pages and closing lines print the sentence of a statement.
-"""
+"""What a diagnosis states: each name and how sure it is, mistakes of the rig and their cure, and the verdict."""
 
 from __future__ import annotations
 
@@ -18,6 +15,12 @@ from .findings import Question, RigMistake, RoundReport, Statement, Tie, Unexpla
 from .probabilities import SOMETHING_ELSE, in_words, likely
 from .score import clearly_worse
 from .settings import DiagnosisSettings
+
+# ---- What a diagnosis states of each name: how sure it is, what else could explain the same, which measurement would
+# tell
+#
+# One place has the words; terminal, pages and closing lines print the sentence of a statement.
+
 
 FOUND, PROBABLY = 0.9, 0.7
 _LACKED = {"found": "Found: the model lacked", "probably": "Probably the model lacked", "may be": "The model may lack"}
@@ -79,13 +82,7 @@ class Named(NamedTuple):
 def statement(
     effect: Effect, named: Named, probability: float, answers: Mapping[str, float], settings: DiagnosisSettings
 ) -> Statement:
-    """On one effect; it is acted on where it is at least as probable as `suspicion` asks.
-
-    Args:
-        effect, named: the effect, and its words.
-        probability: that it is there.
-        answers: of the round that added it.
-    """
+    """On one effect; it is acted on where it is at least as probable as `suspicion` asks."""
     instead = dict(likely({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion
     if not named.mend:
@@ -112,13 +109,7 @@ def _to_measure(instead: Mapping[str, float], told_by: str) -> str:
 def rig_mistakes(
     added: Sequence[Effect], values: Mapping[str, float], stated: Sequence[Statement]
 ) -> tuple[RigMistake, ...]:
-    """Of the effects added those that are the rig's.
-
-    Args:
-        added: effects at work, in the order found.
-        values: of the fitted model, SI by symbol.
-        stated: on each of them.
-    """
+    """Of the effects added those that are the rig's."""
     return tuple(
         _mistake(e, values, each) for e, each in zip(added, stated, strict=True) if issubclass(e, AbstractRigEffect)
     )
@@ -173,11 +164,7 @@ def verdict(
     """The whole in a few sentences: what was found and how sure, what cannot be told apart, what is left.
 
     Args:
-        stated: on each effect found.
-        ties: of those.
-        left: the curve without a name, if there is one.
         rounds: all of them, the last of which adds nothing unless they ran out.
-        rig: what of those found is wrong with the rig.
     """
     of_the_rig = {mistake.effect for mistake in rig}
     words = [each.sentence for each in sorted(stated, key=lambda each: each.effect not in of_the_rig)]

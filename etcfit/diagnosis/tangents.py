@@ -271,7 +271,6 @@ def tangents_along_path(
     scale, (n, k).
 
     Args:
-        every: variants of effects that it has not, and that it `serves`.
         use: called by several threads.
     """
     form, padded = problem.layout.form, problem.layout.padded(x)
@@ -323,7 +322,6 @@ def tangents_inside(
     them in it.
 
     Args:
-        every: variants of candidates that act in the throttle and are not at work.
         use: called by several threads.
     """
     along = [v for v in every if serves(s.problem, v.effect)]

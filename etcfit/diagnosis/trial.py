@@ -1,17 +1,4 @@
-"""What is known of a mistake of the rig before its likelihood is asked: how large such a mistake usually is, and
-whether the rig's checks found it.
-
-    -2 ln prior = 2 sum over amplitudes of ln(1 + (a / usual size)^2)    - 2 ln 10 where the checks found it
-                                                                        + 2 ln 25 in one channel of one trace
-
-A Cauchy density of the size, over its peak: a mistake of a usual size pays next to nothing, and one of any size may be
-there. So a resistor of 1.2 ohm, which many rigs have, goes before a probe that reads 74 % too much, which none has,
-where both explain the data alike; and what a whole test shows is not put down to its one fitted trace. The usual size
-is the scale of the parameter.
-
-Source: Berger 1985, Statistical Decision Theory, 4.7 (robust priors with flat tails). Differs from source: only the
-ratio to the density at zero is kept.
-"""
+"""One effect more on trial, and what is known of a mistake of the rig before its likelihood is asked."""
 
 from __future__ import annotations
 
@@ -24,10 +11,29 @@ import numpy as np
 from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
-from .rig_screen import of_one_event
+from .rig_screen import gain_in_one_event
 from .score import Score, score
 from .settings import DiagnosisSettings
 from .tangents import variants
+
+# ---- What is known of a mistake of the rig before its likelihood is asked: how large such a mistake usually is, and
+# whether the rig's checks found it.
+#
+#     -2 ln prior = 2 sum over amplitudes of ln(1 + (a / usual size)^2)    - 2 ln 10 where the checks found it
+#                                                                         + 2 ln 25 in one channel of one trace
+#
+# A Cauchy density of the size, over its peak: a mistake of a usual size pays next to nothing, and one of any size may
+# be there. So a resistor of 1.2 ohm, which many rigs have, goes before a probe that reads 74 % too much, which none
+# has, where both explain the data alike; and what a whole test shows is not put down to its one fitted trace. The usual
+# size is the scale of the parameter.
+#
+# Source: Berger 1985, Statistical Decision Theory, 4.7 (robust priors with flat tails). Differs from source: only the
+# ratio to the density at zero is kept.
+
+
+# held-out chi2 may rise by this share of what chi2 of the fitted traces falls: they may not show the effect
+SPARED_GAIN = 0.01
+
 
 _FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake of which no check says anything
 
@@ -56,7 +62,7 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 #
 #     BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
 #
-# with n the number of independent samples and the prior that of a mistake of the rig (`prior.py`).
+# with n the number of independent samples and the prior that of a mistake of the rig (`surprise`).
 #
 # An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
 #
@@ -96,9 +102,9 @@ class TrialVerdict:
         """Whether BIC falls by enough for the effect to be worth its parameters."""
         return self.bic_change < settings.strong_bic_change
 
-    def helps_elsewhere(self, settings: DiagnosisSettings) -> bool:
+    def helps_elsewhere(self) -> bool:
         """Whether held-out traces do not contradict it; they need not show it: not every trace reaches a stop."""
-        spared = self.holdout_chi2_change is None or self.holdout_chi2_change < settings.spared_gain * self.gain
+        spared = self.holdout_chi2_change is None or self.holdout_chi2_change < SPARED_GAIN * self.gain
         return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack)
 
 
@@ -153,20 +159,20 @@ def compare(
     return TrialVerdict(effect, after, samples, fit_ratio, ratio, held_out, change, before.chi2 - after.chi2, slack)
 
 
-def judged(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
+def judge_trial(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
     """The trial of a refitted model that has one effect more than the one scored before."""
     slack, after = s.settings.rise_in_trial(s.far), score(s)
     counted = after
     if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
-        counted = replace(after, chi2=after.chi2 + of_one_event(s, effect))
+        counted = replace(after, chi2=after.chi2 + gain_in_one_event(s, effect))
     verdict = compare(effect, before, counted, cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
     prior = surprise(effect, s.values, s.composition.stated) if s.at_work(effect) else 0.0
     return Trial(s, replace(verdict, score=after, bic_change=verdict.bic_change + prior, prior=prior))
 
 
-def tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:
+def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:
     """The trial of an effect that starts at `values` (SI by symbol), added to a model scored before."""
-    return judged(effect, before, s.trying((effect,), values).optimised())
+    return judge_trial(effect, before, s.trying((effect,), values).optimised())
 
 
 def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect: Effect) -> Trial:
@@ -174,8 +180,6 @@ def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect:
 
     Args:
         s: the model of the first trial, whose whitening stays.
-        full: that model refitted in full.
-        before: score without the effect.
     """
-    trial = judged(effect, before, replace(s, x=full.x))
+    trial = judge_trial(effect, before, replace(s, x=full.x))
     return replace(trial, verdict=replace(trial.verdict, slack=s.settings.refit_rise))

@@ -1,13 +1,9 @@
-"""What no effect of the catalogue explains: a smooth curve in its place, and the names that it puts in doubt.
-
-A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
-"""
+"""What no effect of the catalogue explains: a smooth curve in its place, and intervals that allow for the rest."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,13 +21,27 @@ from .composition import Effect, compose
 from .evidence import signals
 from .findings import Discrepancy, Unexplained
 from .loop import screened
-from .model_discrepancy import Curve, CurveDiscrepancy, curve_discrepancy
+from .model_discrepancy import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
 from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Signature
 from .settings import DiagnosisSettings
 from .tangents import fitted_samples, tangents_inside, variants
-from .trial import Cost, Trial, TrialVerdict, judged
+from .trial import Cost, Trial, TrialVerdict, judge_trial
+
+# ---- What no effect of the catalogue explains: a smooth curve in its place, and the names that it puts in doubt
+#
+# A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
+
+
+CURVE_REFITS = 1  # smooth curves refitted, the most promising first
+NAME_KEEPS = 0.9  # share of the log-likelihood gained by a free curve which one effect must gain to keep its name
+# an effect whose BIC fell so many times more than a curve adds keeps its name unquestioned: k / (1 - k)
+SURELY_NAMED = NAME_KEEPS / (1.0 - NAME_KEEPS)
+# share of the log-likelihood gained by one curve which all effects together must gain to keep their names
+NAMES_HOLD = 0.8
+CURVE_ASKED = 1.5  # chi2 per sample of the final model from which on one curve is compared with all effects
+
 
 _POINTS = 60  # of the curve that is drawn
 
@@ -52,7 +62,7 @@ def unexplained(
     best = _best(s, before)
     if best is None:
         return None
-    asked = questioned(s.added, worth, best.verdict.bic_change, s.settings)
+    asked = questioned(s.added, worth, best.verdict.bic_change)
     return _finding(best, tuple(e.name for e in asked if _in_doubt(s, e, before)))
 
 
@@ -62,7 +72,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     Names found one after the other may each imitate a part of something that has none. Names that brought a model near
     its data give way only to a curve that does so too: far from the data a guided residual is no proof.
     """
-    if not s.added or not much_is_left(None if s.far else s.chi2_per_sample, s.settings):
+    if not s.added or not much_is_left(None if s.far else s.chi2_per_sample):
         return None
     report("asking whether one curve explains more than all effects found", 0.88)
     bare = widened(result, first)
@@ -71,7 +81,7 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     if curve is None:
         return None
     named = first.with_effects(s.added, s.values).optimised()
-    if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2, s.settings):
+    if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2):
         return None
     if first.far and not s.far and refit_worsened(refit_fully(curve.model, report), s):
         return None
@@ -92,10 +102,8 @@ def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) ->
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
-def questioned(
-    added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float, settings: DiagnosisSettings
-) -> list[Effect]:
-    """Effects that a curve may put in doubt: those whose BIC fell less than `surely_named` times what it adds.
+def questioned(added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float) -> list[Effect]:
+    """Effects that a curve may put in doubt: those whose BIC fell less than `SURELY_NAMED` times what it adds.
 
     With the effect a curve explains no less than alone, so one that explained nearly all of both is not in doubt.
 
@@ -103,34 +111,32 @@ def questioned(
         worth: by how much BIC fell when each was added.
         curve_bic_change: of the curve beside them all; below 0.
     """
-    return [e for e in added if worth[e] < -settings.surely_named * curve_bic_change]
+    return [e for e in added if worth[e] < -SURELY_NAMED * curve_bic_change]
 
 
-def in_doubt(bare: float, named: float, curve: float | None, settings: DiagnosisSettings) -> bool:
-    """Whether a curve explains clearly more than a named effect: ln(named/bare) > 0.9 ln(curve/bare), both negative.
+def in_doubt(bare: float, named: float, curve: float | None) -> bool:
+    """Whether a curve explains clearly more than a named effect: ln(named/bare) > NAME_KEEPS ln(curve/bare).
 
     Args:
         bare, named, curve: chi2 without the effect, with it, and with the best curve in its place; None: there is none.
-        settings: what decides; 0.9 is `name_keeps`.
     """
     if curve is None:
         return False
-    return bool(np.log(named / bare) > settings.name_keeps * np.log(curve / bare))
+    return bool(np.log(named / bare) > NAME_KEEPS * np.log(curve / bare))
 
 
-def much_is_left(chi2_per_sample: float | None, settings: DiagnosisSettings) -> bool:
+def much_is_left(chi2_per_sample: float | None) -> bool:
     """Whether it is worth asking if one curve does more than all names; None: far from the data, where it always is."""
-    return chi2_per_sample is None or not chi2_per_sample < settings.curve_asked
+    return chi2_per_sample is None or not chi2_per_sample < CURVE_ASKED
 
 
-def one_curve_does_more(bare: float, named: float, curve: float, settings: DiagnosisSettings) -> bool:
-    """Whether all effects together do clearly less than one curve: not ln(named/bare) < 0.8 ln(curve/bare).
+def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
+    """Whether all effects together do clearly less than one curve: not ln(named/bare) < NAMES_HOLD ln(curve/bare).
 
     Args:
         bare, named, curve: chi2 of the first model, of that with all effects, and of that with the curve instead.
-        settings: what decides; 0.8 is `names_hold`.
     """
-    return not np.log(named / bare) < settings.names_hold * np.log(curve / bare)  # both are negative
+    return not np.log(named / bare) < NAMES_HOLD * np.log(curve / bare)  # both are negative
 
 
 # ---- models with a curve
@@ -143,7 +149,7 @@ def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
 
 def _best(s: CandidateModel, before: Score) -> Trial | None:
     """The smooth curve that helps most, if any is worth it."""
-    likely = screened(s, curves(s.composition.candidates))[: s.settings.curve_refits]
+    likely = screened(s, curves(s.composition.candidates))[:CURVE_REFITS]
     worth_it = [g for g in likely if promises(g, before, s.settings)]
     trials = concurrently(lambda g: _tried(s, g, before), worth_it)
     best = best_curve([t.verdict for t in trials], s.settings)
@@ -153,7 +159,7 @@ def _best(s: CandidateModel, before: Score) -> Trial | None:
 def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
     """The trial of a curve; amplitudes that these data do not show cost nothing."""
     trial = s.trying((g.variant.effect,), g.values).optimised()
-    return judged(g.variant.effect, before, trial, Cost(g.seen, len(UNKNOWNS)))
+    return judge_trial(g.variant.effect, before, trial, Cost(g.seen, len(UNKNOWNS)))
 
 
 def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
@@ -161,7 +167,7 @@ def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
     less = s.without(effect).optimised()
     bare = score(less)
     curve = _best(less, bare)
-    return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2, s.settings)
+    return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2)
 
 
 # ---- the finding
@@ -176,6 +182,12 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     where = np.linspace(*measured_range(effect, along, s.problem.config.travel), _POINTS)
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
+    held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
+    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
+    sentence = (
+        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
+        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
+    )
     return Unexplained(
         enters=effect.enters,
         depends_on=effect.axis,
@@ -191,28 +203,14 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
         fit=v.score.fit_rows,
         holdout=v.score.holdout_rows,
         doubts=doubts,
-        sentence=_sentence(v, effect, size, doubts),
+        sentence=sentence,
     )
 
 
-def _sentence(v: TrialVerdict, effect: Smooth, size: float, doubts: Sequence[str]) -> str:
-    held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
-    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
-    return (
-        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
-        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
-    )
-
-
-class Range(NamedTuple):
-    """Least and largest value of an axis, in its unit."""
-
-    low: float
-    high: float
-
-
-def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], travel: tuple[float, float]) -> Range:
-    """What of a curve's axis was measured while the plate moved; everywhere, where no torque is read at all.
+def measured_range(
+    effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], travel: tuple[float, float]
+) -> tuple[float, float]:
+    """Least and largest value of a curve's axis while the plate moved; of all samples, where no torque is read at all.
 
     Args:
         along: signals of each trace by name, shape (n,) each; "torque" is NaN where the plate rests.
@@ -225,7 +223,7 @@ def measured_range(effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], tr
         values = np.asarray(fraction(values, *travel))
     if effect.along.low >= 0.0:
         values = np.abs(values)
-    return Range(float(np.min(values)), float(np.max(values)))
+    return float(np.min(values)), float(np.max(values))
 
 
 def _sd(s: CandidateModel, effect: Smooth, where: np.ndarray) -> np.ndarray:
@@ -241,7 +239,6 @@ def covariance_of(r: np.ndarray, jacobian: np.ndarray, samples: float) -> np.nda
 
     Args:
         r: whitened residual, shape (T, L, M).
-        jacobian: of it, shape (T, L, M, P).
         samples: n, how many entries hold a sample; the others are 0.
     """
     flat = jacobian.reshape(-1, jacobian.shape[-1])
@@ -259,16 +256,13 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
     Returns:
         shape (n,), in the curve's unit.
     """
-    hats = np.stack([np.asarray(effect(**_one(effect, k)).shape(where)) for k in range(len(scale))], axis=1) * scale
+    ones = [{symbol: float(n == k) for n, symbol in enumerate(effect.symbols)} for k in range(len(scale))]
+    hats = np.stack([np.asarray(effect(**one).shape(where)) for one in ones], axis=1) * scale
     spread = hats @ covariance @ hats.T
     return np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 
-def _one(effect: Smooth, k: int) -> dict[str, float]:
-    return {symbol: float(n == k) for n, symbol in enumerate(effect.symbols)}
-
-
-# ---- Intervals of the final model that allow for what is left in its residual, see `random_curves`
+# ---- Intervals of the final model that allow for what is left in its residual, see `model_discrepancy`
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,9 +277,6 @@ def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel
     """The final fit with intervals that allow for curves which nobody added; itself where none is needed.
 
     Far from the data it is a compromise anyway, and there is no noise to measure what is left by.
-
-    Args:
-        after: the fit of the final model.
     """
     if s.far or after.far:
         return Allowed(after)
@@ -319,6 +310,6 @@ def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDis
     each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
     seen = np.asarray(lean.weighted.slots.weight) > 0.0
     events = np.zeros(seen.shape, dtype=int)
-    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(s.settings.curve_stretches)):
+    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(CURVE_STRETCHES)):
         events[stretch, lane] = number
-    return curve_discrepancy(r, jacobian, priors, each, events[seen], s.settings)
+    return curve_discrepancy(r, jacobian, priors, each, events[seen])

@@ -1,21 +1,4 @@
-"""Do traces, or tests, disagree by more than their noise, and how wide must the intervals be if they do?
-
-    T_k = sum_g d_gk^2 / E[sum_g d_gk^2],    nu_k = (tr Q_k)^2 / tr Q_k^2
-
-d_g is what leaving cluster g out moves, Q_k = cov(d_gk, d_hk) if the model is right and noise as `inflation` has it:
-then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters to a parameter, nu_k about 2, and its
-raw cluster covariance would be a number drawn at random; it counts only where T_k refuses agreement. There
-
-    C' = C + W (sum_g d_g d_g^T) W,    C'_kk = phi_k (t_(1 + nu_k) / 1.96)^2 C_kk
-    phi_k = (1 + nu_k T_k) / (1 + nu_k)
-
-with W diagonal, and 0 for all other parameters. The 1 is one degree of freedom's worth of belief that noise is what it
-is said to be: without it an interval of two clusters would be ten times as wide or not at all.
-
-Source: Bell and McCaffrey 2002, Survey Methodology 28(2) (jackknife over clusters, degrees of freedom after
-Satterthwaite); Birge 1932, Phys. Rev. 40 (T); Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3(1) (phi). Differs from
-source: the variance under agreement is known here, so that it can be tested for, and nothing is ever narrowed.
-"""
+"""Do the parts of the data agree: what each pulls, how wide intervals must be, which test contradicts the others."""
 
 from __future__ import annotations
 
@@ -36,19 +19,37 @@ from .contradiction import (
     Contradicting,
     Contradiction,
     Subset,
-    belief,
     by_consequence,
+    contradiction_distance,
     digits_apart,
-    distance,
     fitted_to,
-    renewed,
-    sides_of,
+    prior_score,
+    refit_with_own_whitening,
+    split_off,
     tests_of,
-    undisputed,
 )
 from .levenberg_marquardt import believed
 from .settings import FitSettings
 from .statement import Piece, Split, Statement, inflations_of, prior, statement
+
+# ---- Do traces, or tests, disagree by more than their noise, and how wide must the intervals be if they do?
+#
+#     T_k = sum_g d_gk^2 / E[sum_g d_gk^2],    nu_k = (tr Q_k)^2 / tr Q_k^2
+#
+# d_g is what leaving cluster g out moves, Q_k = cov(d_gk, d_hk) if the model is right and noise as `inflation` has it:
+# then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters to a parameter, nu_k about 2, and
+# its raw cluster covariance would be a number drawn at random; it counts only where T_k refuses agreement. There
+#
+#     C' = C + W (sum_g d_g d_g^T) W,    C'_kk = phi_k (t_(1 + nu_k) / 1.96)^2 C_kk
+#     phi_k = (1 + nu_k T_k) / (1 + nu_k)
+#
+# with W diagonal, and 0 for all other parameters. The 1 is one degree of freedom's worth of belief that noise is what
+# it is said to be: without it an interval of two clusters would be ten times as wide or not at all.
+#
+# Source: Bell and McCaffrey 2002, Survey Methodology 28(2) (jackknife over clusters, degrees of freedom after
+# Satterthwaite); Birge 1932, Phys. Rev. 40 (T); Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3(1) (phi). Differs from
+# source: the variance under agreement is known here, so that it can be tested for, and nothing is ever narrowed.
+
 
 _NORMAL = float(ndtri(0.975))
 _BELIEVED = 1.0  # degrees of freedom
@@ -74,11 +75,7 @@ class Scatter(NamedTuple):
 
 
 def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarray, unknown: float) -> Scatter:
-    """Leave out every cluster once.
-
-    Args:
-        clusters: what each says; together all the data.
-    """
+    """Leave out every cluster once."""
     everything = reduce(add, clusters, believed)
     splits = [Split(own, everything - own, reach, unknown) for own in clusters]
     shifts = np.array([split.shift for split in splits])
@@ -190,11 +187,7 @@ def influence(
     reach: np.ndarray,
     unknown: float,
 ) -> Influence:
-    """Leave out every test and, where it has more than one, every trace of it.
-
-    Args:
-        traces: what each trace says, by test and file.
-    """
+    """Leave out every test and, where it has more than one, every trace of it."""
     everything = reduce(add, traces.values(), believed)
     sd = np.sqrt(np.diag(np.linalg.inv(everything.information)))
     known = sd < unknown * reach
@@ -281,21 +274,13 @@ class Compromise:
 
 
 def compromise_reason(far: bool, chi2: float, contradicting: Iterable[str], settings: FitSettings) -> str | None:
-    """Why the parameters are a compromise; None where they are not.
-
-    Args:
-        far: the model is far from the data.
-        chi2: per degree of freedom.
-        contradicting: tests that contradict the others.
-    """
+    """Why the parameters are a compromise: model far, chi2 per degree of freedom, contradicting tests; None if none."""
     if far or chi2 >= settings.contradiction.compromise:
         return f"the model is far from the data (chi2/dof {chi2:.3g})"
     if names := tuple(contradicting):
         return f"{' and '.join(names)} contradict{'s' if len(names) == 1 else ''} the other tests"
     return None
 
-
-# ---- Do the parts of the data agree? What each pulls, how wide intervals must be, which test contradicts the others
 
 _SEEN = 1.0  # standard errors by which a parameter must move to show a contradiction
 _LOOK = (
@@ -323,11 +308,7 @@ class Agreement:
     compromise: Compromise | None = None
 
     def words(self, units: Callable[[str], str]) -> list[str]:
-        """Warnings.
-
-        Args:
-            units: of a symbol, SI.
-        """
+        """Warnings; `units` of a symbol, SI."""
         return [
             *(in_words(each, units(each.parameter)) for each in self.contradictions),
             *map(outweighed_in_words, self.outweighed),
@@ -335,7 +316,7 @@ class Agreement:
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
+class _FittedData:
     """What is compared: the problem at its optimum; see `agreement`."""
 
     problem: EstimationProblem
@@ -355,7 +336,7 @@ class _Asked:
 
     @property
     def everything(self) -> Subset:
-        return Subset(tests_of(self.problem), self.x, self.pieces, belief(self.problem, self.weighted, self.x))
+        return Subset(tests_of(self.problem), self.x, self.pieces, prior_score(self.problem, self.weighted, self.x))
 
     def believed(self, here: Subset) -> Statement:
         """The priors: those given, and `WIDE` about wherever the fit went."""
@@ -369,7 +350,7 @@ class _Asked:
 
     def freed(self, each: Contradicting) -> Contradicting:
         """A contradicting test, the others fitted with a whitening that it does not bend."""
-        rest = renewed(self.problem, each.without, self.settings)
+        rest = refit_with_own_whitening(self.problem, each.without, self.settings)
         self.made[rest.tests] = rest
         return replace(each, without=rest)
 
@@ -399,19 +380,21 @@ def agreement(
     """
     if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
         return Agreement(Influence(), covariance)
-    asked = _Asked(problem, weighted, x, pieces, settings)
-    believed = asked.believed(asked.everything)
+    data = _FittedData(problem, weighted, x, pieces, settings)
+    believed = data.believed(data.everything)
     traces = _by_trace(pieces, settings)
-    found = influence(problem.layout.free, traces, believed, asked.reach, asked.unknown)
+    found = influence(problem.layout.free, traces, believed, data.reach, data.unknown)
     tests = [said for (_, file), said in parts(traces).items() if file is None]
-    every = (scatter(each, believed, asked.reach, asked.unknown) for each in ([*traces.values()], tests))
+    every = (scatter(each, believed, data.reach, data.unknown) for each in ([*traces.values()], tests))
     wide = widened(covariance, every, settings.contradiction.scatter)
+    decides = settings.contradiction, settings.whiteness
+    comparison = Comparison(data.refitted, data.believed, data.reach, data.unknown, *decides)
     # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
-    contradicting = () if misfit[0] else tuple(map(asked.freed, _comparison(asked).contradicting(asked.everything)))
-    named = tuple(_named(asked, each) for each in contradicting)
+    contradicting = () if misfit[0] else tuple(map(data.freed, comparison.contradicting(data.everything)))
+    named = tuple(_named(data, each) for each in contradicting)
     real, outweighed = by_consequence(named, settings.contradiction.moves)
     why = compromise_reason(*misfit, (each.test for each in real), settings)
-    return Agreement(found, wide, real, outweighed, None if why is None else _compromise(asked, why))
+    return Agreement(found, wide, real, outweighed, None if why is None else _compromise(data, why))
 
 
 def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Statement]:
@@ -422,49 +405,43 @@ def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str,
     return out
 
 
-def _comparison(asked: _Asked) -> Comparison:
-    decides = asked.settings.contradiction, asked.settings.whiteness
-    return Comparison(asked.refitted, asked.believed, asked.reach, asked.unknown, *decides)
-
-
-def _named(asked: _Asked, each: Contradicting) -> Contradiction:
+def _named(data: _FittedData, each: Contradicting) -> Contradiction:
     """The parameter that the test pulls most, of those that the others know."""
-    layout = asked.problem.layout
-    said = reduce(add, (statement((piece,), (1.0,)) for piece in asked.pieces), asked.believed(asked.everything))
+    layout = data.problem.layout
+    said = reduce(add, (statement((piece,), (1.0,)) for piece in data.pieces), data.believed(data.everything))
     sd = np.sqrt(np.diag(np.linalg.inv(said.information)))
-    known = np.sqrt(np.diag(asked.covariance(each.without))) < asked.unknown * asked.reach
+    known = np.sqrt(np.diag(data.covariance(each.without))) < data.unknown * data.reach
     pulls = (each.without.x - each.together.x) / sd
     k = int(np.argmax(np.where(known, np.abs(pulls), -1.0)))
     with_it, without = (float(layout.numbers(here.x)[0][k]) for here in (each.together, each.without))
-    moved = distance(each, asked.believed(each.together), asked.reach, asked.unknown)
+    moved = contradiction_distance(each, data.believed(each.together), data.reach, data.unknown)
     return Contradiction(each.test, layout.free[k], float(pulls[k]), with_it, without, each.p, each.share, moved)
 
 
-def _compromise(asked: _Asked, why: str) -> Compromise:
+def _compromise(data: _FittedData, why: str) -> Compromise:
     """The range that subsets give: the fit made again without each test, and one step to each test alone."""
-    tests, size = tests_of(asked.problem), asked.x.size
+    tests, size = tests_of(data.problem), data.x.size
     left_out = tests if len(tests) > 1 else ()
     rest = [tuple(each for each in tests if each != test) for test in left_out]
-    without = concurrently(partial(asked.refitted, asked.x), rest)
+    without = concurrently(partial(data.refitted, data.x), rest)
     return Compromise(
         why,
         left_out,
         np.array([here.x for here in without]).reshape(-1, size),
-        np.array([asked.covariance(here) for here in without]).reshape(-1, size, size),
-        np.array([_alone(asked, test) for test in left_out]).reshape(-1, size),
+        np.array([data.covariance(here) for here in without]).reshape(-1, size, size),
+        np.array([_alone(data, test) for test in left_out]).reshape(-1, size),
     )
 
 
-def _alone(asked: _Asked, test: str) -> np.ndarray:
+def _alone(data: _FittedData, test: str) -> np.ndarray:
     """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where it does not know them, or lies so
     far off that one step does not lead there."""
-    own, others = sides_of(asked.everything, test)
-    split = Split(undisputed(own), undisputed(others) + asked.believed(asked.everything), asked.reach, asked.unknown)
-    believed = asked.believed(asked.everything).information
-    sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed)))
-    near = np.abs(split.own_step) < asked.unknown * asked.reach
-    known = sd < asked.settings.identifiability.weak * asked.reach
-    return np.where(known & near, asked.x + split.own_step, np.nan)
+    believed = data.believed(data.everything)
+    split = split_off(data.everything, test, believed, data.reach, data.unknown)
+    sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed.information)))
+    near = np.abs(split.own_step) < data.unknown * data.reach
+    known = sd < data.settings.identifiability.weak * data.reach
+    return np.where(known & near, data.x + split.own_step, np.nan)
 
 
 def in_words(each: Contradiction, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights."""
+"""Which rig test contradicts the others: the fit made again without it, and how far the two sides disagree."""
 
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ from ..problem.trace import Trace
 from .levenberg_marquardt import descend
 from .settings import ContradictionSettings, FitSettings, WhitenessSettings
 from .statement import Piece, Split, Statement, inflations_of, pieces_at, statement
+
+# ---- The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights
+
 
 _CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than parts that disagree differ by
 
@@ -46,25 +49,17 @@ def tests_of(problem: EstimationProblem) -> tuple[str, ...]:
 def fitted_to(
     problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str], settings: FitSettings
 ) -> Subset:
-    """Descend from x with some tests alone.
-
-    Args:
-        x: the optimum of all, shape (P,).
-        tests: those to count.
-    """
-    counts = muted(problem, weighted, lambda trace: trace.test.name in tests)
+    """Descend from x with some tests alone."""
+    counts = with_only_weights_of(problem, weighted, lambda trace: trace.test.name in tests)
     end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
     return at(problem, weighted, end, tests)
 
 
-def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> Subset:
+def refit_with_own_whitening(problem: EstimationProblem, here: Subset, settings: FitSettings) -> Subset:
     """The fit to a subset with a whitening, and outliers, of its own.
 
     Those of all the data were made along the path that the test left out had bent. Sums of squares before and after
     are not comparable.
-
-    Args:
-        here: the subset's fit under the whitening of all.
     """
     fresh = replace(problem, sigma=problem.batch.slots.sigma)
     for _ in range(_RENEWALS):
@@ -74,16 +69,18 @@ def renewed(problem: EstimationProblem, here: Subset, settings: FitSettings) -> 
 
 def at(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str]) -> Subset:
     """All data linearised at x, shape (P,), of which some tests count."""
-    return Subset(tuple(tests), x, pieces_at(problem, x, weighted), belief(problem, weighted, x))
+    return Subset(tuple(tests), x, pieces_at(problem, x, weighted), prior_score(problem, weighted, x))
 
 
-def belief(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
+def prior_score(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> np.ndarray:
     """Score of the priors at x, (x - mean) / sd^2, shape (P,)."""
     own = prior_residual_here(problem.layout.padded(x), weighted) / np.asarray(weighted.prior_sd)
     return own[: x.size]
 
 
-def muted(problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]) -> WeightedData:
+def with_only_weights_of(
+    problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]
+) -> WeightedData:
     """The data with the weights of all traces 0 but of those that count."""
     weight = np.array(weighted.whitening.weight)
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
@@ -136,10 +133,11 @@ def disagreement(split: Split, understated: float = 1.0) -> float:
     """log p of T; 0 where no direction is determined by both sides, or a side has too few independent samples.
 
     Args:
-        split: the two sides.
         understated: times that their errors may exceed the standard errors stated.
     """
-    common = split.told_by_own & split.told_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
+    common = (
+        split.determined_by_own & split.determined_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
+    )
     count = int(common.sum())
     freedom = min(split.own.samples, split.others.samples) - count + 1.0
     if not count or freedom < 1.0:
@@ -167,7 +165,6 @@ def parted(
     Args:
         here: the others fitted, or all of them with the test among them.
         believed: the priors, at that point.
-        whiteness: see `inflation`.
         alone: the fit to this test alone, where its own optimum is more than one step away: linearised there.
     """
     own, others = sides_of(here, test)
@@ -195,6 +192,12 @@ def undisputed(pieces: Sequence[Piece]) -> Statement:
     return statement(pieces, [1.0] * len(pieces))
 
 
+def split_off(here: Subset, test: str, believed: Statement, reach: np.ndarray, unknown: float) -> Split:
+    """One test and the others that count, noise as declared."""
+    own, others = sides_of(here, test)
+    return Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+
+
 # ---- Which rig test contradicts the others: it is left out, the fit is made again, and the two sides are compared
 #
 # The level is shared out over the tests (Holm's first step). Of those that contradict, the one is named that explains
@@ -218,7 +221,7 @@ class Contradiction:
             than stated as they may be (`ContradictionSettings.understated`).
         share: of the misfit that is gone if this test may differ from the others.
         moved: by how much leaving it out moves the combination of parameters that moves most, standard errors of noise
-            alone; see `distance`.
+            alone; see `contradiction_distance`.
     """
 
     test: str
@@ -263,21 +266,17 @@ class Contradicting:
     gain: float
 
 
-def distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
+def contradiction_distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
     """By how much leaving a test out moves the fit, along whatever combination of parameters moves most.
 
         sqrt(sum_i (b_i^T F (x_without - x_together))^2)    over the directions b_i that the others determine
 
     in standard errors of noise alone: 1 along b_i is one standard error of all the data together. No parameter, and no
     combination of parameters, moves by more.
-
-    Args:
-        believed: the priors, at the fit with it.
     """
-    own, others = sides_of(each.together, each.test)
-    split = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
+    split = split_off(each.together, each.test, believed, reach, unknown)
     information = split.own.information + split.others.information
-    along = split.directions[:, split.told_by_others].T @ information @ (each.without.x - each.together.x)
+    along = split.directions[:, split.determined_by_others].T @ information @ (each.without.x - each.together.x)
     return float(np.linalg.norm(along))
 
 
@@ -287,7 +286,6 @@ def by_consequence(
     """Tests that contradict the others, and those that the others outweigh.
 
     Args:
-        found: tests that disagree with the others.
         least: standard errors by which a contradiction moves something; see `ContradictionSettings.moves`.
     """
     return tuple(each for each in found if each.moved >= least), tuple(each for each in found if each.moved < least)
@@ -314,11 +312,7 @@ class Comparison:
     whiteness: WhitenessSettings
 
     def contradicting(self, everything: Subset) -> tuple[Contradicting, ...]:
-        """The tests that contradict the others, worst first.
-
-        Args:
-            everything: the fit to all tests.
-        """
+        """The tests that contradict the others, worst first."""
         here, found = everything, []
         while len(here.tests) > 1 and len(found) < self.settings.named:
             worst = self._worst(here)
@@ -331,7 +325,12 @@ class Comparison:
     def _worst(self, here: Subset) -> Contradicting | None:
         bound = self._bound(here)
         together = sum(piece.misfit() for piece in here.pieces if piece.test in here.tests)
-        likely = [test for test in here.tests if self._screened(here, test) < bound]
+        believed = self.believed(here)
+        likely = []
+        for test in here.tests:  # to first order, as if noise were as declared: cheap, and never too lenient
+            split = split_off(here, test, believed, self.reach, self.unknown)
+            if self._unlikely(split) < bound:
+                likely.append(test)
         tried = (self._tried(here, test, together) for test in likely)
         proven = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
         return max(proven, key=lambda each: each.gain, default=None)
@@ -339,13 +338,6 @@ class Comparison:
     def _bound(self, here: Subset) -> float:
         """log p below which one of so many tests contradicts the others."""
         return float(np.log(self.settings.level / len(here.tests)))
-
-    def _screened(self, here: Subset, test: str) -> float:
-        """log p to first order, as if noise were as declared: cheap, and never too lenient."""
-        own, others = sides_of(here, test)
-        return self._unlikely(
-            Split(undisputed(own), undisputed(others) + self.believed(here), self.reach, self.unknown)
-        )
 
     def _unlikely(self, split: Split) -> float:
         return disagreement(split, self.settings.understated)

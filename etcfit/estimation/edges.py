@@ -24,8 +24,16 @@ from ..rig.base import Fixed, Measurement, Rig, Start
 from ..rig.checks.edges import apart, arc_chance, on_circle
 from .levenberg_marquardt import local
 from .rounds import Reached
-from .settings import EdgesInStepSettings
 
+ERROR = 0.3  # standard deviation of one edge's place above which it says nothing, sample intervals
+SCATTER = 0.03  # of places about their phase that a clock may have, sample intervals
+FAR = 4.0  # standard deviations from the phase at which an edge keeps no step
+NEAR = 0.8  # share of a test's edges that must keep it
+CHANCE = 1e-3  # probability that edges at any instants agree as closely, at most, in a test that proves one clock
+AGREEMENT = 0.01  # of edges in step scattering as widely, at least, in every test taken to be in step
+BORDER = 0.15  # phases so near a sample leave it open on which side of it an edge fell, sample intervals
+ON_SAMPLE = 2.0  # standard errors by which a phase may lie inside its interval and yet be taken to be on the sample
+IN_COMPANY = 3.0  # the same where the edges of another test are on the samples
 _AFTER, _BEFORE = 60, 8  # samples of the current that may tell of an edge, at most
 _FAINT = 0.1  # of what the instant of an edge changes at most, below which a sample tells nothing more of it
 
@@ -61,7 +69,6 @@ def with_edges_in_step(
     problem: EstimationProblem,
     held_out: Sequence[Trace],
     x: Float[np.ndarray, " P"],
-    settings: EdgesInStepSettings,
 ) -> Clocked | None:
     """The rig as its edges show it; None where they do not show that output and logger share a clock.
 
@@ -73,13 +80,13 @@ def with_edges_in_step(
         return None
     places = edge_places(problem, x)
     tests = dict.fromkeys(t.test.name for t in problem.batch.traces if _jumps(t))
-    shared = {test: common_phase(list(_of(places, problem, test)), settings) for test in tests}
-    alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= settings.agreement}
-    if not any(common.chance <= settings.chance for common in alike.values()):
+    shared = {test: common_phase(list(_of(places, problem, test))) for test in tests}
+    alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= AGREEMENT}
+    if not any(common.chance <= CHANCE for common in alike.values()):
         return None
     places |= edge_places(problem.beside(tuple(held_out), x), x) if held_out else {}
     turned = tuple(
-        replace(m, edge_turn=turns(m, places.get(m.file, ()), alike[m.test].phase, settings)) if m.test in alike else m
+        replace(m, edge_turn=turns(m, places.get(m.file, ()), alike[m.test].phase)) if m.test in alike else m
         for m in rig.measurements
     )
     effects = [EdgePhase.at(Place(test)) for test in alike]
@@ -144,40 +151,38 @@ class CommonPhase(NamedTuple):
     agreement: float
 
 
-def common_phase(places: Sequence[EdgePlace], settings: EdgesInStepSettings) -> CommonPhase | None:
+def common_phase(places: Sequence[EdgePlace]) -> CommonPhase | None:
     """The phase nearest to all but a few; None where too few edges say anything, or they plainly differ."""
-    sure = [p for p in places if p.sd < settings.error]
+    sure = [p for p in places if p.sd < ERROR]
     if len(sure) < 2:
         return None
-    share, sd = np.array([p.share for p in sure]), np.hypot([p.sd for p in sure], settings.scatter)
+    share, sd = np.array([p.share for p in sure]), np.hypot([p.sd for p in sure], SCATTER)
     phase = on_circle(share, 1.0 / sd**2).mean
     for _ in range(5):  # a few may be off: an edge that came between two others, say
         off = apart(share, phase)
-        near = np.abs(off) < settings.far * sd
+        near = np.abs(off) < FAR * sd
         if near.sum() < 2:
             return None
         phase += float(np.average(off[near], weights=1.0 / sd[near] ** 2))
     # what acts more than a sample late is no phase: that is a delay
-    within = (share > -settings.border - sd) & (share < 1.0 + settings.border + sd)
-    if np.sum(near & within) < settings.near * share.size:
+    within = (share > -BORDER - sd) & (share < 1.0 + BORDER + sd)
+    if np.sum(near & within) < NEAR * share.size:
         return None
     agreement = float(chdtrc(near.sum() - 1, np.sum((off / sd)[near] ** 2)))
     phase %= 1.0
-    phase -= phase > 1.0 - settings.border
+    phase -= phase > 1.0 - BORDER
     return CommonPhase(phase, arc_chance(share[near]), agreement)
 
 
-def turns(
-    measurement: Measurement, places: Sequence[EdgePlace], phase: float, settings: EdgesInStepSettings
-) -> Float[np.ndarray, " n-1"]:
+def turns(measurement: Measurement, places: Sequence[EdgePlace], phase: float) -> Float[np.ndarray, " n-1"]:
     """Of each edge of a trace the turn that brings the phase nearest to where it came; NaN where it keeps no step."""
     out = np.full(measurement.time.size - 1, np.nan)
-    inside = abs(phase - 0.5) < 0.5 - settings.border
+    inside = abs(phase - 0.5) < 0.5 - BORDER
     for edge in places:
         turn = 0.0 if inside else float(np.round(np.clip(edge.share - phase, 0.0, 1.0)))
         miss = abs(edge.share - np.clip(phase + turn, 0.0, 1.0))
-        keeps = miss < settings.far * np.hypot(edge.sd, settings.scatter)
-        told = inside or edge.sd < settings.error
+        keeps = miss < FAR * np.hypot(edge.sd, SCATTER)
+        told = inside or edge.sd < ERROR
         out[edge.interval] = turn if told and keeps else np.nan
     return out
 
@@ -226,15 +231,14 @@ class _Phase(NamedTuple):
     side: float
 
 
-def with_edges_on_samples(rig: Rig, reached: Reached, places: Places, settings: EdgesInStepSettings) -> Decided | None:
+def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided | None:
     """Which tests have their edges on the samples; None where none has, and the fit stands as it is.
 
     Args:
-        rig: with the tests named whose edges are in step, see `edges_in_step`.
-        reached: the end of its fit.
+        rig: with the tests named whose edges are in step, see `with_edges_in_step`.
         places: of all edges, as seen without a common phase.
     """
-    near = list(_near_a_sample(reached.problem, reached.x, settings))
+    near = list(_near_a_sample(reached.problem, reached.x))
     if not near:
         return None
     x, at = reached.x.copy(), [phase.index for phase in near]
@@ -244,8 +248,8 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places, settings: 
     here = local(reached.problem, x, reached.weighted)
     best, sd = (x + here.step)[at], np.sqrt(np.diag(here.covariance))[at]
     inside = np.array([phase.side * b if phase.side else abs(b) for phase, b in zip(near, best, strict=True)])
-    sharp = (sd < settings.scatter) & (inside < settings.on_sample * sd)
-    on = inside < (settings.in_company * sd if sharp.any() else 0.0)
+    sharp = (sd < SCATTER) & (inside < ON_SAMPLE * sd)
+    on = inside < (IN_COMPANY * sd if sharp.any() else 0.0)
     missed = ~on & (x[at] != reached.x[at])  # lower inside, and the descent had left the interval
     if not np.any(on | missed):
         return None
@@ -253,13 +257,13 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places, settings: 
     sides = {phase.side for phase, yes in zip(near, sharp, strict=True) if yes}
     fixed = rig
     if len(sides) == 1 and 0.0 not in sides:
-        between = {phase.test for phase, yes in zip(near, ~on & (sd < settings.scatter), strict=True) if yes}
+        between = {phase.test for phase, yes in zip(near, ~on & (sd < SCATTER), strict=True) if yes}
         others = {f: each for f, each in places.items() if f.partition("/")[0] not in between}
-        fixed = _in_company(rig, others, 0.0 if sides == {1.0} else 1.0, settings)
+        fixed = _in_company(rig, others, 0.0 if sides == {1.0} else 1.0)
     return Decided(_on_samples(fixed, [phase.test for phase, yes in zip(near, on, strict=True) if yes]), x)
 
 
-def accepts(places: Sequence[EdgePlace], turn: float, settings: EdgesInStepSettings) -> bool:
+def accepts(places: Sequence[EdgePlace], turn: float) -> bool:
     """True where the edges of a test may all be on the samples: chi2 rises by no more than chance over its minimum for
     one share of all. Edges that tell too little to have a place of their own tell it together.
 
@@ -268,31 +272,29 @@ def accepts(places: Sequence[EdgePlace], turn: float, settings: EdgesInStepSetti
         turn: 0 or 1: the share at which they would be.
     """
     share = np.array([p.share for p in places])
-    weight = 1.0 / np.hypot([p.sd for p in places], settings.scatter) ** 2
+    weight = 1.0 / np.hypot([p.sd for p in places], SCATTER) ** 2
     if not weight.sum() > 0.0:
         return True
-    return abs(float(np.average(share, weights=weight)) - turn) * weight.sum() ** 0.5 < settings.in_company
+    return abs(float(np.average(share, weights=weight)) - turn) * weight.sum() ** 0.5 < IN_COMPANY
 
 
-def _in_company(rig: Rig, places: Places, turn: float, settings: EdgesInStepSettings) -> Rig:
+def _in_company(rig: Rig, places: Places, turn: float) -> Rig:
     """The rig with this turn for all edges of all tests that accept it, and their phase on the sample."""
     files = {m.file: m.test for m in rig.measurements if places.get(m.file)}
     tests = [test for test in dict.fromkeys(files.values())
-             if accepts([p for f, t in files.items() if t == test for p in places[f]], turn, settings)]  # fmt: skip
+             if accepts([p for f, t in files.items() if t == test for p in places[f]], turn)]  # fmt: skip
     turned = tuple(
-        replace(m, edge_turn=_all(turn, m, places[m.file], settings)) if files.get(m.file) in tests else m
+        replace(m, edge_turn=_all(turn, m, places[m.file])) if files.get(m.file) in tests else m
         for m in rig.measurements
     )
     return _on_samples(replace(rig, measurements=turned), tests)
 
 
-def _all(
-    turn: float, measurement: Measurement, places: Sequence[EdgePlace], settings: EdgesInStepSettings
-) -> Float[np.ndarray, " n-1"]:
+def _all(turn: float, measurement: Measurement, places: Sequence[EdgePlace]) -> Float[np.ndarray, " n-1"]:
     """This turn for every edge of a trace but those that plainly came elsewhere; NaN where there is none."""
     out = np.full(measurement.time.size - 1, np.nan)
     for edge in places:
-        if abs(edge.share - turn) < settings.far * np.hypot(edge.sd, settings.scatter):
+        if abs(edge.share - turn) < FAR * np.hypot(edge.sd, SCATTER):
             out[edge.interval] = turn
     return out
 
@@ -306,14 +308,12 @@ def _on_samples(rig: Rig, tests: Sequence[str]) -> Rig:
     return replace(rig, config=config)
 
 
-def _near_a_sample(
-    problem: EstimationProblem, x: Float[np.ndarray, " P"], settings: EdgesInStepSettings
-) -> Iterator[_Phase]:
+def _near_a_sample(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> Iterator[_Phase]:
     """The free phases of the tests whose edges come near the samples."""
     free = problem.layout.free
     for test in dict.fromkeys(trace.test.name for trace in problem.batch.traces):
         symbol = f"{EdgePhase.kind}.{test}"
-        if symbol in free and abs(x[free.index(symbol)]) < settings.border:
+        if symbol in free and abs(x[free.index(symbol)]) < BORDER:
             turns = _turns(problem, test)
             late, early = bool(np.any(turns > 0.5)), bool(np.any(turns < 0.5))
             yield _Phase(test, free.index(symbol), float(early) - float(late))

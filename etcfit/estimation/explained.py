@@ -19,7 +19,6 @@ from ..problem.prediction_error import PredictionError, pooled, rows
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Measurement
-from .settings import SessionSettings
 
 MOTION = ("position", "motor_speed")
 _MOVES = 3.0  # standard deviations of the noise that a channel's own must be, for a share of it to mean anything
@@ -49,12 +48,7 @@ class Explained:
 
 
 def explained(rows: Iterable[PredictionError], measurements: Iterable[Measurement]) -> tuple[Explained, ...]:
-    """Of every channel of every trace that was logged itself.
-
-    Args:
-        rows: free-running errors.
-        measurements: of these traces, others too.
-    """
+    """Of every channel of every trace that was logged itself."""
     logged = {trace.file: trace.channels for trace in measurements}
     out = []
     for row in rows:
@@ -122,6 +116,8 @@ def _percent(share: float) -> str:
 # A trace that the model misses by far more than those it was fitted to is run again with its drive at other scales;
 # where one of them takes away most of the error, it is said.
 
+STRANGE = 3.0  # error of a free run over that of the fitted traces, in sigma, from which on other drives are tried
+OTHER_DRIVE = 0.5  # share of its error that another scale of its drive may leave, if that is to explain it
 _FACTORS = np.exp(np.linspace(-0.5, 0.5, 41))  # of the drive: 0.61 to 1.65 in steps of 2.5 %
 _FINER = np.exp(np.linspace(-0.025, 0.025, 11))
 
@@ -171,7 +167,6 @@ def drives_of_another_session(
     x: np.ndarray,
     held_out: Sequence[Trace],
     errors: tuple[Sequence[PredictionError], Sequence[PredictionError]],
-    settings: SessionSettings,
 ) -> tuple[DriveScale, ...]:
     """Held-out traces that the model misses far more than the fitted ones, and misses little with another drive.
 
@@ -182,10 +177,10 @@ def drives_of_another_session(
     usual, found = pooled(fitted), []
     for trace in held_out:
         own = [row for row in others if row.file == trace.measurement.file]
-        if trace.input is None or trace.controlled or not own or not pooled(own) > settings.strange * usual:
+        if trace.input is None or trace.controlled or not own or not pooled(own) > STRANGE * usual:
             continue
         scale = drive_scale(problem, x, trace)
-        if scale.after < settings.explained * scale.before:
+        if scale.after < OTHER_DRIVE * scale.before:
             found.append(scale)
     return tuple(found)
 

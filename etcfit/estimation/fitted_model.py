@@ -1,4 +1,4 @@
-"""How far a fit can be believed, in a form that every later stage carries."""
+"""A fitted model without its data: of one unit with the state of its fit, and of many units of one design."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from ..model.throttle import Throttle, catalogue
 from ..problem.free_parameters import Form, FreeParameters, Layout, Pick
 from ..rig.base import RigConfig
 from .settings import IdentifiabilitySettings
+
+# ---- How far a fit can be believed, in a form that every later stage carries
 
 
 @dataclass(frozen=True)
@@ -240,7 +242,7 @@ class FleetModel:
         return PopulationLaw.of_units({s: self.values[s] for s in layout.free}, positive)
 
     @cached_property
-    def told(self) -> tuple[str, ...]:
+    def identifiable_symbols(self) -> tuple[str, ...]:
         """Parameters that the law speaks of: both parts of a sum, and what is tied to them, among them."""
         named = set(self.law.symbols)
         for motor, (whole, plate) in SUMS.items():
@@ -252,7 +254,7 @@ class FleetModel:
         """So many units not made yet, "future 1" ...; what the law does not speak of is that of the mean unit."""
         free = self.free_parameters.layout.free
         mean = {symbol: np.full(count, self.mean[symbol]) for symbol in free}
-        drawn = parted(self.law.drawn(count, rng), {s: self.values[s] for s in free}, self.config.gear_ratio)
+        drawn = split_sums(self.law.drawn(count, rng), {s: self.values[s] for s in free}, self.config.gear_ratio)
         names = [f"future {k + 1}" for k in range(count)]
         return fleet_model(self.config, self.free_parameters, names, mean | drawn, self.position_noise)
 
@@ -292,7 +294,9 @@ def body_types(layout: Layout) -> tuple[type[AbstractEffect], ...]:
     return tuple(t for t in layout.types if not issubclass(t, AbstractRigEffect) and not t.commands)
 
 
-def parted(told: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], gear_ratio: float) -> dict[str, np.ndarray]:
+def split_sums(
+    told: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], gear_ratio: float
+) -> dict[str, np.ndarray]:
     """Values of a model's own parameters, where of motor and plate only a sum is told.
 
     They keep the shares of it that they have in the middle of the units: no data speak of them, and nothing that a rig

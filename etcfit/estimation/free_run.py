@@ -1,16 +1,4 @@
-"""A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
-best free run.
-
-    V_guide = stiffness (theta_measured - theta)
-
-Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 is full
-of valleys. Under a stiff guide it cannot leave it, and there is one; each weaker guide has its valley where the
-stronger one had it, a little deeper.
-
-Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
-(single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
-terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
-"""
+"""A model that is far from its data: led by a guide, fitted in the free run, and grown from smaller models."""
 
 from __future__ import annotations
 
@@ -23,14 +11,28 @@ import numpy as np
 from ..model.effects import PAPER, AbstractEffect
 from ..model.parameters import parameters_of
 from ..problem import weights
+from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import effect_named
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..rig.base import Rig, Tied
 from .levenberg_marquardt import approach, minimise
 from .result import Termination
-from .rounds import Reached, Report, evolve, quiet, searched, whitened
+from .rounds import Reached, Report, evolve_population, quiet, searched, whitened
 from .settings import FitSettings, GuideSettings
+
+# ---- A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
+# best free run.
+#
+#     V_guide = stiffness (theta_measured - theta)
+#
+# Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 is
+# full of valleys. Under a stiff guide it cannot leave it, and there is one; each weaker guide has its valley where the
+# stronger one had it, a little deeper.
+#
+# Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
+# (single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
+# terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
 
 
 class Guided(NamedTuple):
@@ -167,7 +169,8 @@ def freed(
     """
     problem = weights.discounted(problem, x)
     weighted = problem.weighted(weights.free_running(problem))
-    x = evolve(problem, x, weighted, spread * problem.layout.reach(x), settings.search)
+    reach = spread * problem.layout.reach(x)
+    x = evolve_population(lambda points: chi2_of(problem, points, weighted), x, reach, settings.search)
     x, _ = minimise(problem, x, weighted, settings.tolerance, settings.steps)
     end = relax_guide(problem, x, settings) if guided else x
     if end is x:
@@ -210,7 +213,7 @@ def comes_near(reached: Reached, settings: FitSettings) -> bool:
     return not reached.end.far and reached.misfit < settings.misfit
 
 
-def growing(rig: Rig) -> tuple[str, ...]:
+def removable_effects(rig: Rig) -> tuple[str, ...]:
     """Names of the effects of rig.toml that can be taken out of the model, in the order in which they stand there:
     those with off values, to whose parameters no other is tied."""
     every = {name: effect_named(name) for name in rig.config.effects}
@@ -247,7 +250,7 @@ def no_higher_than_smaller(
         begin: the model of another rig.
         end_of: fits a model from its own starts.
     """
-    names = growing(rig)
+    names = removable_effects(rig)
     base = tuple(name for name in rig.config.effects if name not in names)
     report("no start comes near the data: beginning with smaller models", 0.6)
     smaller = begin(with_only(rig, base))
@@ -256,23 +259,25 @@ def no_higher_than_smaller(
     while rest := [name for name in names if name not in here]:
         last = len(rest) == 1
         larger = {name: model if last else begin(with_only(rig, (*base, *here, name))) for name in rest}
-        best, point = lowest(smaller.problem, end.x, larger, settings)
+        best, point = likeliest_addition(smaller.problem, end.x, larger, settings)
         report(f"starting from a smaller model, with {best} in it", 0.6 + 0.3 * len(here) / len(names))
         here, smaller = (*here, best), larger[best]
-        end = lower(smaller, own if last else end_of(smaller), point, settings)
+        end = lower_end(smaller, own if last else end_of(smaller), point, settings)
     return end
 
 
-def lowest(
+def likeliest_addition(
     smaller: EstimationProblem, x: np.ndarray, larger: Mapping[str, Model], settings: FitSettings
 ) -> tuple[str, np.ndarray]:
-    """Of several effects the one whose model is led lowest from a smaller model's optimum, and where to: `led_from`."""
-    points = {name: led_from(smaller, x, name, each, settings) for name, each in larger.items()}
+    """The effect whose model is led lowest from a smaller model's optimum, and where to, see `guided_start`."""
+    points = {name: guided_start(smaller, x, name, each, settings) for name, each in larger.items()}
     best = min(points, key=lambda name: free_run_cost(larger[name].problem, points[name]))
     return best, points[best]
 
 
-def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings) -> np.ndarray:
+def guided_start(
+    smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings
+) -> np.ndarray:
     """The optimum of a smaller model in a larger one, or where a guide leads from there if that is likelier.
 
     Args:
@@ -290,7 +295,7 @@ def led_from(smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model
     return min((same, led), key=lambda point: free_run_cost(larger.problem, point))
 
 
-def lower(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) -> Reached:
+def lower_end(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) -> Reached:
     """The end of a model from x, shape (P,), where it comes near the data or below the one from its own starts."""
     if comes_near(own, settings):
         return own

@@ -1,4 +1,4 @@
-"""Are the residuals independent, and if not, by how much are the intervals too narrow?"""
+"""What is left in a residual: correlation, how it widens intervals, and whether a channel fits."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from scipy.special import chdtrc
 from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
 from .settings import FitSettings, WhitenessSettings
+
+# ---- Are the residuals independent, and if not, by how much are the intervals too narrow?
+
 
 LAGS = WhitenessSettings().lags
 
@@ -67,8 +70,6 @@ def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) 
     the sum as 0 unless the residuals are significantly correlated.
 
     Source: Geyer 1992, Statistical Science 7(4), for the sum. Differs from source: it is cut by single lags, not pairs.
-    Args:
-        r: residual, shape (n,).
     """
     n = r.size
     if n < 4 * settings.lags:
@@ -109,7 +110,7 @@ def widen(
 # ---- Whether a channel of a trace fits: ONE rule for the warnings of a fit, the lights of the interactive page,
 # verdicts.
 #
-#     fits      the whitened residual r is neither larger than its noise nor correlated (`autocorrelation`),
+#     fits      the whitened residual r is neither larger than its noise nor correlated (`is_correlated`),
 #               and the free run is off by at most 3 sigma, rms
 #     strays    r is noise, but the free run is further off
 #     more      r is larger than its noise, or correlated

@@ -161,11 +161,7 @@ class Cure:
     verb: str = "separates them"
 
     def words(self, made: Collection[str]) -> str:
-        """The cure for a rig of which these tests were made: what is there already is not advised as if it were not.
-
-        Args:
-            made: names of rig tests.
-        """
+        """The cure for a rig of which these tests were made: what is there already is not advised as if it were not."""
         absent = [str(way) for way in self.tests if way.test not in made]
         if absent or not self.tests:
             ways = [" beside ".join(absent), self.besides]
@@ -237,24 +233,24 @@ RULES: tuple[Rule, ...] = (
 )  # fmt: skip
 
 
-def _tells(symbol: str, *tests: Way, besides: str = "") -> tuple[str, Cure]:
+def _cure_by_tests(symbol: str, *tests: Way, besides: str = "") -> tuple[str, Cure]:
     return symbol, Cure(tests, besides, f"tells {symbol}")
 
 
 # the measurement that tells one parameter on its own
 TOLD_BY: dict[str, Cure] = dict(
     (
-        _tells("R_a", RESISTANCE),
-        _tells("L_a", INDUCTANCE, besides="sampling faster than L_a/R_a, about 1 ms,"),
-        _tells("K_b", BACK_EMF),
-        _tells("K_m", besides="the tie K_m = K_b, or a torque sensor,"),
-        _tells("J_m", ALONE),
-        _tells("B_m", ALONE),
-        _tells("J_L", FALL, ALONE),
-        _tells("B_L", FALL, ALONE),
-        _tells("K_s", RAMP),
-        _tells("T_PL", RAMP),
-        _tells("T_f", RAMP),
+        _cure_by_tests("R_a", RESISTANCE),
+        _cure_by_tests("L_a", INDUCTANCE, besides="sampling faster than L_a/R_a, about 1 ms,"),
+        _cure_by_tests("K_b", BACK_EMF),
+        _cure_by_tests("K_m", besides="the tie K_m = K_b, or a torque sensor,"),
+        _cure_by_tests("J_m", ALONE),
+        _cure_by_tests("B_m", ALONE),
+        _cure_by_tests("J_L", FALL, ALONE),
+        _cure_by_tests("B_L", FALL, ALONE),
+        _cure_by_tests("K_s", RAMP),
+        _cure_by_tests("T_PL", RAMP),
+        _cure_by_tests("T_f", RAMP),
     )
 )
 
@@ -274,11 +270,7 @@ def sentences(directions: Iterable[Direction], traces: Iterable[Trace]) -> tuple
 
 
 def sentence(direction: Direction, made: Collection[str] = ()) -> str:
-    """A null or weak direction in words, with its cure.
-
-    Args:
-        made: rig tests of which traces were fitted.
-    """
+    """A null or weak direction in words, with its cure."""
     says, cure = _verdict(direction.symbols, made)
     apart = "" if direction.null else f" (known to {100.0 * direction.sd:.0f} % only)"
     return f"{listed(direction.symbols)} {says}{apart}: {cure}."
@@ -286,7 +278,7 @@ def sentence(direction: Direction, made: Collection[str] = ()) -> str:
 
 def _verdict(symbols: tuple[str, ...], made: Collection[str]) -> tuple[str, str]:
     if len(symbols) == 1:
-        return "is hardly seen in these data", _told(symbols[0], made)
+        return "is hardly seen in these data", _cure_for_symbol(symbols[0], made)
     if series := [s.removeprefix(SERIES) for s in symbols if s.startswith(SERIES)]:
         keys = listed(f"tests.{test}.series_ohm" for test in series)
         return "are resistances in one circuit, seen only as a sum", (
@@ -294,11 +286,11 @@ def _verdict(symbols: tuple[str, ...], made: Collection[str]) -> tuple[str, str]
         )
     rule = next((rule for rule in RULES if rule.fits(frozenset(symbols))), None)
     if rule is None:
-        return "are seen only in one combination", _told(symbols[0], made)
+        return "are seen only in one combination", _cure_for_symbol(symbols[0], made)
     return rule.says, rule.cure.words(made)
 
 
-def _told(symbol: str, made: Collection[str]) -> str:
+def _cure_for_symbol(symbol: str, made: Collection[str]) -> str:
     if symbol in TOLD_BY:
         return TOLD_BY[symbol].words(made)
     if symbol in EXCITED_BY:

@@ -70,7 +70,10 @@ def intervals(result: FitResult) -> dict[str, Interval]:
     held = {symbol: Interval.bare(result.values[symbol], "fixed") for symbol in layout.held}
     known = free | held
     known |= {symbol: _tied(symbol, other, known[other]) for symbol, other in layout.ties}
-    return {p.symbol: known[p.symbol] for p in layout.parameters} | {"N": _gear_ratio(result)}
+    config = result.rig.config
+    remark = None if config.gear_ratio_given else "assumed: rig.toml does not give it"
+    gear_ratio = Interval.bare(float(config.gear_ratio), "fixed", remark)
+    return {p.symbol: known[p.symbol] for p in layout.parameters} | {"N": gear_ratio}
 
 
 @dataclass(frozen=True)
@@ -198,13 +201,6 @@ def _tied(symbol: str, other: str, equal: Interval) -> Interval:
     if equal.status in ("not identifiable", "compromise"):
         return replace(equal, remark=f"{symbol} = {other}")
     return replace(equal, status="tied", remark=f"{symbol} = {other}")
-
-
-def _gear_ratio(result: FitResult) -> Interval:
-    """N, with a remark where rig.toml does not give it."""
-    config = result.rig.config
-    remark = None if config.gear_ratio_given else "assumed: rig.toml does not give it"
-    return Interval.bare(float(config.gear_ratio), "fixed", remark)
 
 
 def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray, unknown: float) -> Interval:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings, read_graphs
 from .edges import with_edges_in_step, with_edges_on_samples
-from .free_run import Model, comes_near, fitted_free_running, growing, no_higher_than_smaller
+from .free_run import Model, comes_near, fitted_free_running, no_higher_than_smaller, removable_effects
 from .intervals import with_accuracy
 from .levenberg_marquardt import approach, descend, with_lag_of
 from .ready import ready, start_values
@@ -53,13 +53,15 @@ def fit(
     Args:
         rig: a measurement folder.
         report: called with what is going on and the share done.
-        settings: every threshold, budget and seed; written into the result.
+        settings: thresholds, budgets and seeds; written into the result.
         about: values of a like body, SI by symbol, to start from in place of the reading. No other start is tried where
             that one ends near the data; where it does not, the reading and all starts are, as without it.
     Raises:
         MeasurementError: nothing to fit, or rig.toml names what does not exist.
     """
-    return finished(_end(rig, report, settings, about))
+    optimum = _end(rig, report, settings, about)
+    assert optimum is not None, "only where an end near the data is asked for can there be none"
+    return finished(optimum)
 
 
 def fit_near(
@@ -75,12 +77,6 @@ def finished(optimum: Optimum) -> FitResult:
     return with_accuracy(outcome(optimum))
 
 
-@overload
-def _end(rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None) -> Optimum: ...
-@overload
-def _end(
-    rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool
-) -> Optimum | None: ...
 def _end(
     rig: Rig, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool = False
 ) -> Optimum | None:
@@ -90,19 +86,19 @@ def _end(
     if ended is None:
         return None
     reached, starts = ended
-    if not (only_near or begun.model.problem.controlled or comes_near(reached, settings)) and growing(rig):
+    if not (only_near or begun.model.problem.controlled or comes_near(reached, settings)) and removable_effects(rig):
 
         def end_of(smaller: Model) -> Reached:
             return from_own_starts(smaller, settings)
 
         reached = no_higher_than_smaller(rig, begun.model, reached, model_of, end_of, report, settings)
     trusted = not reached.end.far
-    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x, settings.edges) if trusted else None
+    clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
         rig, (traces, held_out, _) = clocked.rig, ready(clocked.rig)
         reached = _fitted_again(rig, traces, reached, settings)
-        decided = with_edges_on_samples(rig, reached, clocked.places, settings.edges)
+        decided = with_edges_on_samples(rig, reached, clocked.places)
         if decided is not None:  # a phase at the end of its interval is no free parameter
             rig, (traces, held_out, _) = decided.rig, ready(decided.rig)
             reached = _fitted_again(rig, traces, reached._replace(x=decided.x), settings)
@@ -145,30 +141,20 @@ def model_of(rig: Rig) -> Model:
 
 def from_own_starts(model: Model, settings: FitSettings = FitSettings()) -> Reached:
     """Where a model ends from the reading and from the points scattered about it."""
-    return _ended(model, quiet, settings).reached
+    ended = _ended(model, quiet, settings)
+    assert ended is not None, "only where an end near the data is asked for can there be none"
+    return ended[0]
 
 
-class _Ended(NamedTuple):
-    """Where the fit of one model ended, and the descents that it began with."""
-
-    reached: Reached
-    starts: tuple[StartSummary, ...]
-
-
-@overload
-def _ended(model: Model, report: Report, settings: FitSettings) -> _Ended: ...
-@overload
-def _ended(
-    model: Model, report: Report, settings: FitSettings, about: Mapping[str, float] | None, only_near: bool
-) -> _Ended | None: ...
 def _ended(
     model: Model,
     report: Report,
     settings: FitSettings,
     about: Mapping[str, float] | None = None,
     only_near: bool = False,
-) -> _Ended | None:
-    """From its own starts; None where only an end near the data was of use and none is."""
+) -> tuple[Reached, tuple[StartSummary, ...]] | None:
+    """Where a model ends from its own starts, and its descents; None where only an end near the data is of use and none
+    is."""
     problem, start = model
     problem.compile_ahead()
     in_background(partial(_compile_step, start.size))
@@ -179,7 +165,7 @@ def _ended(
     reached = _reached(problem, x, start, misfit, report, settings)
     if reached is None and not only_near:
         reached = fitted_free_running(problem, x, report, settings)
-    return None if reached is None else _Ended(reached, starts)
+    return None if reached is None else (reached, starts)
 
 
 class Descent(NamedTuple):
@@ -290,11 +276,7 @@ def _from_a_like_body(
 
 
 def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> float:
-    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there.
-
-    Args:
-        weighted: of the problem, instants forgiven.
-    """
+    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there."""
     there = problem.with_integrator_states(x)
     forgiven = weighted if there is problem else there.weighted(weights.forgiving(there))
     return float(chi2_of(there, x[None], forgiven)[0])

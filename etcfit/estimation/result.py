@@ -1,8 +1,8 @@
-"""The uncertainty budget: which source makes which share of an interval."""
+"""What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import NamedTuple
@@ -26,6 +26,8 @@ from .settings import FitSettings
 from .statement import Piece, information_in, pieces_at
 from .statement import whitened as whitened_of
 
+# ---- The uncertainty budget: which source makes which share of an interval
+
 
 @dataclass(frozen=True, eq=False)
 class Budget:
@@ -45,9 +47,6 @@ class Budget:
         """Share of each parameter's variance that each source makes, the statistical one last, shape (S + 1, P)."""
         parts = np.vstack((self.moves**2, np.maximum(np.diag(self.statistical), 0.0)))
         return parts / np.maximum(parts.sum(axis=0), 1e-300)
-
-
-# ---- What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings
 
 
 class Reason(StrEnum):
@@ -165,15 +164,17 @@ class FitResult:
 
     def fitted(self) -> Fitted:
         """The model alone, without the data."""
-        asked = self.settings.identifiability
-        covariance, noise = self.stated_covariance, self._position_noise
-        return Fitted(self.rig.config, self.free_parameters, self.x, covariance, asked, self.state, noise)
-
-    @property
-    def _position_noise(self) -> float:
         logged = (measurement.channels.get("position") for measurement in self.rig.measurements)
         sigma = [channel.sigma for channel in logged if channel is not None]
-        return float(np.median(sigma)) if sigma else 0.0
+        return Fitted(
+            self.rig.config,
+            self.free_parameters,
+            self.x,
+            self.stated_covariance,
+            self.settings.identifiability,
+            self.state,
+            position_noise=float(np.median(sigma)) if sigma else 0.0,
+        )
 
     @property
     def stated_covariance(self) -> np.ndarray:
@@ -195,7 +196,7 @@ class Termination:
         far: the model is far from the data and was fitted free-running.
         wander: what the last round moved, coordinates, shape (1, P): where an impact or a slip falls on either side of
             a sample, two whitenings alternate, and neither is better; the intervals include the difference. Below it,
-            one row each, how far optima nearby lie away that the data hardly rule out (`neighbouring_optima`).
+            one row each, how far optima nearby lie away that the data hardly rule out (`likeliest_nearby`).
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
         reason_code: `reason` for programs; None where the end was not judged by the joint fit.
     """
@@ -256,7 +257,7 @@ def outcome(optimum: Optimum) -> FitResult:
     known, whitened = _spread(optimum, pieces), whitened_of(problem, pieces)
     told = _predictions(optimum)
     if end.far:
-        whitened = _in_sigma(problem, told.predicted)
+        whitened = tuple((t.data - told.predicted[t.measurement.file]) / t.sigma for t in problem.batch.traces)
     samples = sum(row.n for row in told.score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     agreed = agreement(problem, weighted, x, pieces, known.covariance, (end.far, chi2), optimum.settings)
@@ -281,11 +282,7 @@ def outcome(optimum: Optimum) -> FitResult:
         warnings=(
             *optimum.rig.warnings,
             *optimum.notes,
-            *_far(end, chi2),
-            *_of_residuals(problem, whitened, told.score_fit, optimum.settings, known.widest),
-            *_words(end),
-            *_alternation(known.alternating),
-            *_of_another_session(optimum, told),
+            *_warnings(optimum, known, told, whitened, chi2),
             *agreed.words(lambda s: problem.layout.parameter(s).unit),
         ),
         far=end.far,
@@ -349,11 +346,6 @@ def _predictions(optimum: Optimum) -> _Predictions:
     return _Predictions(holdout, predicted, scored(problem.batch.traces), scored(held_out))
 
 
-def _in_sigma(problem: EstimationProblem, predicted: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Free-running error over each sample's own noise, for a model too far from the data to whiten."""
-    return tuple((t.data - predicted[t.measurement.file]) / t.sigma for t in problem.batch.traces)
-
-
 def _verdict_on_parameters(
     problem: EstimationProblem,
     x: np.ndarray,
@@ -374,45 +366,26 @@ def _verdict_on_parameters(
     return analyse(problem.layout, inside, information, settings.identifiability)
 
 
-def _alternation(symbols: tuple[str, ...]) -> list[str]:
-    if not symbols:
-        return []
-    names = ", ".join(symbols)
-    return [
-        f"The rounds of the fit alternate in {names}: an impact or a slip falls on either side of a sample, and no "
-        "reading of it is better. Their intervals are widened by the difference."
-    ]
-
-
-def _of_residuals(
-    problem: EstimationProblem,
-    whitened: tuple[np.ndarray, ...],
-    score: tuple[PredictionError, ...],
-    settings: FitSettings,
-    widest: float,
-) -> list[str]:
-    return warnings_of(goodness_of(problem.batch.traces, whitened, score, settings), widest)
-
-
-def _of_another_session(optimum: Optimum, told: _Predictions) -> list[str]:
-    errors, settings = (told.score_fit, told.score_holdout), optimum.settings.session
-    found = drives_of_another_session(optimum.problem, optimum.x, optimum.held_out, errors, settings)
-    return [each.words for each in found]
-
-
-def _far(end: Termination, chi2: float) -> list[str]:
-    if not end.far:
-        return []
-    return [
-        f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
-        "each channel weighed by the error left in it; parameters are a compromise, not measurements."
-    ]
-
-
-def _words(end: Termination) -> list[str]:
-    out = []
+def _warnings(
+    optimum: Optimum, known: _Spread, told: _Predictions, whitened: tuple[np.ndarray, ...], chi2: float
+) -> Iterator[str]:
+    """What a reader must know of the end of a fit, of what is left in its residuals, and of held-out traces."""
+    problem, end, settings = optimum.problem, optimum.end, optimum.settings
+    if end.far:
+        yield (
+            f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
+            "each channel weighed by the error left in it; parameters are a compromise, not measurements."
+        )
+    yield from warnings_of(goodness_of(problem.batch.traces, whitened, told.score_fit, settings), known.widest)
     if end.outliers:
-        out.append(f"{end.outliers} samples lie far outside their trace's residuals and were weighed down.")
+        yield f"{end.outliers} samples lie far outside their trace's residuals and were weighed down."
     if not end.converged:
-        out.append(f"NOT CONVERGED: {end.reason}")
-    return out
+        yield f"NOT CONVERGED: {end.reason}"
+    if known.alternating:
+        yield (
+            f"The rounds of the fit alternate in {', '.join(known.alternating)}: an impact or a slip falls on either "
+            "side of a sample, and no reading of it is better. Their intervals are widened by the difference."
+        )
+    errors = told.score_fit, told.score_holdout
+    for each in drives_of_another_session(problem, optimum.x, optimum.held_out, errors):
+        yield each.words

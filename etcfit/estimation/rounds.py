@@ -1,4 +1,4 @@
-"""The rounds of a fit: the whitening filter and the least squares through it, renewed in turn until neither moves."""
+"""The rounds of whitening and least squares, and the searches about their end."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ from ..problem.residual import WeightedData
 from .levenberg_marquardt import approach, descend, local, minimise, with_lag_of
 from .result import Reason, Termination
 from .settings import FitSettings, GlobalSearchSettings
+
+# ---- The rounds of a fit: the whitening filter and the least squares through it, renewed in turn until neither moves
+
 
 Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 
@@ -71,7 +74,6 @@ def rounds(
 
     Args:
         still: what counts as not moving, standard errors.
-        most: rounds.
     """
     moved, outliers, about = np.inf, 0, x
     k = 0
@@ -137,7 +139,9 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
     problem, weighted, x, end = reached
     here = local(problem, x, weighted)
     report("the gradient does not vanish: searching without it", 0.9)
-    x, gain = settle(problem, x, weighted, here.covariance, here.unit, settings.search)
+    x, gain = search_about(
+        lambda points: chi2_of(problem, points, weighted), x, here.covariance, here.unit, settings.search
+    )
     return Reached(problem, weighted, x, after_search(gain, end.outliers, settings))
 
 
@@ -148,17 +152,6 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
 # that there is none nearby.
 
 Cost = Callable[[np.ndarray], np.ndarray]  # what is minimised, of K points at once, shape (K, P) -> (K,)
-
-
-def evolve(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    spread: np.ndarray,
-    settings: GlobalSearchSettings = GlobalSearchSettings(),
-) -> np.ndarray:
-    """`evolve_population` on the chi2 of a problem; coordinates of the best point, shape (P,)."""
-    return evolve_population(lambda points: chi2_of(problem, points, weighted), x, spread, settings)
 
 
 def evolve_population(
@@ -199,18 +192,6 @@ def evolve_population(
     return crowd[int(np.argmin(price))]
 
 
-def settle(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    covariance: np.ndarray,
-    unit: float,
-    settings: GlobalSearchSettings = GlobalSearchSettings(),
-) -> tuple[np.ndarray, float]:
-    """`search_about` on the chi2 of a problem."""
-    return search_about(lambda points: chi2_of(problem, points, weighted), x, covariance, unit, settings)
-
-
 def search_about(
     cost: Cost,
     x: np.ndarray,
@@ -223,7 +204,6 @@ def search_about(
     The points are normal with the given covariance times the squares of `settings.radii`.
 
     Args:
-        cost: what is minimised.
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
         unit: of the cost in which a gain counts; chi2 per degree of freedom, say.
     Returns:
@@ -286,12 +266,7 @@ def deviance(reached: Reached) -> float:
 def likeliest_nearby(
     reached: Reached, start: Float[np.ndarray, " P"], report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
-    """The likeliest of an end and of those nearby, with the others beside it in `Termination.wander`.
-
-    Args:
-        reached: end of the rounds.
-        start: coordinates with which the fit began.
-    """
+    """The likeliest of an end and of those nearby, with the others beside it in `Termination.wander`."""
     best = _End(reached, deviance(reached))
     if not settings.neighbours or not np.isfinite(best.deviance):
         return reached

@@ -1,4 +1,4 @@
-"""What a fit decides by: every threshold, budget and seed of it, with its unit, default and allowed range.
+"""What a fit decides by: its thresholds, budgets and seeds, each with unit, default and allowed range.
 
 Two terms return throughout:
 
@@ -85,35 +85,6 @@ class ContradictionSettings:
 
 
 @dataclass(frozen=True)
-class EdgesInStepSettings:
-    """When the edges of a test's voltage count as in step with the samples.
-
-    Args:
-        error: standard deviation of one edge's place above which it says nothing, sample intervals.
-        scatter: of places about their phase that a clock may have, sample intervals.
-        far: standard deviations from the phase at which an edge keeps no step.
-        near: share of a test's edges that must keep it.
-        chance: probability that edges at any instants agree as closely, at most, in a test that proves one clock.
-        agreement: of edges in step scattering as widely, at least, in every test taken to be in step.
-        border: phases so near a sample leave it open on which side of the sample an edge fell, sample intervals.
-        on_sample: standard errors by which a phase may lie inside its interval and yet be taken to be on the sample.
-        in_company: the same where the edges of another test are on the samples.
-    """
-
-    error: float = real(0.3, 1e-6, 10.0)
-    scatter: float = real(0.03, 1e-6, 1.0)
-    far: float = real(4.0, 0.0, 100.0)
-    near: float = real(0.8, 0.0, 1.0)
-    chance: float = real(1e-3, 0.0, 1.0)
-    agreement: float = real(0.01, 0.0, 1.0)
-    border: float = real(0.15, 0.0, 0.5)
-    on_sample: float = real(2.0, 0.0, 100.0)
-    in_company: float = real(3.0, 0.0, 100.0)
-
-    __post_init__ = check_ranges
-
-
-@dataclass(frozen=True)
 class GlobalSearchSettings:
     """Budgets of the two searches without a gradient: a population far from the data, draws about a rough optimum.
 
@@ -170,21 +141,6 @@ class GuideSettings:
 
 
 @dataclass(frozen=True)
-class SessionSettings:
-    """When a held-out trace is asked whether it is of another session.
-
-    Args:
-        strange: error of its free run over that of the fitted traces, in sigma, from which on it is asked.
-        explained: share of its error that another scale of its drive may leave, if that is to explain it.
-    """
-
-    strange: float = real(3.0, 1.0)
-    explained: float = real(0.5, 0.0, 1.0)
-
-    __post_init__ = check_ranges
-
-
-@dataclass(frozen=True)
 class FitSettings:
     """The plan of a joint fit.
 
@@ -229,8 +185,6 @@ class FitSettings:
         whiteness: when residuals widen the intervals.
         identifiability: from when on a parameter counts as not known.
         contradiction: from when on traces and tests count as disagreeing.
-        edges: when edges of the voltage count as in step with the samples.
-        session: when a held-out trace is asked whether it is of another session.
     """
 
     starts: int = whole(3, 0, 1000)
@@ -263,7 +217,5 @@ class FitSettings:
     whiteness: WhitenessSettings = WhitenessSettings()
     identifiability: IdentifiabilitySettings = IdentifiabilitySettings()
     contradiction: ContradictionSettings = ContradictionSettings()
-    edges: EdgesInStepSettings = EdgesInStepSettings()
-    session: SessionSettings = SessionSettings()
 
     __post_init__ = check_ranges

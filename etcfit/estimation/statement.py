@@ -1,4 +1,4 @@
-"""The residual of a fit channel by channel: what each of them says can be weighed, left out, or asked by itself."""
+"""What channels, traces and tests say of the coordinates: shares of the normal equations, two side by side."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .goodness import inflation
 from .settings import WhitenessSettings
+
+# ---- The residual of a fit channel by channel: what each of them says can be weighed, left out, or asked by itself
 
 
 class Piece(NamedTuple):
@@ -71,13 +73,7 @@ def whitened(problem: EstimationProblem, pieces: Iterable[Piece]) -> tuple[np.nd
 def information_in(
     pieces: Iterable[Piece], prior_sd: np.ndarray, inflations: Iterable[float] = repeat(1.0)
 ) -> np.ndarray:
-    """sum J^T J / f of pieces, and the information of the user's priors, shape (P, P).
-
-    Args:
-        pieces: some channels.
-        prior_sd: of the coordinates, shape (P,).
-        inflations: f of each.
-    """
+    """sum J^T J / f of pieces, f the inflations, and the information of the user's priors, shape (P, P)."""
     total = np.diag(1.0 / np.asarray(prior_sd) ** 2)
     for piece, f in zip(pieces, inflations, strict=False):
         total = total + piece.jacobian.T @ piece.jacobian / f
@@ -86,7 +82,7 @@ def information_in(
 
 # ---- What a part of the data says of the coordinates, and in which directions another part can say the same
 #
-#     F = J^T J,    s = J^T r,    M = sum_c f_c J_c^T J_c,    f_c as in `autocorrelation.inflation`
+#     F = J^T J,    s = J^T r,    M = sum_c f_c J_c^T J_c,    f_c as in `goodness.inflation`
 #
 # F and s are a part's share of the normal equations, M is the variance of s where residuals are larger than their noise
 # or not independent. Two parts, own and others, are compared in directions b_i with
@@ -144,11 +140,7 @@ def prior(information: np.ndarray, score: np.ndarray) -> Statement:
 
 
 def statement(pieces: Iterable[Piece], inflations: Iterable[float]) -> Statement:
-    """What some channels say together; at least one.
-
-    Args:
-        inflations: f of each.
-    """
+    """What some channels say together; at least one."""
     return reduce(add, (_of_one(piece, f) for piece, f in zip(pieces, inflations, strict=True)))
 
 
@@ -208,12 +200,12 @@ class Split:
         return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-200)
 
     @cached_property
-    def told_by_own(self) -> np.ndarray:
+    def determined_by_own(self) -> np.ndarray:
         """Directions that the own part determines, shape (P,) of bool."""
         return self._width < self.unknown * np.sqrt(self.share)
 
     @cached_property
-    def told_by_others(self) -> np.ndarray:
+    def determined_by_others(self) -> np.ndarray:
         """Directions that the others determine, shape (P,) of bool."""
         return self._width < self.unknown * np.sqrt(self.others_share)
 
@@ -225,12 +217,12 @@ class Split:
     @property
     def own_inverse(self) -> np.ndarray:
         """Inverse of the own information in the directions that it determines, shape (P, P)."""
-        return self._inverse(self.told_by_own, self.share)
+        return self._inverse(self.determined_by_own, self.share)
 
     @property
     def others_inverse(self) -> np.ndarray:
         """Inverse of the others' information in the directions that they determine, shape (P, P)."""
-        return self._inverse(self.told_by_others, self.others_share)
+        return self._inverse(self.determined_by_others, self.others_share)
 
     def _inverse(self, told: np.ndarray, information: np.ndarray) -> np.ndarray:
         b = self.directions[:, told]
@@ -256,6 +248,6 @@ class Split:
     def shift(self) -> np.ndarray:
         """What leaving the own part out moves: the others' estimate less that of all, one step each, shape (P,); 0 in
         directions that the others do not determine."""
-        b, told = self.directions, self.told_by_others
+        b, told = self.directions, self.determined_by_others
         others, together = b.T @ self.others.score, b.T @ (self.own.score + self.others.score)
         return b[:, told] @ (together - others / self.others_share)[told]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..estimation.fitted_model import FleetModel, fleet_model, parted
+from ..estimation.fitted_model import FleetModel, fleet_model, split_sums
 from ..problem.free_parameters import free_parameters
 from ..rig.base import RigConfig
 from .config import FleetConfig
@@ -121,7 +121,7 @@ def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrun
     known = free_parameters(rig)
     own = {symbol: np.array([unit.parameters[symbol].value for unit in units]) for symbol in known.layout.free}
     told = {symbol: shrunk.estimate[:, k] for k, symbol in enumerate(shrunk.symbols)}
-    values = own | parted(told, own, rig.gear_ratio)
+    values = own | split_sums(told, own, rig.gear_ratio)
     return fleet_model(rig, known, [unit.unit for unit in units], values, rig.noise.get("position", 0.0))
 
 

@@ -46,8 +46,13 @@ def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: T
     if not isinstance(text, str):
         raise toml.wrong(where, f"found {shown(value)}.", f"It must be a text as {EXAMPLE}, or {{ sd = {EXAMPLE} }}.",
                          f"Write {key} = {_example(key)}.")  # fmt: skip
+    bare = re.sub(r"^\s*(±|\+\s*/?\s*-)\s*", "", text)  # a sign of plus and minus before it is welcome
+    terms = list(_TERM.finditer(bare))
+    if not terms or "".join(term[0] for term in terms) != bare or bare.rstrip().endswith("+"):
+        raise toml.wrong(where, f"found {shown(text)}.", "It must be numbers with units, joined by +.",
+                         f"Write {key} = {_example(key)}.")  # fmt: skip
     relative = absolute = 0.0
-    for number, unit in _terms(toml, where, key, text):
+    for number, unit in ((float(term[1]), term[2].strip()) for term in terms):
         if (share := SHARES.get("%" if is_percent(unit) else unit)) is not None:
             relative += number * share
         else:
@@ -56,16 +61,6 @@ def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: T
         raise toml.wrong(where, f"found {shown(text)}.", "It must be above 0 and at most 100 % of the value.",
                          "Correct it, or delete the line: what is not stated counts as exact.")  # fmt: skip
     return Accuracy(relative, absolute, "normal" if distribution == "normal" else "rectangular")
-
-
-def _terms(toml: Toml, where: str, key: str, text: str) -> list[tuple[float, str]]:
-    """Numbers and units of `1 % + 5 mA`; a sign of plus and minus before it is welcome."""
-    bare = re.sub(r"^\s*(±|\+\s*/?\s*-)\s*", "", text)
-    terms = list(_TERM.finditer(bare))
-    if not terms or "".join(term[0] for term in terms) != bare or bare.rstrip().endswith("+"):
-        raise toml.wrong(where, f"found {shown(text)}.", "It must be numbers with units, joined by +.",
-                         f"Write {key} = {_example(key)}.")  # fmt: skip
-    return [(float(term[1]), term[2].strip()) for term in terms]
 
 
 def _scale(

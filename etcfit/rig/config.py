@@ -175,35 +175,31 @@ def _columns(toml: Toml) -> dict[str, str]:
 def _noise(toml: Toml, travel: tuple[float, float], tps: TpsCalibration | None) -> dict[str, float]:
     """Standard deviations by channel, SI; keys are `<channel>_<unit>`."""
     noise: dict[str, float] = {}
+    known = (*CHANNELS, "tps")
     for key, value in toml.table("noise").items():
-        channel, scale = _noise_key(toml, key, travel, tps)
+        quantity = next((q for q in known if key == q or key.startswith(f"{q}_")), None)
+        if quantity is None:
+            mend = closest(key.rpartition("_")[0] or key, known, "Write, say, current_A = 0.01.")
+            required = f"Known: {', '.join(known)}, then _ and the unit."
+            raise toml.wrong(f"noise.{key}", "unknown channel.", required, mend)
+        slug = key.removeprefix(quantity).removeprefix("_")
+        if not slug and quantity != "duty":
+            raise toml.wrong(f"noise.{key}", "unit missing.", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
+                             f"Write the unit behind the name, as in {quantity}_{CHANNELS.get(quantity, 'V')}."
+                             .replace("/", "_").replace("N*m", "Nm"))  # fmt: skip
+        try:
+            channel, conversion = to_channel(quantity, UNIT_SLUGS.get(slug, slug), travel, tps)
+        except UnitError as err:
+            raise toml.wrong(f"noise.{key}", str(err), f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
+                             "Correct the unit after the last _, or delete the line.") from err  # fmt: skip
         if channel in noise:
             raise toml.wrong(f"noise.{key}", f"a second value for {channel}.", "One channel has one noise.",
                              "Delete one.")  # fmt: skip
-        noise[channel] = toml.positive(f"noise.{key}", value) * abs(scale)
+        noise[channel] = toml.positive(f"noise.{key}", value) * abs(conversion.scale)
         if not POSSIBLE_NOISE[0] <= noise[channel] <= POSSIBLE_NOISE[1]:
             raise toml.wrong(f"noise.{key}", f"found {shown(value)}.", "No channel has such a noise.",
                              "Correct it, or delete the line and have it estimated.")  # fmt: skip
     return noise
-
-
-def _noise_key(toml: Toml, key: str, travel: tuple[float, float], tps: TpsCalibration | None) -> tuple[str, float]:
-    known = (*CHANNELS, "tps")
-    quantity = next((q for q in known if key == q or key.startswith(f"{q}_")), None)
-    if quantity is None:
-        raise toml.wrong(f"noise.{key}", "unknown channel.", f"Known: {', '.join(known)}, then _ and the unit.",
-                         closest(key.rpartition("_")[0] or key, known, "Write, say, current_A = 0.01."))  # fmt: skip
-    slug = key.removeprefix(quantity).removeprefix("_")
-    if not slug and quantity != "duty":
-        raise toml.wrong(f"noise.{key}", "unit missing.", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                         f"Write the unit behind the name, as in {quantity}_{CHANNELS.get(quantity, 'V')}."
-                         .replace("/", "_").replace("N*m", "Nm"))  # fmt: skip
-    try:
-        channel, conversion = to_channel(quantity, UNIT_SLUGS.get(slug, slug), travel, tps)
-    except UnitError as err:
-        raise toml.wrong(f"noise.{key}", str(err), f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                         "Correct the unit after the last _, or delete the line.") from err  # fmt: skip
-    return channel, conversion.scale
 
 
 def _series_ohm(toml: Toml) -> dict[str, float | None]:

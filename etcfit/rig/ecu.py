@@ -72,24 +72,19 @@ def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float])
     if form not in FORMS:
         raise toml.wrong("ecu.form", f"found {shown(form)}.", 'It must be "seconds" (I per s, D in s) or "ticks" '
                          "(I per tick, D in ticks).", "Correct it, or leave it out for seconds.")  # fmt: skip
-    output, error = _unit(toml, unit, any(table[key] != "free" for key in GAINS))
+    free = unit is None and all(table[key] == "free" for key in GAINS)
+    # "%/deg" is % of duty for a degree
+    output, slash, error = ("V/rad" if free else unit if isinstance(unit, str) else "").partition("/")
+    output, error = output.strip(), error.strip()
+    if not slash or output not in OUTPUTS or error not in ERRORS:
+        listed = ", ".join(f"{o}/{e}" for o in OUTPUTS for e in ERRORS)
+        raise toml.wrong("ecu.unit", "missing." if unit is None else f"found {shown(unit)}.",
+                         f"Output for an error of one, of: {listed} (output % is duty, error % is travel).",
+                         'Write unit = "%/%", say, or all gains as "free".')  # fmt: skip
     if "%" in error and not math.isfinite(travel[1] - travel[0]):
         raise toml.wrong("ecu.unit", f"found {shown(unit)}.", "A % of the travel needs end stops.",
                          "Give [rig] travel_deg, or the unit in deg.")  # fmt: skip
     return Notation(output, error, form)
-
-
-def _unit(toml: Toml, unit: Any, needed: bool) -> tuple[str, str]:
-    """Units of output and error: "%/deg" is % of duty for a degree."""
-    if unit is None and not needed:
-        return "V", "rad"
-    output, slash, error = unit.partition("/") if isinstance(unit, str) else ("", "", "")
-    if slash and output.strip() in OUTPUTS and error.strip() in ERRORS:
-        return output.strip(), error.strip()
-    listed = ", ".join(f"{o}/{e}" for o in OUTPUTS for e in ERRORS)
-    raise toml.wrong("ecu.unit", "missing." if unit is None else f"found {shown(unit)}.",
-                     f"Output for an error of one, of: {listed} (output % is duty, error % is travel).",
-                     'Write unit = "%/%", say, or all gains as "free".')  # fmt: skip
 
 
 def _gain(toml: Toml, key: str, value: Any, scale: float) -> Knowledge | None:

@@ -189,7 +189,16 @@ def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -
     log = Log(where, file, PurePosixPath(file).parts[0], table.lines,
               {name: column for name, column in columns.items() if name not in empty}, table.row_mark)  # fmt: skip
     _check_rows(log)
-    _check_required(log, config)
+    for group in KNOWN_TESTS[log.test]:
+        if not set(group) & set(log.channels):
+            raise MeasurementError(where, f"no {' or '.join(group)} among {', '.join(log.channels) or 'nothing'}.",
+                                   f"A {log.test} trace needs it.",
+                                   "Add the column, map its header under [columns], "
+                                   "or move the file to the folder of its test.")  # fmt: skip
+    only_duty = "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
+    if only_duty and config.supply_V is None:
+        raise MeasurementError(where, "duty without voltage or supply.", "Voltage is duty times supply.",
+                               "Add a 'supply [V]' column, or [rig] supply_V in rig.toml.")  # fmt: skip
     check_log(log, config)
     return log, [f"{where}: column '{columns[name].header}' holds no number and is left out." for name in empty]
 
@@ -211,19 +220,6 @@ def _check_rows(log: Log) -> None:
         found = f"time stays at {before}" if before == after else f"time falls from {before} to {after}"
         raise MeasurementError(log.at(k + 1), f"{found} {column.unit}.",
                                "Time must rise strictly;", "sort the log or split it.")  # fmt: skip
-
-
-def _check_required(log: Log, config: RigConfig) -> None:
-    for group in KNOWN_TESTS[log.test]:
-        if not set(group) & set(log.channels):
-            raise MeasurementError(log.where, f"no {' or '.join(group)} among {', '.join(log.channels) or 'nothing'}.",
-                                   f"A {log.test} trace needs it.",
-                                   "Add the column, map its header under [columns], "
-                                   "or move the file to the folder of its test.")  # fmt: skip
-    only_duty = "duty" in log.channels and not {"voltage", "supply", "torque"} & set(log.channels)
-    if only_duty and config.supply_V is None:
-        raise MeasurementError(log.where, "duty without voltage or supply.", "Voltage is duty times supply.",
-                               "Add a 'supply [V]' column, or [rig] supply_V in rig.toml.")  # fmt: skip
 
 
 def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement, ...]:

@@ -135,7 +135,13 @@ def _check_time(log: Log, test: Plausible) -> None:
 
 
 def _check_range(log: Log, column: Column, config: RigConfig) -> None:
-    low, high = _limits(column.quantity, config)
+    if column.quantity in POSSIBLE:
+        low, high = POSSIBLE[column.quantity]
+    else:
+        low, high = config.travel
+        part = SETPOINT_BEYOND if column.quantity == "setpoint" else BEYOND_STOP
+        more = max(part * (high - low), BEYOND_STOP_RAD)
+        low, high = low - more, high + more
     value = column.value
     bad = (value < low) | (value > high)
     if not bad.any():
@@ -154,15 +160,6 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
         mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
                 if column.unit.endswith("V") else f"{mend} Or correct [rig] travel_deg.")  # fmt: skip
     raise MeasurementError(log.at(k), found, f"{required}.", mend)
-
-
-def _limits(quantity: str, config: RigConfig) -> tuple[float, float]:
-    if quantity in POSSIBLE:
-        return POSSIBLE[quantity]
-    low, high = config.travel
-    part = SETPOINT_BEYOND if quantity == "setpoint" else BEYOND_STOP
-    more = max(part * (high - low), BEYOND_STOP_RAD)
-    return low - more, high + more
 
 
 def _peak(column: Column) -> float:

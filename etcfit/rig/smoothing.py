@@ -78,8 +78,13 @@ class LowPass:
         if len(x) <= pad:
             raise ValueError(f"more than {pad} samples are needed, and there are {len(x)}")
         longer = np.concatenate((2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]))
-        size = 1 << (len(longer) + self._memory - 1).bit_length()  # h has faded away before it comes round
-        response = self._response(size)
+        memory = int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))  # samples: nothing is left of an impulse
+        size = 1 << (len(longer) + memory - 1).bit_length()  # h has faded away before it comes round
+        z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)  # z^-1 at the frequencies of a real transform
+        response = np.ones_like(z)  # H/g
+        for pole in self.poles:
+            a1, a2 = -2.0 * pole.real, abs(pole) ** 2
+            response *= 0.25 * (1.0 + a1 + a2) * (1.0 + z) ** 2 / (1.0 + z * (a1 + a2 * z))
 
         def one_way(x: np.ndarray) -> np.ndarray:
             """y = x_0 + h * (x - x_0), shape (n,): what came before the first sample is taken to be like it."""
@@ -87,20 +92,6 @@ class LowPass:
 
         forwards = np.apply_along_axis(one_way, 0, longer)
         return self.gain**2 * np.apply_along_axis(one_way, 0, forwards[::-1])[::-1][pad:-pad]
-
-    def _response(self, size: int) -> np.ndarray:
-        """H/g at the frequencies of a real transform of so many samples."""
-        z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)  # z^-1
-        response = np.ones_like(z)
-        for pole in self.poles:
-            a1, a2 = -2.0 * pole.real, abs(pole) ** 2
-            response *= 0.25 * (1.0 + a1 + a2) * (1.0 + z) ** 2 / (1.0 + z * (a1 + a2 * z))
-        return response
-
-    @property
-    def _memory(self) -> int:
-        """Samples after which nothing is left of an impulse."""
-        return int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))
 
 
 def butterworth(order: int, cutoff: float) -> LowPass:

@@ -142,22 +142,18 @@ def parse(text: str, path: str) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except (ValueError, RecursionError) as err:
-        raise _no_toml(text, path, str(err)) from err
+        message = str(err)
+        required = f"{PurePosixPath(path.replace(chr(92), '/')).name} must be valid TOML."
+        line = re.search(r"line (\d+)", message)
+        number = int(line[1]) if line else text.count("\n") + 1
+        if made := slip(text, message, number):
+            raise MeasurementError(f"{path}:{made.line}", made.found, made.required or required, made.mend) from err
+        place = f"{path}:{number}" if line or "end of document" in message else path
+        raise MeasurementError(place, f"{message.split(' (at ')[0]}.", required,
+                               "Correct this line; texts need quotes, decimals a point.") from err  # fmt: skip
     if blank := left_blank(tables):
         raise MeasurementError(place_of(path, text, blank), f"{blank}: {DOTS_FOUND}", DOTS_REQUIRED, filled(blank))
     return tables
-
-
-def _no_toml(text: str, path: str, message: str) -> MeasurementError:
-    """The slip that was made; in the parser's words where it is none that is known."""
-    required = f"{PurePosixPath(path.replace(chr(92), '/')).name} must be valid TOML."
-    line = re.search(r"line (\d+)", message)
-    number = int(line[1]) if line else text.count("\n") + 1
-    if made := slip(text, message, number):
-        return MeasurementError(f"{path}:{made.line}", made.found, made.required or required, made.mend)
-    place = f"{path}:{number}" if line or "end of document" in message else path
-    return MeasurementError(place, f"{message.split(' (at ')[0]}.", required,
-                            "Correct this line; texts need quotes, decimals a point.")  # fmt: skip
 
 
 def closest(name: str, known: Iterable[str], otherwise: str) -> str:

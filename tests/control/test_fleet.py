@@ -16,11 +16,9 @@ from scipy.stats import beta, binomtest, fisher_exact
 import etcfit
 import fleets
 from benchmarks.parts import on_plant
-from etcfit.control.design import Design, ecu_of, task_of
+from etcfit.control.design import Design, design, design_for_fleet, ecu_of, task_of
 from etcfit.control.fleet import (
     Parts,
-    design_for_fleet,
-    design_for_parts,
     future_units,
     one_by_one,
     representatives,
@@ -246,7 +244,7 @@ def test_parts_with_another_gear_are_refused() -> None:
 def test_a_rule_that_nobody_knows_is_refused_for_parts_too() -> None:
     fitted = run_of(CONSISTENT)
     with pytest.raises(UsageError, match="no tuning rule is called 'magic'"):
-        design_for_parts(fitted, parts_of(fleets.truths(6, 31)), ecu_of(fitted), rule="magic")
+        design(fitted, ecu_of(fitted), rule="magic", parts=parts_of(fleets.truths(6, 31)))
 
 
 class Compared(NamedTuple):
@@ -262,10 +260,10 @@ def compared() -> Compared:
     units = fleets.truths(24, 11, spread=SPREAD)
     fitted, parts = run_of(units[0]), parts_of(units)
     rules = {name: RULES[name] for name in ("optimal", "simc", "as_found")}
-    design = design_for_parts(fitted, parts, ecu_of(fitted), settings=QUICK, rules=rules)
+    found = design(fitted, ecu_of(fitted), settings=QUICK, rules=rules, parts=parts)
     alone = RULES["optimal"](task_of(fitted, ecu_of(fitted), settings=QUICK))
     assert isinstance(alone, Gains)
-    return Compared(design, parts, alone)
+    return Compared(found, parts, alone)
 
 
 @pytest.mark.slow

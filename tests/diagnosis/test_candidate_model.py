@@ -82,6 +82,7 @@ def test_a_steep_beginning_is_halved_until_the_model_holds(model: CandidateModel
     assert rest.with_effects((GRAVITY,), {"T_g": 2.0 * begun.values["T_g"]}).chi2 > 3.0 * rest.chi2
 
 
-def test_no_more_halvings_are_made_than_the_settings_allow(model: CandidateModel) -> None:
-    rest = nominal(replace(model, settings=replace(model.settings, start_halvings=1)))
+def test_no_more_halvings_are_made_than_allowed(model: CandidateModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etcfit.diagnosis.candidate_model.START_HALVINGS", 1)
+    rest = nominal(model)
     assert rest.trying((GRAVITY,), {"T_g": 400.0}).values["T_g"] == pytest.approx(200.0)

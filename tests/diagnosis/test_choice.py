@@ -220,14 +220,14 @@ def test_what_is_not_worth_it_is_no_tie() -> None:
 def test_what_a_formula_leaves_is_measured_by_what_the_better_one_explained() -> None:
     assert LIMP.inexact == GRAVITY.inexact == 0.02
     best, apart = verdict(LIMP, -40.0, gain=3e4), 10.0  # 2 % squared of 3e4 is 12
-    assert alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart), best, SETTINGS)
-    assert not alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart, gain=3e4), verdict(LIMP, -40.0, gain=2e4), SETTINGS)
+    assert alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart), best)
+    assert not alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart, gain=3e4), verdict(LIMP, -40.0, gain=2e4))
 
 
 @pytest.mark.parametrize(("bic", "even"), [(-34.1, True), (-33.9, False)])
 def test_one_that_fits_worse_with_fewer_parameters_is_as_likely(bic: float, even: bool) -> None:
     best = verdict(LIMP, -40.0, gain=100.0)
-    assert alike(verdict(GRAVITY, bic, chi2=910.0), best, SETTINGS) is even
+    assert alike(verdict(GRAVITY, bic, chi2=910.0), best) is even
 
 
 # ---- contradicted, and yet most of what is left

@@ -15,6 +15,7 @@ from bodies import N, batch, body, path
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.evidence import (
+    SHARE_BINS,
     Place,
     correlation,
     evidence,
@@ -40,7 +41,7 @@ from measurements import CONFIG, measurement
 
 COUNT = 6000
 SETTINGS = DiagnosisSettings()
-BINS = SETTINGS.share_bins
+BINS = SHARE_BINS
 
 
 @pytest.fixture
@@ -98,12 +99,12 @@ def test_shares_are_of_all_traces_and_only_where_something_is_known(rng: np.rand
     along = [{name: rng.normal(size=COUNT) for name in ("angle", "speed", "current", "load", "time")} for _ in range(2)]
     missing = [np.sin(a["speed"]) for a in along]
     missing[0][::2] = np.nan
-    found = {s.axis: s for s in shares("torque", along, missing, SETTINGS)}
+    found = {s.axis: s for s in shares("torque", along, missing)}
     assert set(found) == {"angle", "speed", "current", "load", "time"}
     assert found["speed"].share > 0.95
     assert max(found[a].share for a in ("angle", "current", "load", "time")) < 0.01
-    assert {s.axis for s in shares("voltage", along, missing, SETTINGS)} == {"current", "speed", "angle", "time"}
-    assert shares("torque", along, [np.full(COUNT, np.nan)] * 2, SETTINGS) == []
+    assert {s.axis for s in shares("voltage", along, missing)} == {"current", "speed", "angle", "time"}
+    assert shares("torque", along, [np.full(COUNT, np.nan)] * 2) == []
 
 
 # ---- what a residual goes along with
@@ -134,7 +135,7 @@ def judged(r: np.ndarray, **signals: np.ndarray) -> Whiteness:
     whole[logged] = r
     still = {name: np.zeros(2 * n) for name in ("input", "speed", "angle", "current", "time")}
     along = still | {name: np.repeat(value, 2) for name, value in signals.items()}
-    return whiteness(Place("response/a.csv", "response", "position"), whole, logged, along, SETTINGS)
+    return whiteness(Place("response/a.csv", "response", "position"), whole, logged, along)
 
 
 def test_noise_is_called_white(rng: np.random.Generator) -> None:
@@ -185,7 +186,7 @@ def row(rms: float, white: bool, channel: str = "position") -> Whiteness:
 def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> None:
     rows = [row(1.0, True), row(3.0, False), row(20.0, False, "current")]
     found = [Share("torque", "angle", 0.62), Share("voltage", "current", 0.3), Share("torque", "speed", 0.04)]
-    assert sentences(rows, found, SETTINGS) == [
+    assert sentences(rows, found) == [
         "2 of 3 residuals are not white; the largest, current in response/a.csv, is 20 times its noise and goes along "
         "with angle (correlation -0.40).",
         "Of the missing torque, a curve over one quantity takes away: angle 62 %.",
@@ -194,7 +195,7 @@ def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> N
 
 
 def test_where_all_is_noise_nothing_else_is_said() -> None:
-    said = sentences([row(1.0, True)] * 4, [Share("torque", "angle", 0.9)], SETTINGS)
+    said = sentences([row(1.0, True)] * 4, [Share("torque", "angle", 0.9)])
     assert said == ["All 4 residuals are white: noise, as far as these tests see."]
 
 
@@ -219,11 +220,14 @@ def test_whether_all_is_white_is_told_without_what_it_goes_along_with(
 ) -> None:
     """The evidence of a candidate that only its whiteness decides on."""
     module = importlib.import_module("etcfit.diagnosis.evidence")
-    lenient = replace(small.settings, large_rms=1e9, white_p=1e-300)
-    every = [small, replace(small, settings=lenient)]
-    whole = [evidence(s).white for s in every]
-    monkeypatch.setattr(module, "missing_voltage", lambda *_: pytest.fail("nobody reads it"))
-    assert [is_white(s) for s in every] == whole == [False, True]
+    missing_voltage = module.missing_voltage
+    for limits, white in (({}, False), ({"LARGE_RMS": 1e9, "WHITE_P": 1e-300}, True)):
+        for name, value in limits.items():
+            monkeypatch.setattr(module, name, value)
+        monkeypatch.setattr(module, "missing_voltage", missing_voltage)
+        assert evidence(small).white is white
+        monkeypatch.setattr(module, "missing_voltage", lambda *_: pytest.fail("nobody reads it"))
+        assert is_white(small) is white
 
 
 def test_far_from_the_data_a_residual_is_judged_by_its_noise_not_by_its_weight(small: CandidateModel) -> None:

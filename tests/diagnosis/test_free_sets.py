@@ -91,8 +91,8 @@ def test_a_set_grows_by_the_lowest_as_long_as_bic_asks_for_it_and_held_out_trace
 
     monkeypatch.setattr(free_sets, "model_of", lambda model: model)
     monkeypatch.setattr(free_sets, "from_own_starts", lambda model, plan: model)
-    monkeypatch.setattr(free_sets, "lowest", lowest)
-    monkeypatch.setattr(free_sets, "lower", lambda model, own, point, plan: End(None, None))
+    monkeypatch.setattr(free_sets, "likeliest_addition", lowest)
+    monkeypatch.setattr(free_sets, "lower_end", lambda model, own, point, plan: End(None, None))
     monkeypatch.setattr(FreeRun, "of", made)
     found = grown(result, ("a", "b", "c", "d", "e"), quiet, SETTINGS)
     assert found.effects == ("a", "c")

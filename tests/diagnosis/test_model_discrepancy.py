@@ -12,6 +12,7 @@ from scipy import linalg
 
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.model_discrepancy import (
+    CURVE_LENGTH,
     Curve,
     CurveDiscrepancy,
     chi2_left_by_formula,
@@ -23,7 +24,7 @@ from etcfit.diagnosis.model_discrepancy import (
     moved_by_curves,
     percent_off,
 )
-from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
+from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.identifiability import WIDE
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
@@ -37,7 +38,7 @@ SETTINGS = DiagnosisSettings()
 def test_a_formula_leaves_its_error_squared_of_what_it_explained_and_at_most_4_percent(
     above: float, share: float
 ) -> None:
-    assert chi2_left_by_formula(0.02, 500.0 * above, 500.0, SETTINGS) == pytest.approx(500.0 * share)
+    assert chi2_left_by_formula(0.02, 500.0 * above, 500.0) == pytest.approx(500.0 * share)
 
 
 @pytest.mark.parametrize(("before", "share"), [(51.0, 0.02), (2.0, 0.0004), (1001.0, 0.04), (0.9, 0.0)])
@@ -132,12 +133,12 @@ EVENT = np.repeat(np.arange(EVENTS), SAMPLES // EVENTS)
 def fitted(line: Line, r: np.ndarray) -> tuple[np.ndarray, CurveDiscrepancy]:
     """Least squares where the truth is at 0, and what may have bent it."""
     x = -np.linalg.lstsq(line.jacobian, r, rcond=None)[0]
-    return x, curve_discrepancy(r + line.jacobian @ x, line.jacobian, BELIEVED, line.curves, EVENT, DEFAULT)
+    return x, curve_discrepancy(r + line.jacobian @ x, line.jacobian, BELIEVED, line.curves, EVENT)
 
 
 def drawn(rng: np.random.Generator, size: float) -> np.ndarray:
     """Amplitudes over their scale of a random curve of this size."""
-    return size * linalg.cholesky(kernel(KNOTS, DEFAULT.curve_length), lower=True) @ rng.normal(size=KNOTS)
+    return size * linalg.cholesky(kernel(KNOTS, CURVE_LENGTH), lower=True) @ rng.normal(size=KNOTS)
 
 
 def held(line: Line, size: float, runs: int) -> tuple[float, float]:
@@ -194,7 +195,7 @@ def test_what_a_curve_moved_is_what_the_joint_estimate_says(line: Line) -> None:
 @pytest.mark.parametrize("curves", [(), (Curve(TORQUE, np.zeros((SAMPLES, KNOTS))),)])
 def test_without_curves_that_any_sample_feels_nothing_is_added(line: Line, curves: tuple[Curve, ...]) -> None:
     r = np.random.default_rng(0).normal(size=SAMPLES)
-    found = curve_discrepancy(r, line.jacobian, BELIEVED, curves, EVENT, DEFAULT)
+    found = curve_discrepancy(r, line.jacobian, BELIEVED, curves, EVENT)
     assert not found.sizes
     assert not found.covariance.any()
 
@@ -203,7 +204,7 @@ def test_a_parameter_that_no_sample_feels_is_moved_by_none(line: Line) -> None:
     rng = np.random.default_rng(2)
     r = rng.normal(size=SAMPLES) + line.curves[1].columns @ drawn(rng, 0.1)
     jacobian = np.column_stack((line.jacobian, np.zeros(SAMPLES)))
-    found = curve_discrepancy(r, jacobian, 1e-6 * np.eye(3), line.curves, EVENT, DEFAULT)
+    found = curve_discrepancy(r, jacobian, 1e-6 * np.eye(3), line.curves, EVENT)
     assert found.sizes
     assert_allclose(found.covariance[2, 2], 0.0, atol=1e-6)
     assert np.all(np.diag(found.covariance)[:2] > 0.0)

@@ -11,6 +11,7 @@ import pytest
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport, Whiteness
 from etcfit.diagnosis.probabilities import (
     BETWEEN_SAMPLES,
+    BIC_TEMPER,
     NOTHING,
     SOMETHING_ELSE,
     UNEXPLAINED,
@@ -24,7 +25,7 @@ from etcfit.diagnosis.probabilities import probabilities as of_questions
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
 
 WHITE, COLOURED = (Evidence((), white, (), ()) for white in (True, False))
-LAPSE, MISSED, T = DEFAULT.lapse, DEFAULT.missed, DEFAULT.bic_temper
+LAPSE, MISSED, T = DEFAULT.lapse, DEFAULT.missed, BIC_TEMPER
 
 
 def probabilities(
@@ -222,7 +223,7 @@ def test_what_did_not_stay_or_was_never_seen_without_is_not_judged() -> None:
 
 def stated(*rounds: RoundReport) -> Mapping[str, float]:
     every = [each.added for each in rounds if each.added is not None]
-    found = said(rounds, every, doubted(rounds, every, DEFAULT), False, DEFAULT, slow=False)
+    found = said(rounds, every, doubted(rounds, every), False, DEFAULT, slow=False)
     assert all(sum(each.answers.values()) == pytest.approx(1.0) for each in found.questions)
     return found.probabilities
 
@@ -245,7 +246,7 @@ def test_names_that_something_else_outdoes_are_in_doubt_and_what_they_explain_ha
         excess_round(CLOCK, {VOLTS_2: 0.4}),
         excess_round(None, {VOLTS_2: 0.0}),
     )
-    assert doubted(rounds, [WARM, GAIN, CLOCK], DEFAULT) == [WARM, GAIN, CLOCK]
+    assert doubted(rounds, [WARM, GAIN, CLOCK]) == [WARM, GAIN, CLOCK]
     assert left_share(rounds, [WARM, CLOCK]) == pytest.approx(0.7)
     p = stated(*rounds)
     assert max(p[WARM], p[GAIN], p[CLOCK]) <= DEFAULT.missed

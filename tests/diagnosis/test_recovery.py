@@ -17,9 +17,9 @@ from etcfit.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 from etcfit.diagnosis.choice import Choice, Outcome
 from etcfit.diagnosis.loop import Round, run_round, screened
 from etcfit.diagnosis.refit import start
-from etcfit.diagnosis.rounds import hidden
+from etcfit.diagnosis.rounds import find_masked_effect
 from etcfit.diagnosis.score import score
-from etcfit.diagnosis.trial import tried
+from etcfit.diagnosis.trial import run_trial
 from etcfit.estimation.free_run import freed
 from etcfit.estimation.joint_fit import FitResult, fit, quiet
 from etcfit.estimation.rounds import rounds
@@ -171,7 +171,7 @@ def test_a_slow_sensor_is_found_though_a_run_along_its_reading_hides_it(tmp_path
     s = start(result, SETTINGS)
     lag = [e for e in s.composition.candidates if e.hidden]
     far = Choice(Outcome.NO_PROMISE, None, (), "")
-    shown = hidden(result, Round(s, score(s), screened(s, lag), (), far), quiet)
+    shown = find_masked_effect(result, Round(s, score(s), screened(s, lag), (), far), quiet)
     assert shown is not None
     turned, s = shown
     assert turned.added is not None
@@ -225,10 +225,10 @@ def test_a_candidate_makes_six_kernels_and_none_when_it_is_tried_again(
     for name in ("gravity_load", "limp_home_spring", "winding_heating"):
         g = by_name[name]
         made.clear()
-        values = tried(s, g.variant.effect, g.values, before).own_values
+        values = run_trial(s, g.variant.effect, g.values, before).own_values
         assert len(made) == 6
         made.clear()
-        tried(s, g.variant.effect, values, before)
+        run_trial(s, g.variant.effect, values, before)
         assert made == []
 
 

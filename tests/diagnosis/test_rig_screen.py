@@ -13,12 +13,12 @@ from numpy.testing import assert_allclose
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition, Effect, compose
 from etcfit.diagnosis.loop import score_candidates
-from etcfit.diagnosis.rig_screen import of_one_event, rows_by_file, screen_of_late, screen_of_single_traces
+from etcfit.diagnosis.rig_screen import gain_in_one_event, rows_by_file, screen_of_late, screen_of_single_traces
 from etcfit.diagnosis.score import score
 from etcfit.diagnosis.screen import Background, Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.tangents import Tangents
-from etcfit.diagnosis.trial import judged
+from etcfit.diagnosis.trial import judge_trial
 from etcfit.estimation.result import Termination
 from etcfit.model.parameters import parameters_of
 from etcfit.model.rig_effects import Place, WarmStart
@@ -269,9 +269,9 @@ def test_a_lateness_of_a_whole_trace_is_worth_its_parameter(delayed: Delayed) ->
     problem, effect = delayed.logged(lambda t: moved(t, *t.channels) if t.test.name == "response" else t.data), TRACE
     s = delayed.late_by(problem, delayed.late[effect], SAMPLES * interval(response_of(delayed)))
     before = score(s.without(delayed.late[effect]))
-    most = of_one_event(s, delayed.late[effect])
+    most = gain_in_one_event(s, delayed.late[effect])
     assert 0.0 < most < 0.7 * (before.chi2 - s.chi2)
-    verdict = judged(delayed.late[effect], before, s).verdict
+    verdict = judge_trial(delayed.late[effect], before, s).verdict
     assert verdict.gain == pytest.approx(before.chi2 - s.chi2 - most)
     assert verdict.score.chi2 == pytest.approx(s.chi2)
 
@@ -287,5 +287,5 @@ def test_what_explains_one_event_alone_is_not(delayed: Delayed) -> None:
     problem, effect = delayed.logged(once), delayed.late[TRACE]
     s = delayed.late_by(problem, effect, SAMPLES * interval(response_of(delayed)))
     before = s.without(effect)
-    assert of_one_event(s, effect) == pytest.approx(before.chi2, rel=0.01)
-    assert judged(effect, score(before), s).verdict.bic_change > 0.0
+    assert gain_in_one_event(s, effect) == pytest.approx(before.chi2, rel=0.01)
+    assert judge_trial(effect, score(before), s).verdict.bic_change > 0.0

@@ -89,12 +89,13 @@ def test_effects_cost_their_parameters_and_the_variants_they_were_chosen_from(mo
     assert told.worth((LIMP, GRAVITY), 100.0) == pytest.approx(gain - told.price[LIMP] - told.price[GRAVITY])
 
 
-def test_rivals_of_one_of_a_pair_explain_half_of_it_beside_the_other() -> None:
+def test_rivals_of_one_of_a_pair_explain_half_of_it_beside_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
     best = pair(AIR, HEAT, 1500.0)
     every = [best, pair(LIMP, HEAT, 1400.0), pair(GRAVITY, HEAT, 850.0), pair(AIR, LIMP, 1450.0)]
     assert rivals(AIR, best, every, promise(), SETTINGS) == {LIMP: resting(LIMP)}
     assert rivals(HEAT, best, every, promise(), SETTINGS) == {LIMP: resting(LIMP)}
-    assert rivals(AIR, best, every, promise(), DiagnosisSettings(exchange_rival=0.4)).keys() == {LIMP, GRAVITY}
+    monkeypatch.setattr("etcfit.diagnosis.sets.EXCHANGE_RIVAL", 0.4)
+    assert rivals(AIR, best, every, promise(), SETTINGS).keys() == {LIMP, GRAVITY}
 
 
 def test_what_gave_way_is_said_and_that_nothing_did() -> None:

@@ -18,7 +18,7 @@ from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.score import score as score_of
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
-from etcfit.diagnosis.trial import Cost, bic_change, compare, second_trial, surprise, tried
+from etcfit.diagnosis.trial import Cost, bic_change, compare, run_trial, second_trial, surprise
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 from etcfit.problem.free_parameters import free_parameters
@@ -94,7 +94,7 @@ def test_held_out_traces_must_not_contradict(
     held_out: float | None, ratio: float | None, slack: float, helps: bool
 ) -> None:
     v = verdict(LIMP, -100.0, holdout_chi2_change=held_out, holdout_rms_ratio=ratio, slack=slack)
-    assert v.helps_elsewhere(SETTINGS) is helps
+    assert v.helps_elsewhere() is helps
 
 
 @pytest.mark.parametrize(("bic", "strong"), [(-10.1, True), (-10.0, False), (-9.9, False), (math.nan, False)])
@@ -108,7 +108,7 @@ def test_only_a_bic_that_falls_by_more_than_ten_is_strong(bic: float, strong: bo
 @pytest.mark.slow
 def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: CandidateModel) -> None:
     before = score_of(small)
-    trial = tried(small, GRAVITY, {"T_g": 0.01}, before)
+    trial = run_trial(small, GRAVITY, {"T_g": 0.01}, before)
     v = trial.verdict
     assert trial.model.at_work(GRAVITY)
     assert set(trial.own_values) == {"T_g"}
@@ -175,7 +175,7 @@ def test_a_mistake_far_less_usual_is_no_tie_however_alike_the_fits() -> None:
     best = replace(diagnoses.verdict(RESISTOR, -1000.0), prior=0.0)
     for prior, tied in ((4.0, True), (20.0, False)):
         other = replace(diagnoses.verdict(GAIN, -1000.0 + prior), prior=prior)
-        assert alike(other, best, DEFAULT) is tied
+        assert alike(other, best) is tied
 
 
 def test_the_prior_is_not_tempered() -> None:

@@ -123,7 +123,7 @@ def test_a_voltage_is_drawn_over_the_current_though_no_angle_was_logged() -> Non
 )
 def test_a_name_is_in_doubt_where_a_curve_explains_clearly_more(named: float, curve: float | None, doubt: bool) -> None:
     """Chi2 is 1000 without either."""
-    assert in_doubt(1000.0, named, curve, SETTINGS) is doubt
+    assert in_doubt(1000.0, named, curve) is doubt
 
 
 @pytest.mark.parametrize(("worth", "asked"), [(9.1 * 50.0, False), (8.9 * 50.0, True)])
@@ -131,7 +131,7 @@ def test_only_an_effect_that_explained_less_than_nine_times_what_a_curve_adds_is
     worth: float, asked: bool
 ) -> None:
     """The curve beside it lowers BIC by 50; what the effect keeps its name for is 90 % of what both explain."""
-    every = questioned((LIMP, STRIBECK), {LIMP: worth, STRIBECK: 1e4}, -50.0, SETTINGS)
+    every = questioned((LIMP, STRIBECK), {LIMP: worth, STRIBECK: 1e4}, -50.0)
     assert every == ([LIMP] if asked else [])
 
 
@@ -163,7 +163,7 @@ def test_a_curve_that_is_not_worth_its_parameters_is_none() -> None:
 @pytest.mark.parametrize(("left", "asked"), [(1.4, False), (1.6, True), (None, True), (math.nan, True)])
 def test_one_curve_is_asked_for_where_much_is_left_or_the_model_is_far(left: float | None, asked: bool) -> None:
     """Far from the data, None, chi2 says nothing of what is left."""
-    assert much_is_left(left, SETTINGS) is asked
+    assert much_is_left(left) is asked
 
 
 @pytest.mark.parametrize(
@@ -177,4 +177,4 @@ def test_one_curve_is_asked_for_where_much_is_left_or_the_model_is_far(left: flo
 )
 def test_names_that_do_less_together_than_one_curve_are_outdone(named: float, outdone: bool) -> None:
     """The curve brings a chi2 of 1000 to 10."""
-    assert one_curve_does_more(1000.0, named, 10.0, SETTINGS) is outdone
+    assert one_curve_does_more(1000.0, named, 10.0) is outdone

@@ -17,9 +17,9 @@ from etcfit.estimation.contradiction import (
     Contradiction,
     Subset,
     by_consequence,
+    contradiction_distance,
     digits_apart,
     disagreement,
-    distance,
     parted,
 )
 from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
@@ -163,7 +163,7 @@ def outweighed(weight: float, off: float) -> tuple[Bench, Contradicting]:
 
 
 def moved_by(each: Contradicting) -> float:
-    return distance(each, parts.nothing_believed(), REACH, 0.3)
+    return contradiction_distance(each, parts.nothing_believed(), REACH, 0.3)
 
 
 def test_a_test_that_the_others_outweigh_moves_nothing_however_far_off_it_is() -> None:
@@ -249,8 +249,8 @@ def test_the_directions_are_orthonormal_in_the_information_of_both() -> None:
 def test_what_only_one_side_tells_is_lost_without_it_and_does_not_move() -> None:
     both, _, others = split(blind=True)
     assert both.lost_without.tolist() == [False, False, True]
-    assert both.told_by_own.all()
-    assert both.told_by_others.sum() == 2
+    assert both.determined_by_own.all()
+    assert both.determined_by_others.sum() == 2
     assert_allclose(both.shift[:2], others[:2], rtol=1e-6)
 
 
@@ -267,5 +267,5 @@ def test_two_coordinates_that_do_the_same_leave_the_others_known() -> None:
     power = 200.0 * np.array([[4.0, 0.0, 4.0], [0.0, 1.0, 0.0], [4.0, 0.0, 4.0]])
     side = Statement(power, np.zeros(3), power, 400.0)
     both = Split(side, side, np.ones(3), 0.3)
-    assert both.told_by_own.sum() == both.told_by_others.sum() == 2
+    assert both.determined_by_own.sum() == both.determined_by_others.sum() == 2
     assert both.lost_without.tolist() == [True, False, True]

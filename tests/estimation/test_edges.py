@@ -25,7 +25,6 @@ from etcfit.estimation.levenberg_marquardt import minimise
 from etcfit.estimation.ready import ready
 from etcfit.estimation.result import Termination
 from etcfit.estimation.rounds import Reached
-from etcfit.estimation.settings import EdgesInStepSettings
 from etcfit.model.rig_effects import EdgePhase, Place
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
@@ -53,7 +52,7 @@ def at_the_truth(rig: Rig, truth: Truth) -> tuple[EstimationProblem, np.ndarray]
 
 def looked(rig: Rig, truth: Truth) -> Rig | None:
     problem, x = at_the_truth(rig, truth)
-    clocked = with_edges_in_step(rig, problem, ready(rig).held_out, x, EdgesInStepSettings())
+    clocked = with_edges_in_step(rig, problem, ready(rig).held_out, x)
     return None if clocked is None else clocked.rig
 
 
@@ -82,7 +81,7 @@ def test_edges_at_any_instant_are_left_as_they_are(tmp_path: Path) -> None:
     places = edge_places(*at_the_truth(rig, truth))
     edges = [p for file, each in places.items() if file.startswith("response/") for p in each]
     assert np.ptp([p.share for p in edges if p.sd < 0.1]) > 0.7
-    found = common_phase(edges, EdgesInStepSettings())
+    found = common_phase(edges)
     assert found is None
 
 
@@ -90,7 +89,7 @@ def test_edges_at_any_instant_are_left_as_they_are(tmp_path: Path) -> None:
 def test_a_few_edges_that_keep_no_step_do_not_hide_the_others(phase: float) -> None:
     rng = np.random.default_rng(0)
     shares = np.concatenate((phase + 0.02 * rng.standard_normal(18), [0.2, 0.7]))
-    found = common_phase([EdgePlace(k, float(s), 0.02) for k, s in enumerate(shares)], EdgesInStepSettings())
+    found = common_phase([EdgePlace(k, float(s), 0.02) for k, s in enumerate(shares)])
     assert found is not None
     assert (found.phase - phase + 0.5) % 1.0 - 0.5 == pytest.approx(0.0, abs=0.02)
     assert found.chance < 1e-6
@@ -99,19 +98,19 @@ def test_a_few_edges_that_keep_no_step_do_not_hide_the_others(phase: float) -> N
 
 def test_a_delay_of_more_than_a_sample_is_no_phase() -> None:
     late = [EdgePlace(k, 1.25, 0.01) for k in range(20)]  # the last place that is looked at
-    assert common_phase(late, EdgesInStepSettings()) is None
+    assert common_phase(late) is None
 
 
 def test_where_edges_come_with_the_samples_each_has_the_turn_nearest_to_where_it_came() -> None:
     measurement = Measurement("response/1.csv", "response", np.arange(6.0), {})
     places = [EdgePlace(0, 0.97, 0.02), EdgePlace(1, 0.03, 0.02), EdgePlace(2, 0.5, 0.02), EdgePlace(3, 0.6, 0.5)]
-    assert_array_equal(turns(measurement, places, -0.02, EdgesInStepSettings()), [1.0, 0.0, np.nan, np.nan, np.nan])
+    assert_array_equal(turns(measurement, places, -0.02), [1.0, 0.0, np.nan, np.nan, np.nan])
 
 
 def test_amid_an_interval_an_edge_that_says_nothing_itself_has_the_phase_of_the_others() -> None:
     measurement = Measurement("response/1.csv", "response", np.arange(4.0), {})
     places = [EdgePlace(0, 0.41, 0.02), EdgePlace(1, 0.9, 0.5), EdgePlace(2, 0.9, 0.02)]
-    assert_array_equal(turns(measurement, places, 0.4, EdgesInStepSettings()), [0.0, 0.0, np.nan])
+    assert_array_equal(turns(measurement, places, 0.4), [0.0, 0.0, np.nan])
 
 
 @pytest.mark.slow
@@ -132,7 +131,6 @@ def test_a_fit_of_edges_in_step_finds_their_phases(tmp_path: Path) -> None:
 
 R, L, DT, EVERY, EDGES, SIGMA = 2.0, 1e-3, 2e-4, 25, 8, 2e-3  # ohm, H, s, samples, -, A
 SHARP, WEAK = "inductance", "resistance"
-USUAL = EdgesInStepSettings()
 
 
 def circuit(test: str, before: float, turn: float, sigma: float) -> Measurement:
@@ -170,7 +168,7 @@ def reached(*measurements: Measurement) -> tuple[Rig, Reached]:
 
 
 def decided(*measurements: Measurement, places: dict[str, tuple[EdgePlace, ...]] | None = None) -> Decided | None:
-    return with_edges_on_samples(*reached(*measurements), places or {}, USUAL)
+    return with_edges_on_samples(*reached(*measurements), places or {})
 
 
 def phase_of(found: Decided | None, test: str = SHARP) -> float | None:
@@ -194,7 +192,7 @@ def test_a_descent_that_left_the_interval_is_sent_back_into_it() -> None:
     at = end.problem.layout.free.index("edge_phase.inductance")
     beyond = end.x.copy()
     beyond[at] = 0.04
-    found = with_edges_on_samples(rig, end._replace(x=beyond), {}, USUAL)
+    found = with_edges_on_samples(rig, end._replace(x=beyond), {})
     assert found is not None
     assert phase_of(found) is None
     assert found.x[at] == pytest.approx(-0.05, abs=0.02)
@@ -215,10 +213,10 @@ def test_one_clock_drives_all_tests() -> None:
 
 def test_weak_edges_tell_together_where_they_are_not() -> None:
     many = [EdgePlace(k, 0.5, 0.4) for k in range(12)]
-    assert accepts(many[:2], 1.0, USUAL)
-    assert not accepts(many, 1.0, USUAL)
-    assert not accepts([EdgePlace(0, 0.8, 0.01)], 1.0, USUAL)
-    assert accepts([EdgePlace(0, 0.99, 0.01), EdgePlace(1, -0.2, np.inf)], 1.0, USUAL)
+    assert accepts(many[:2], 1.0)
+    assert not accepts(many, 1.0)
+    assert not accepts([EdgePlace(0, 0.8, 0.01)], 1.0)
+    assert accepts([EdgePlace(0, 0.99, 0.01), EdgePlace(1, -0.2, np.inf)], 1.0)
 
 
 @pytest.mark.slow

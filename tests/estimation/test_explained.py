@@ -17,7 +17,6 @@ from etcfit.estimation.explained import (
     motion_explained,
     share_of,
 )
-from etcfit.estimation.settings import SessionSettings
 from etcfit.problem.prediction_error import PredictionError, rows
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace
@@ -76,8 +75,6 @@ def test_speed_stands_in_where_no_position_was_logged() -> None:
 
 # ---- A held-out trace of another session is told by the scale of its drive
 
-SETTINGS = SessionSettings()
-
 
 @pytest.fixture(scope="module")
 def truth() -> Truth:
@@ -104,11 +101,9 @@ def errors(problem: EstimationProblem, x: np.ndarray, traces: tuple[Trace, ...])
     return rows(traces, problem.beside(traces, x).free_run(x))
 
 
-def asked(
-    problem: EstimationProblem, x: np.ndarray, held_out: Trace, settings: SessionSettings = SETTINGS
-) -> tuple[DriveScale, ...]:
+def asked(problem: EstimationProblem, x: np.ndarray, held_out: Trace) -> tuple[DriveScale, ...]:
     fitted = errors(problem, x, problem.batch.traces)
-    return drives_of_another_session(problem, x, (held_out,), (fitted, errors(problem, x, (held_out,))), settings)
+    return drives_of_another_session(problem, x, (held_out,), (fitted, errors(problem, x, (held_out,))))
 
 
 @pytest.mark.parametrize("factor", [1.0 / 0.88, 0.9])
@@ -126,10 +121,14 @@ def test_a_trace_of_the_same_session_is_not_asked(problem: EstimationProblem, x:
     assert asked(problem, x, problem.batch.traces[0]) == ()
 
 
-def test_what_is_far_more_and_what_is_little_are_settings(problem: EstimationProblem, x: np.ndarray) -> None:
+def test_what_is_far_more_and_what_is_little_decide(
+    problem: EstimationProblem, x: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
     trace = logged_times(problem.batch.traces[0], 1.2)
-    assert asked(problem, x, trace, SessionSettings(strange=1e9)) == ()
-    assert asked(problem, x, trace, SessionSettings(explained=0.0)) == ()
+    for name, value in (("STRANGE", 1e9), ("OTHER_DRIVE", 0.0)):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"etcfit.estimation.explained.{name}", value)
+            assert asked(problem, x, trace) == ()
 
 
 def test_an_error_that_no_drive_explains_is_not_put_down_to_one(problem: EstimationProblem, x: np.ndarray) -> None:

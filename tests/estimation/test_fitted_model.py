@@ -11,7 +11,7 @@ from scipy.stats import kstest, t
 
 import fleets
 import results
-from etcfit.estimation.fitted_model import Fitted, FleetModel, PopulationLaw, parted
+from etcfit.estimation.fitted_model import Fitted, FleetModel, PopulationLaw, split_sums
 from independent.line import SYMBOLS, Population
 
 
@@ -154,7 +154,7 @@ def test_the_law_of_units_is_their_scatter() -> None:
 
 def test_of_a_sum_motor_and_plate_keep_their_shares() -> None:
     own = {"J_m": np.array([1.0, 1.0, 3.0]) / GEAR**2, "J_L": np.array([1.0, 3.0, 1.0]), "R_a": np.ones(3)}
-    values = parted({"J_eq": np.array([10.0, 20.0]), "R_a": np.array([2.0, 3.0]), "V_f": np.ones(2)}, own, GEAR)
+    values = split_sums({"J_eq": np.array([10.0, 20.0]), "R_a": np.array([2.0, 3.0]), "V_f": np.ones(2)}, own, GEAR)
     assert set(values) == {"J_m", "J_L", "R_a"}  # another sum has no parts in the model
     np.testing.assert_allclose(values["J_L"], (5.0, 10.0))  # half: the middle one of 1/2, 3/4, 1/4
     np.testing.assert_allclose(GEAR**2 * values["J_m"] + values["J_L"], (10.0, 20.0))
@@ -168,8 +168,8 @@ def model() -> FleetModel:
 
 
 def test_parts_of_a_sum_and_what_is_tied_are_told_with_it(model: FleetModel) -> None:
-    assert set(model.told) == {"R_a", "K_b", "K_m", "J_m", "J_L"}
-    assert "B_m" in fleets.of(fleets.truths(4, 21)).told  # held, but of a sum with B_L, which is free
+    assert set(model.identifiable_symbols) == {"R_a", "K_b", "K_m", "J_m", "J_L"}
+    assert "B_m" in fleets.of(fleets.truths(4, 21)).identifiable_symbols  # held, but of a sum with B_L, which is free
 
 
 def test_a_future_unit_is_drawn_where_it_is_told_and_the_mean_unit_elsewhere(model: FleetModel) -> None:
@@ -177,7 +177,7 @@ def test_a_future_unit_is_drawn_where_it_is_told_and_the_mean_unit_elsewhere(mod
     assert made.units[:2] == ("future 1", "future 2")
     for symbol in model.values:
         differs = np.ptp(made.values[symbol]) > 0.0
-        assert differs == (symbol in model.told), symbol
+        assert differs == (symbol in model.identifiable_symbols), symbol
     np.testing.assert_allclose(made.values["K_m"], made.values["K_b"])
     np.testing.assert_allclose(made.values["T_f"], model.mean["T_f"])
     inertia = GEAR**2 * made.values["J_m"] + made.values["J_L"]

@@ -18,11 +18,11 @@ from etcfit.estimation.free_run import (
     comes_near,
     fitted_free_running,
     free_run_cost,
-    growing,
     guide_stiffness,
     guide_stiffness_of,
     no_higher_than_smaller,
     relax_guide,
+    removable_effects,
     with_only,
 )
 from etcfit.estimation.joint_fit import FitResult, fit
@@ -236,9 +236,9 @@ def test_the_effect_that_lowers_the_error_most_comes_first(rig: Rig, truth: Trut
 
 
 def test_effects_that_can_be_taken_out_are_those_to_which_nothing_is_tied(rig: Rig) -> None:
-    assert growing(rig) == (STRIBECK, DRAG)
+    assert removable_effects(rig) == (STRIBECK, DRAG)
     tied = replace(rig, config=replace(rig.config, parameters={"T_f": Tied("D_q")}))
-    assert growing(tied) == (STRIBECK,)
+    assert removable_effects(tied) == (STRIBECK,)
 
 
 def test_without_an_effect_nothing_is_said_of_its_parameters(rig: Rig) -> None:

@@ -162,7 +162,7 @@ def test_parts_are_the_units_that_can_be_trusted_and_the_others_are_named(kept: 
     no_result = "no result: wrong/response: no trace. <Record> one."
     assert parts.left_out == {"u03": "did not converge: made by hand", "wrong": no_result}
     assert parts.model.units == tuple(unit for unit in kept.known.model.units if unit != "u03")
-    assert {"J_m", "J_L", "B_m", "B_L", "K_m", "R_a"} <= set(parts.model.told)
+    assert {"J_m", "J_L", "B_m", "B_L", "K_m", "R_a"} <= set(parts.model.identifiable_symbols)
 
 
 def spoilt(kept: Kept, run: Path, **changes: object) -> Path:

@@ -116,8 +116,6 @@ def order_of(
 
     Args:
         frequencies: Hz, shape (N,).
-        ratios: the response at each.
-        settings: how many points are asked for, and when they tell.
     """
     highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
     if len(ratios) < settings.fewest_points:
@@ -249,15 +247,14 @@ def _whitened_slopes(problem: _Problem, sd: np.ndarray, order: int, delayed: boo
 
 
 def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
-    """The likeliest at these errors, and -2 ln L there."""
-    found: Any = minimize_scalar(_deviance, bounds=_TAU, args=(squares, variance), method="bounded")
+    """The likeliest at these errors, and -2 ln L there but for a constant."""
+
+    def deviance(log_tau: float) -> float:
+        whole = variance + np.exp(2.0 * log_tau)
+        return float(np.sum(squares / whole + np.log(whole)))
+
+    found: Any = minimize_scalar(deviance, bounds=_TAU, method="bounded")
     return float(np.exp(found.x)), float(found.fun)
-
-
-def _deviance(log_tau: float, squares: np.ndarray, variance: np.ndarray) -> float:
-    """-2 ln L but for a constant."""
-    whole = variance + np.exp(2.0 * log_tau)
-    return float(np.sum(squares / whole + np.log(whole)))
 
 
 def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, delayed: bool) -> Lag:

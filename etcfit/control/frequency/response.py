@@ -11,7 +11,7 @@ With the measured P this is the measured T; with another one it is what the loop
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +21,7 @@ from ...estimation.fitted_model import Fitted
 from ...model.linear import TransferFunction
 from ...problem.problem import EstimationProblem
 from ...problem.trace import prepare
-from ...rig.base import Channel, Measurement, RigConfig
+from ...rig.base import Measurement, RigConfig
 from ...rig.signals import drive_voltage
 from ..linearise import reduce, stops
 from ..settings import FrequencySettings
@@ -78,26 +78,36 @@ class Point:
 def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings = FrequencySettings()) -> Point:
     """Fit one sine to setpoint, position and drive of a trace.
 
-    Args:
-        trace: of the sine test.
-        config: of the rig, for the supply behind a duty.
-        settings: what a trace must have.
     Raises:
         MeasurementError: it has no setpoint or position, too few cycles or samples, or its setpoint is no sine.
     """
     channels = _channels(trace, config, settings)
-    wanted = moving(channels[SETPOINT])
+    wanted, position = moving(channels[SETPOINT]), channels[POSITION]
     if wanted.time.size < 2 * settings.fewest_cycles:
         found = f"the setpoint moves in {wanted.time.size} samples only."
         raise _unfit(trace, settings, found, "Log the sine for longer.")
     frequency = frequency_of(wanted)
-    _check_length(trace, wanted, channels[POSITION], frequency, settings)
-    count = _harmonics(channels.values(), frequency, settings)
-    window = settled(wanted, channels[POSITION], frequency, count, settings)
+    begin, end = common(wanted, position)
+    cycles = (end - begin) * frequency
+    if cycles < settings.fewest_cycles - NEARLY:
+        raise _unfit(trace, settings, f"{max(cycles, 0.0):.2g} cycles of {frequency:.3g} Hz.",
+                     f"Log it for {settings.fewest_cycles / frequency:.2g} s or longer.")  # fmt: skip
+    # as many harmonics as the slowest logged signal has 2.5 samples a cycle of
+    step = max(float(np.median(np.diff(signal.time))) for signal in channels.values())
+    count = int(np.clip(1.0 / (2.5 * frequency * step), 1, settings.harmonics))
+    window = settled(wanted, position, frequency, count, settings)
     parts = {name: signal.between(window.begin, window.end) for name, signal in channels.items()}
-    _check_density(trace, parts, window, settings)
+    for name, signal in parts.items():
+        density = signal.time.size / window.cycles
+        if density < settings.samples_a_cycle:
+            found = f"{density:.2g} samples a cycle of the {name}."
+            raise _unfit(trace, settings, found, "Log it faster, or without gaps.")
     waves = fit_waves(parts, frequency, count)
-    _check_sine(trace, waves, settings)
+    outside, low = waves.outside[SETPOINT], float(np.sum(waves.in_harmonics[SETPOINT][:4]))
+    if outside > settings.outside or low > settings.outside_low:
+        raise _unfit(trace, settings, f"the setpoint is no sine: {100.0 * outside:.2g} % of its power lies outside "
+                     f"{waves.frequency:.3g} Hz, {100.0 * low:.2g} % in the 2nd to 5th harmonic.",
+                     "Log the response to a sine, or move the file to closed_loop/.")  # fmt: skip
     power = float(np.var(parts[POSITION].value))
     return Point(trace, window, waves, trace.channels["position"].sigma ** 2 / power if power else math.inf)
 
@@ -108,50 +118,13 @@ def _channels(trace: Measurement, config: RigConfig, settings: FrequencySettings
         if name not in trace.channels:
             raise _unfit(trace, settings, f"no {name} among {', '.join(trace.channels)}.",
                          f"Add the column '{name} [deg]', or map its header under [columns].")  # fmt: skip
-    signals = {name: _signal(trace.channels[name]) for name in (SETPOINT, POSITION)}
+    logged = {name: trace.channels[name] for name in (SETPOINT, POSITION)}
+    signals = {name: Signal(channel.time, channel.value) for name, channel in logged.items()}
     drive = drive_voltage(trace, config)
     if drive is None or float(np.ptp(drive.value)) == 0.0:
         return signals
     held = 0.0 if "voltage" in trace.channels else 0.5 * float(np.median(np.diff(drive.time)))
     return signals | {DRIVE: Signal(drive.time + held, drive.value)}
-
-
-def _signal(channel: Channel) -> Signal:
-    return Signal(channel.time, channel.value)
-
-
-def _harmonics(signals: Iterable[Signal], frequency: float, settings: FrequencySettings) -> int:
-    """As many as the slowest logged signal has 2.5 samples a cycle of."""
-    step = max(float(np.median(np.diff(signal.time))) for signal in signals)
-    return int(np.clip(1.0 / (2.5 * frequency * step), 1, settings.harmonics))
-
-
-def _check_length(
-    trace: Measurement, wanted: Signal, position: Signal, frequency: float, settings: FrequencySettings
-) -> None:
-    begin, end = common(wanted, position)
-    cycles = (end - begin) * frequency
-    if cycles < settings.fewest_cycles - NEARLY:
-        raise _unfit(trace, settings, f"{max(cycles, 0.0):.2g} cycles of {frequency:.3g} Hz.",
-                     f"Log it for {settings.fewest_cycles / frequency:.2g} s or longer.")  # fmt: skip
-
-
-def _check_density(
-    trace: Measurement, parts: Mapping[str, Signal], window: Window, settings: FrequencySettings
-) -> None:
-    for name, signal in parts.items():
-        density = signal.time.size / window.cycles
-        if density < settings.samples_a_cycle:
-            found = f"{density:.2g} samples a cycle of the {name}."
-            raise _unfit(trace, settings, found, "Log it faster, or without gaps.")
-
-
-def _check_sine(trace: Measurement, waves: Waves, settings: FrequencySettings) -> None:
-    outside, low = waves.outside[SETPOINT], float(np.sum(waves.in_harmonics[SETPOINT][:4]))
-    if outside > settings.outside or low > settings.outside_low:
-        raise _unfit(trace, settings, f"the setpoint is no sine: {100.0 * outside:.2g} % of its power lies outside "
-                     f"{waves.frequency:.3g} Hz, {100.0 * low:.2g} % in the 2nd to 5th harmonic.",
-                     "Log the response to a sine, or move the file to closed_loop/.")  # fmt: skip
 
 
 def _unfit(trace: Measurement, settings: FrequencySettings, found: str, mend: str) -> MeasurementError:
@@ -219,26 +192,30 @@ class FrequencyResponse:
 def frequency_response(
     fitted: Fitted, traces: Sequence[Measurement], settings: FrequencySettings = FrequencySettings()
 ) -> FrequencyResponse:
-    """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive.
-
-    Args:
-        fitted: the model.
-        traces: of the sine test.
-        settings: which traces count, and when their points tell an order of lag.
-    """
-    points, warnings = _points(fitted, traces, settings)
+    """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive."""
+    found, warnings = list[Point](), list[str]()
+    for trace in traces:
+        try:
+            found.append(point_of(trace, fitted.config, settings))
+        except MeasurementError as error:
+            warnings.append(str(error))
+    points = tuple(sorted(found, key=lambda point: point.frequency))
     lower, upper = stops(fitted)
     middle = float(np.median([point.waves.offsets[POSITION] for point in points])) if points else lower
     share = float(np.clip((middle - lower) / (upper - lower), 0.0, 1.0))
     driven = [(point.frequency, ratio) for point in points if (ratio := point.plant) is not None]
+
+    def order(measured: Sequence[tuple[float, Ratio]]) -> Order:
+        return order_of(np.array([each for each, _ in measured]), [ratio for _, ratio in measured], settings)
+
     return FrequencyResponse(
         points,
-        _order([(point.frequency, point.closed_loop) for point in points], settings),
-        _order(driven, settings) if driven else None,
+        order([(point.frequency, point.closed_loop) for point in points]),
+        order(driven) if driven else None,
         _free_runs(fitted, points),
         reduce(fitted, share=share).plant,
         share,
-        warnings,
+        tuple(warnings),
         settings,
     )
 
@@ -254,22 +231,6 @@ def phases(values: Sequence[complex | None]) -> np.ndarray:
     return angles - 2.0 * np.pi if there.size and angles[there[0]] > _LEAD else angles
 
 
-def _points(
-    fitted: Fitted, traces: Sequence[Measurement], settings: FrequencySettings
-) -> tuple[tuple[Point, ...], tuple[str, ...]]:
-    points, warnings = [], []
-    for trace in traces:
-        try:
-            points.append(point_of(trace, fitted.config, settings))
-        except MeasurementError as error:
-            warnings.append(str(error))
-    return tuple(sorted(points, key=lambda point: point.frequency)), tuple(warnings)
-
-
-def _order(measured: Sequence[tuple[float, Ratio]], settings: FrequencySettings) -> Order:
-    return order_of(np.array([frequency for frequency, _ in measured]), [ratio for _, ratio in measured], settings)
-
-
 def _free_runs(fitted: Fitted, points: Sequence[Point]) -> tuple[complex | None, ...]:
     """The model's position over the measured drive at each point; None where no drive was logged."""
     driven = [point for point in points if point.plant is not None]
@@ -278,11 +239,11 @@ def _free_runs(fitted: Fitted, points: Sequence[Point]) -> tuple[complex | None,
     if not traces:
         return (None,) * len(points)
     runs = EstimationProblem.of(fitted.config, fitted.free_parameters, traces).refined(fitted.x).free_run(fitted.x)
-    of_file = {
+    runs_by_file = {
         trace.measurement.file: Signal(trace.instants, run[:, trace.channels.index(POSITION)])
         for trace, run in zip(traces, runs, strict=True)
     }
-    return tuple(_described(point, of_file.get(point.measurement.file)) for point in points)
+    return tuple(_described(point, runs_by_file.get(point.measurement.file)) for point in points)
 
 
 def _described(point: Point, position: Signal | None) -> complex | None:

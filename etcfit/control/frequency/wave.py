@@ -105,22 +105,14 @@ class Waves:
         """
         top, bottom = self._sum(over), self._sum(under)
         g = [over.get(name, 0.0) / top - under.get(name, 0.0) / bottom for name in self.amplitudes]
-        rows = np.array([[part for each in g for part in pair(each)] for pair in (_real_row, _imaginary_row)])
+        # d ln = g (da - i db): its real part is g.real da + g.imag db, its imaginary part g.imag da - g.real db
+        rows = np.array([[part for each in g for part in (each.real, each.imag)],
+                         [part for each in g for part in (each.imag, -each.real)]])  # fmt: skip
         spreads = [rows @ covariance @ rows.T for covariance in self.covariances]
         return Ratio(top / bottom, max(spreads, key=np.trace))
 
     def _sum(self, factors: Mapping[str, float]) -> complex:
         return sum((factor * complex(self.amplitudes[name][0]) for name, factor in factors.items()), 0j)
-
-
-def _real_row(g: complex) -> tuple[float, float]:
-    """Re (g (da - i db)) by da and db."""
-    return g.real, g.imag
-
-
-def _imaginary_row(g: complex) -> tuple[float, float]:
-    """Im (g (da - i db)) by da and db."""
-    return g.imag, -g.real
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +136,7 @@ def departure(signal: Signal, reference: Signal, frequency: float, harmonics: in
     """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one.
 
     Args:
-        signal: N samples.
         reference: the part of it that the waves are fitted to.
-        frequency: Hz.
-        harmonics: H.
     Returns:
         shape (N,), unit of the signal.
     """
@@ -362,7 +351,6 @@ def settled(
         setpoint, position: two cycles or more of both.
         frequency: Hz.
         harmonics: H of the waves that the last half is fitted with.
-        settings: `strays` and `same`.
     """
     begin, end = common(setpoint, position)
     count = int((end - begin) * frequency + NEARLY)

@@ -32,12 +32,12 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
 
     Args:
         loop: of the nominal model first, which says where its plate rests.
-        settings: how large, and how long.
         further: more of them, such as a log's own setpoint.
     """
     rest = default_position(loop)
     large = stairs("large steps", (settings.low, settings.high, settings.low), settings.large_hold, LEAD)
-    small = stairs("small steps", _there_and_back(settings.small), settings.hold, LEAD)
+    sizes = [MIDDLE, *(share for size in settings.small for share in (MIDDLE + size, MIDDLE))]  # up by each, and back
+    small = stairs("small steps", sizes, settings.hold, LEAD)
     every = [large, small]
     if rest is not None:
         across = (rest - BEYOND_REST, rest + BEYOND_REST, rest - BEYOND_REST)
@@ -45,17 +45,11 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
     return in_turn(trapezoid(), *every, *further)
 
 
-def _there_and_back(sizes: tuple[float, ...]) -> list[float]:
-    """From the middle up by each size and down again, shares of the travel."""
-    return [MIDDLE, *(share for size in sizes for share in (MIDDLE + size, MIDDLE))]
-
-
 def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
     """The stretch of a log's setpoint in which most is asked, straight between its samples, followed but not judged.
 
     Args:
         setpoint: per cent of the travel; beyond the stops it is at them.
-        settings: how long.
     """
     begin = setpoint.busiest(settings.log)
     inside = (setpoint.time > begin) & (setpoint.time < begin + settings.log)
@@ -116,7 +110,6 @@ def under(loop: Loop, conditions: Conditions, settings: ConditionSettings) -> Lo
     Args:
         loop: D models.
         conditions: shape (D,) each.
-        settings: copper and the bench.
     """
     warmer = 1.0 + settings.copper * (conditions.winding - settings.bench)
     drive = np.ones(loop.draws) if loop.drive is None else loop.drive

@@ -72,11 +72,8 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
     error of the tick itself in it, as those of the ECUs have.
 
     Args:
-        gains, ecu, memory: see there.
         setpoint, position: r and y, rad.
         bias: feed-forward, V.
-    Returns:
-        voltage and the new memory.
     """
     seen = quantised(position, ecu.resolution)
     error, tracked = setpoint - seen, ecu.derivative_weight * setpoint - seen

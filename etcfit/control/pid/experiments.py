@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -103,7 +104,8 @@ def relay(task: Task) -> Gains | Refusal:
 def experiment(task: Task) -> Ultimate | Refusal:
     """The relay's swing on the nominal plant."""
     settings = task.settings.relay
-    nominal = task.loop.first(1).in_steps_of(settings.longest_step)
+    alone = task.loop.first(1)
+    nominal = replace(alone, settings=replace(alone.settings, longest_step=settings.longest_step))
     ecu, body = nominal.ecu, nominal.body
     span = _HYSTERESIS * (body.upper - body.lower)
     _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))
@@ -119,13 +121,7 @@ def experiment(task: Task) -> Ultimate | Refusal:
 
 
 def swing_of(angle: np.ndarray, period: float, turns: int) -> tuple[float, float] | None:
-    """Amplitude (rad) and period (s) of an oscillation, None where it turns less often.
-
-    Args:
-        angle: rad, at even instants, shape (K,).
-        period: between them, s.
-        turns: rises through the middle at least.
-    """
+    """Amplitude (rad) and period (s) of an oscillation sampled each `period` (s), None with fewer turns."""
     middle = angle - 0.5 * (angle.max() + angle.min())
     rises = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
     if rises.size < turns:

@@ -105,14 +105,11 @@ def polygon(curve: np.ndarray, within: float) -> list[int]:
         reaches, fails = places[-1] + 1, curve.size
         while fails - reaches > 1:
             end = (reaches + fails) // 2
-            reaches, fails = (end, fails) if _miss(curve[places[-1] : end + 1]) <= within else (reaches, end)
+            piece = curve[places[-1] : end + 1]
+            miss = float(np.max(np.abs(piece - np.linspace(piece[0], piece[-1], piece.size))))
+            reaches, fails = (end, fails) if miss <= within else (reaches, end)
         places.append(reaches)
     return places
-
-
-def _miss(piece: np.ndarray) -> float:
-    """Of the straight line between the ends of a piece."""
-    return float(np.max(np.abs(piece - np.linspace(piece[0], piece[-1], piece.size))))
 
 
 @dataclass(frozen=True)
@@ -178,11 +175,6 @@ def sliding_of(
     v(w, s) is the voltage of a plate that turns at w against s times its dry friction, the mean that of places over the
     travel. Memories of effects are held where a trace begins: friction that yields (`presliding_friction`) and a
     winding that warms up are not in it.
-
-    Args:
-        throttle: the model.
-        gear_ratio, lower, upper: of the rig; rad.
-        settings: the speed.
     """
     travel = upper - lower
     angles = jnp.asarray(lower + travel * (np.arange(SLIDING_PLACES) + 0.5) / SLIDING_PLACES)

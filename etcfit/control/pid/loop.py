@@ -16,11 +16,12 @@ from ...model.ecu import Ecu
 from ...model.effects import Inputs, State
 from ...model.linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ...model.parameters import Scalar
-from ...model.stepper import Step, step
+from ...model.stepper import step
 from ...model.tangents import once
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
 from ..loop_figures import LoopFigures, Run, judge, with_effort, with_heat
+from ..motion import free_step
 from ..setpoint import Setpoint
 from ..settings import LoopSettings
 from .ecu import Gains, Memory, tick
@@ -68,6 +69,7 @@ class _Carry(NamedTuple):
 
 _LATEST = 64  # ticks of delay that are remembered at most
 _UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
+_MANY = 200  # responses that are too many to be kept until all are there
 
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 Keep = Callable[[Path, Any], Any]  # of a tick's path and the controller's memory after it: what of them is wanted
@@ -75,13 +77,6 @@ Keep = Callable[[Path, Any], Any]  # of a tick's path and the controller's memor
 
 def _path(path: Path, memory: Any) -> Path:
     return path
-
-
-def _step(ecu: Ecu, body: Body, dt: Scalar, volts: Scalar, time: Scalar) -> Step:
-    """One integration step of dt (s) under a constant voltage (V), the plate free between its stops."""
-    return Step(dt=dt, voltage0=volts, voltage1=volts, torque0=0.0, torque1=0.0, time=time, mobile=1.0, circuit=1.0,
-                plate=1.0, series=0.0, gear_ratio=body.gear_ratio, lower=body.lower, upper=body.upper,
-                guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
 
 
 def _acting(late: Scalar, parts: int, room: int) -> Any:
@@ -149,9 +144,6 @@ def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar
     return now - behind + (shown - before + behind) * jnp.exp(-steps)
 
 
-_MANY = 200  # responses that are too many to be kept until all are there
-
-
 class _Simulation(NamedTuple):
     """Where a run begins, and what makes one tick of it: of what is carried and the tick's (setpoint, feed-forward,
     misreading, instant), what is carried on and what is kept."""
@@ -164,9 +156,6 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
     """One plant under one controller.
 
     Args:
-        control, keep: see `Loop.run`.
-        plant: what it drives.
-        run: all else that is data.
         parts: integration steps in a tick.
         room: ticks of delay that are remembered.
     """
@@ -192,7 +181,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
             mean = drive * jnp.sum(shares * sent)
             end = time + (k + 1.0) * dt
             before = seen(x, z, drive * volts, end - dt)
-            x, z = once(step(throttle, x, z, _step(ecu, body, dt, once(mean), end)))
+            x, z = once(step(throttle, x, z, free_step(body, dt, once(mean), end)))
             return (x, z, lagging(shown, before, seen(x, z, drive * volts, end), steps)), None
 
         begin = (carry.x, carry.z, carry.shown)
@@ -205,18 +194,14 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
     return _Simulation(_Carry(x, z, seen(x, z, 0.0, 0.0), first, jnp.zeros(room)), advance)
 
 
-def _one(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, room: int) -> Any:
-    """The whole run; arguments as of `_simulation`."""
-    begin, advance = _simulation(control, keep, plant, run, parts, room)
-    time = run.ecu.period * jnp.arange(run.setpoint.shape[0])
-    return jax.lax.scan(advance, begin, (run.setpoint, run.bias, plant.misread, time))[1]
-
-
 def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant, run: _Run) -> Any:
     """Every plant (D) under every controller (G), whose settings and memories have shape (G,): shape (D, G, K)."""
+    time = run.ecu.period * jnp.arange(run.setpoint.shape[0])
 
     def each(plant: _Plant, settings: Any, first: Any) -> Any:
-        return _one(control, keep, plant, run._replace(settings=settings, first=first), parts, room)
+        own = run._replace(settings=settings, first=first)
+        begin, advance = _simulation(control, keep, plant, own, parts, room)
+        return jax.lax.scan(advance, begin, (run.setpoint, run.bias, plant.misread, time))[1]
 
     over_gains = jax.vmap(each, in_axes=(None, 0, 0))
     return jax.vmap(over_gains, in_axes=(0, None, None))(plants, run.settings, run.first)
@@ -240,11 +225,6 @@ def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
 def _late(throttles: Throttle) -> Any:
     """Delay of each model's input, s, shape (D,)."""
     return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)
-
-
-def _of_each(first: Any, shape: tuple[int, ...]) -> Any:
-    """A controller's memory for each of its settings."""
-    return jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf, dtype=float), shape), first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,10 +274,6 @@ class Loop:
     def under(self, ecu: Ecu) -> Loop:
         """The loop with another ECU around its plants."""
         return replace(self, ecu=ecu)
-
-    def in_steps_of(self, longest: float) -> Loop:
-        """The loop integrated in steps no longer than so many s."""
-        return replace(self, settings=replace(self.settings, longest_step=longest))
 
     def angle(self, share: Any) -> Any:
         """rad, of a share of the travel."""
@@ -350,7 +326,6 @@ class Loop:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
             settings: of it, entries of shape (G,).
             first: memory with which it begins, entries of shape () or (G,).
-            setpoint: what it follows.
             start: state of every plant at its begin; None: at rest where the setpoint begins.
             keep: of a tick's path and the controller's memory after it, what is given back.
             reduced: of that, shape (..., K), what is given back instead, shape (...).
@@ -358,7 +333,8 @@ class Loop:
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.ahead(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
-        first = _of_each(first, np.shape(jax.tree.leaves(settings)[0]))
+        shape = np.shape(jax.tree.leaves(settings)[0])
+        first = jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf, dtype=float), shape), first)
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
         run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
         rng = np.random.default_rng(self.settings.seed)

@@ -78,7 +78,10 @@ def optimal(task: Task) -> Gains | Refusal:
     alone = _scorer(task, 1, _SPARE_ALONE)
     ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)[0]
             for _ in range(settings.searches)]  # fmt: skip
-    return best_over_draws(task, np.array([*ends, *_by_formula(task, settings)]), rng)
+    # what the rules that need no experiment say: valleys that the nominal model hides
+    found = (rule(task) for rule in FORMULAS)
+    ends += [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
+    return best_over_draws(task, np.array(ends), rng)
 
 
 def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) -> Gains:
@@ -89,7 +92,6 @@ def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) ->
     Args:
         task: whose first few models are those that decide.
         begins: logarithms of gains, shape (B, 3).
-        rng: random numbers.
     """
     settings = task.settings.optimum
     every = _scorer(task, task.loop.draws, 0.0)
@@ -111,10 +113,7 @@ def best_of_several(
     """The best of searches that each set out from one of the best begins, none of them near another.
 
     Args:
-        score: of logarithms of gains, shape (G, 3).
         begins: logarithms of gains, shape (B, 3).
-        rng: random numbers.
-        settings: `starts`, and those of `elite_of`.
     Returns:
         logarithms of gains, shape (elite, 3), the best first.
     """
@@ -137,20 +136,8 @@ def _apart(begins: np.ndarray, settings: OptimumSettings) -> list[np.ndarray]:
     return kept[: settings.starts]
 
 
-def _by_formula(task: Task, settings: OptimumSettings) -> list[np.ndarray]:
-    """What the rules that need no experiment say, logarithms, shape (3,) each: valleys that the nominal model hides."""
-    found = (rule(task) for rule in FORMULAS)
-    return [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
-
-
 def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures, float]:
-    """The best gains near some, their figures on the nominal model, and by how much they miss what is asked.
-
-    Args:
-        task: its loop is searched over as it is.
-        begin: gains.
-        rounds: populations of the cross-entropy method.
-    """
+    """The best gains near some after so many populations, their figures on the nominal model, and their `missed`."""
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
     score = _scorer(task, task.loop.draws, settings.spares[0])
@@ -205,11 +192,8 @@ def elite_of(
     """Draw a population about the mean and covariance of the best so far, again and again; the best are never lost.
 
     Args:
-        score: of logarithms of gains, shape (G, 3).
         begin: first population, logarithms, shape (G, 3).
         rounds: populations after it.
-        rng: random numbers.
-        settings: sizes, bounds and spread of the populations.
     Returns:
         the best logarithms of gains found, shape (elite, 3), and their cost, shape (elite,), the best first.
     """
@@ -240,12 +224,7 @@ def _scorer(task: Task, draws: int, spare: float) -> Score:
 
 
 def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float) -> Scores:
-    """Figures of gains of shape (G,) over the draws of a loop, whose linear plants have shape (D, 1).
-
-    Args:
-        task, gains, loop, linear: see there.
-        spare: share of each requirement kept in hand.
-    """
+    """Figures of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: share of limits kept in hand."""
     asked, figures = task.requirements, loop.figures(gains, task.setpoint)
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
@@ -282,10 +261,6 @@ def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
     """On the nominal model, from the most restless to the calmest; each search begins at the end of the one before.
 
     The first is not limited; the others are allowed a share of its activity each.
-
-    Args:
-        task: whose other requirements all points are to meet.
-        begin: gains to begin with.
     """
     alone, points = replace(task, loop=task.loop.first(1)), list[FrontPoint]()
     for share in (math.inf, *task.settings.front.shares):
@@ -297,11 +272,7 @@ def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
 
 
 def carried(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
-    """Points of which none follows worse than a calmer one: what is best within a limit is within every looser one.
-
-    Args:
-        points: as the searches ended, limits falling.
-    """
+    """Points of which none follows worse than a calmer one: what is best within a limit is within every looser one."""
     best = [points[-1]]
     for point in reversed(points[:-1]):
         calmer = best[-1]

@@ -100,7 +100,7 @@ def test_the_mend_of_a_sign_mends_it(clean: Path, tmp_path: Path) -> None:
 
 
 def rename(folder: Path, header: str, new: str) -> None:
-    for path in folder.glob("*.csv"):
+    for path in folder.rglob("*.csv"):
         path.write_text(path.read_text(encoding="utf-8").replace(header, new, 1), encoding="utf-8")
 
 
@@ -203,8 +203,7 @@ def test_a_current_of_the_supply_is_found_with_the_resistance_behind_it(
 
 def test_its_header_mends_it(honest: tuple[Path, Truth], tmp_path: Path) -> None:
     lying.supply_current(shutil.copytree(honest[0], tmp_path / "rig"))
-    for path in (tmp_path / "rig").glob("*/*.csv"):
-        path.write_text(path.read_text(encoding="utf-8").replace("current [", "supply_current [", 1), encoding="utf-8")
+    rename(tmp_path / "rig", "current [", "supply_current [")
     mended, was = read_folder(tmp_path / "rig"), read_folder(honest[0])
     assert mended.findings == ()
     for trace, true in zip(mended.measurements, was.measurements, strict=True):
@@ -216,8 +215,7 @@ def test_its_header_mends_it(honest: tuple[Path, Truth], tmp_path: Path) -> None
 
 def test_a_supply_current_needs_a_duty(honest: tuple[Path, Truth], tmp_path: Path) -> None:
     shutil.copytree(honest[0], tmp_path / "rig")
-    for path in (tmp_path / "rig").glob("*/*.csv"):
-        path.write_text(path.read_text(encoding="utf-8").replace("current [", "supply_current [", 1), encoding="utf-8")
+    rename(tmp_path / "rig", "current [", "supply_current [")
     toml = tmp_path / "rig" / "rig.toml"
     toml.write_text(toml.read_text(encoding="utf-8").replace("supply_V = 12.0", ""), encoding="utf-8")
     with pytest.raises(MeasurementError, match="without a duty"):
