@@ -14,6 +14,7 @@ A figure within 2 % of the one before is neither better nor worse. Cars that `--
 from __future__ import annotations
 
 import argparse
+import math
 import tempfile
 import time
 from collections.abc import Mapping
@@ -49,6 +50,9 @@ def run(seed: int) -> dict[str, Any]:
         "model": found.input.model,
         "stopped": found.why_not,
         "compromise": bool(found.result is not None and found.result.state.cautions),
+        "withheld": list(found.doubts),
+        "chi2": None if found.result is None else found.result.state.chi2_per_dof,
+        "borne": [each.worst for each in found.borne],
         "explained": found.explained[0],
         "held_out_rms": found.held_out_error,
         "present": _errors(car, car.gains, seed),
@@ -75,23 +79,29 @@ def outcome(row: Mapping[str, Any], step: str) -> str:
 
 def table(cars: Mapping[int, Mapping[str, Any]]) -> str:
     """A row a car, and the sums."""
-    lines = ["| car | rows/s | input | verdict | held out: explained % | mean error %, now | half way | proposed | "
-             "RMSE %, now | proposed | processor s |", "|---|---|---|---|---|---|---|---|---|---|---|"]  # fmt: skip
+    head = ("car", "rows/s", "input", "verdict", "χ²/dof", "\\|ΔT\\|, proposed", "held out: explained %",
+            "mean error %, now", "half way", "proposed", "RMSE %, now", "proposed", "processor s")  # fmt: skip
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for seed, row in sorted(cars.items()):
-        verdict = "stopped" if row["stopped"] else WITHHELD if row["compromise"] else "gains"
+        verdict = "stopped" if row["stopped"] else WITHHELD if row["withheld"] else "gains"
         means = [_cell(row.get(step), "mean") for step in ("present", "half_way", "proposed")]
         squares = [_cell(row.get(step), "rms") for step in ("present", "proposed")]
         explained = "-" if row["explained"] is None else f"{100.0 * row['explained']:.1f}"
         step = " in step" if row["in_step"] else ""
-        lines.append(f"| {seed} | {row['rate']:.0f}{step} | {row['model']} | {verdict} | {explained} | "
+        lines.append(f"| {seed} | {row['rate']:.0f}{step} | {row['model']} | {verdict} | {_number(row['chi2'])} | "
+                     f"{_number(row['borne'][-1] if row['borne'] else None)} | {explained} | "
                      f"{' | '.join(means)} | {' | '.join(squares)} | {row['processor']:.0f} |")  # fmt: skip
-    given = [row for row in cars.values() if not row["stopped"] and not row["compromise"]]
-    held = [row for row in cars.values() if row["compromise"]]
+    given = [row for row in cars.values() if not row["stopped"] and not row["withheld"]]
+    held = [row for row in cars.values() if row["withheld"]]
     lines += ["", f"{len(cars)} cars. Gains given on {len(given)}: proposed {_count(given, 'proposed')}; half way "
-              f"{_count(given, 'half_way')}. Withheld as a compromise on {len(held)}: with `--anyway` proposed "
+              f"{_count(given, 'half_way')}. Withheld on {len(held)}: with `--anyway` proposed "
               f"{_count(held, 'proposed')}; half way {_count(held, 'half_way')}. Stopped before a fit: "
               f"{len(cars) - len(given) - len(held)}."]  # fmt: skip
     return "\n".join(lines)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None or not math.isfinite(value) else f"{value:.2f}"
 
 
 def _cell(found: Mapping[str, Any] | None, key: str) -> str:

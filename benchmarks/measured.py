@@ -25,7 +25,7 @@ from etcfit.diagnosis import Diagnosis, diagnose
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.problem.prediction_error import logged_unit
 from etcfit.reporting.blocks import headed, plain_table, render
-from etcfit.reporting.diagnosis.table import diagnosis_table
+from etcfit.reporting.diagnosis import diagnosis_table
 from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.inverse_model import equations
 from etcfit.rig.reader import read_folder

@@ -25,7 +25,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from . import __version__, stages
-from .api.progress import Expected
+from .api.progress import Expected, keep_compiled
 from .control.request import DesignRequest
 from .errors import MeasurementError, UsageError, visible
 from .experiment.settings import CampaignSettings
@@ -158,18 +158,15 @@ def _with_options(command: Callable[..., None]) -> Callable[..., None]:
     hints = get_type_hints(command, include_extras=True)
     if "options" not in hints:
         return command
-    kind, taken = hints["options"], []
+    kind, theirs = hints["options"], get_type_hints(hints["options"])
+    taken: list[inspect.Parameter] = []
     for each in inspect.signature(command).parameters.values():
-        own = fields(kind) if each.name == "options" else ()
-        theirs = get_type_hints(kind) if own else {}
-        taken += [
-            inspect.Parameter(
-                f.name, each.KEYWORD_ONLY, default=f.default, annotation=Annotated[theirs[f.name], f.metadata["option"]]
-            )
-            for f in own
-        ]
-        if not own:
+        if each.name != "options":
             taken.append(each.replace(kind=each.KEYWORD_ONLY, annotation=hints[each.name]))
+            continue
+        for own in fields(kind):
+            hint = Annotated[theirs[own.name], own.metadata["option"]]  # pyright: ignore
+            taken.append(inspect.Parameter(own.name, each.KEYWORD_ONLY, default=own.default, annotation=hint))
 
     @functools.wraps(command)
     def spread(**given: Any) -> None:
@@ -259,7 +256,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
 
         rig = read_folder(folder)
         report("working out what these data can identify", 0.3)
-        stages.keep_compiled()
+        keep_compiled()
         from .experiment.check import check as check_rig
         from .reporting.check_table import check_table
         from .reporting.closing.rig import of_check
@@ -279,7 +276,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
 
         rig = read_folder(folder)
         report("working out what one more trace would tell", 0.3)
-        stages.keep_compiled()
+        keep_compiled()
         from .experiment.advice import advise
         from .reporting.check_table import advice_table
         from .reporting.closing.rig import of_advice
@@ -422,7 +419,7 @@ class TuneOptions:
     hold_out: float = _option(40.0, "Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
     supply: float | None = _option(None, "V.", None, "as logged, else 13.5", min=1.0, max=100.0)
     ecu_period: str | None = _option(None, "Of the ECU's clock.", "TIME", "as its maker publishes")
-    ecu_delay: str | None = _option(None, "From its reading to its output.", "TIME", "0ms")
+    ecu_delay: str | None = _option(None, "From its reading to its output.", "TIME", "one period")
     column: list[str] | None = _option(None, "HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", "TEXT")
     anyway: bool = _ANYWAY
 
@@ -773,7 +770,7 @@ def plan(
         raise UsageError(str(error)) from None
     with _usual("plan", quiet) as report:
         report("loading the model", 0.0)
-        stages.keep_compiled()
+        keep_compiled()
         from .api.verbs import plan as plan_tests
 
         chosen = plan_tests(source, settings, criterion=o.criterion, without=o.without or (), supply=o.supply,

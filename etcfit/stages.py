@@ -21,7 +21,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from .api.arguments import fits, in_words, typed
-from .api.progress import Expected, part_of
+from .api.progress import Expected, keep_compiled, part_of
 from .control.request import DesignRequest
 from .errors import UsageError, command, require_extra, visible
 from .posterior.settings import SamplingSettings
@@ -157,7 +157,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     from .api.work import keep_diagnosis
     from .diagnosis import diagnose
     from .reporting.closing.model import of_run
-    from .reporting.diagnosis.table import diagnosis_table
+    from .reporting.diagnosis import diagnosis_table
     from .run_folder.diagnosis import KeptRounds
 
     rounds = KeptRounds(run.path, result)
@@ -186,7 +186,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     from .reporting.blocks import cautioned
     from .reporting.closing.control import of_posterior
     from .reporting.drawing import begin_helper
-    from .reporting.posterior.table import posterior_table
+    from .reporting.posterior import posterior_table
 
     begin_helper()
     posterior = sample(result.taken_as_exact(), run.path, steps, part_of(report, 0.0, 0.8), result.formulas)
@@ -588,10 +588,3 @@ def run(
     found = load(out)
     assert not isinstance(found, Fleet), "the run folder of a fleet has no fit"
     return found
-
-
-def keep_compiled() -> None:
-    """The second run of a command finds its model compiled."""
-    from .backend import use_compilation_cache
-
-    use_compilation_cache()

@@ -96,7 +96,7 @@ LIGHT = {
     ),
     "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.reporting.tables, etcfit.api.work, "
     "etcfit.reporting.closing.model, etcfit.run_folder.state",
-    "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis.table, etcfit.api.work",
+    "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis, etcfit.api.work",
     "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.work",
     "export": "import etcfit.exporting, etcfit.api.work, etcfit.reporting.closing.control",
     "import": "import etcfit.importing.answers, etcfit.reporting.closing, etcfit.reporting.blocks",

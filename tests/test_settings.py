@@ -44,7 +44,7 @@ from etcfit.files import plain
 from etcfit.fleets.settings import EngineSettings, FleetSettings, PopulationSettings, StoreSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
-from etcfit.reporting.fleet.words import Judgement
+from etcfit.reporting.fleet import Judgement
 
 KINDS: list[Any] = [
     AdviceSettings,

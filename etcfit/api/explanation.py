@@ -98,7 +98,7 @@ class Diagnosed:
     def summary(self, width: int = 140) -> str:
         """What `etcfit diagnose` prints, for `print`."""
         from ..reporting.blocks import render
-        from ..reporting.diagnosis.table import diagnosis_table
+        from ..reporting.diagnosis import diagnosis_table
 
         return render(diagnosis_table(self.diagnosis), width)
 
@@ -216,7 +216,7 @@ class Sampled:
     def summary(self, width: int = 140) -> str:
         """What `etcfit sample` prints, for `print`; without the profiles."""
         from ..reporting.blocks import render
-        from ..reporting.posterior.table import posterior_table
+        from ..reporting.posterior import posterior_table
 
         return render(posterior_table(self.posterior, {}), width)
 

@@ -199,12 +199,13 @@ class Fit:
 
     def _repr_html_(self) -> str:
         alarm = "" if self.converged else f"NOT CONVERGED: {self.reason}"
+        rows = [views.interval_row(s, i, self._units[s]) for s, i in self._known.items()]
         return views.card(
             self.result.rig.config,
             self._model,
             views.paragraph(f"{len(self._traces)} traces; chi2/dof {short(self.chi2_per_dof, 4)}"
                             f"{_predicts(self.result)}"),
-            views.table(views.INTERVAL_HEAD, views.interval_rows(self._known, self._units)),
+            views.table(views.INTERVAL_HEAD, rows),
             views.folded("Warnings", self.warnings),
             alarm=alarm,
         )  # fmt: skip

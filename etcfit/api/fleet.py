@@ -185,7 +185,7 @@ class Fleet:
 
     @property
     def _said(self) -> tuple[str, ...]:
-        from ..reporting.fleet.words import verdict
+        from ..reporting.fleet import verdict
 
         return tuple(sentence.text for sentence in verdict(self._content))
 

@@ -109,7 +109,7 @@ def show(run: Path, files: FleetFiles, report: Report) -> None:
 
 
 def _draw(draft: Draft, files: FleetFiles, report: Report) -> None:
-    from ..reporting.fleet import write_fleet_page
+    from ..reporting.fleet.page import write_fleet_page
     from ..reporting.fleet.pictures import draw_fleet
 
     report("drawing", 0.5)

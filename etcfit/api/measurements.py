@@ -378,7 +378,7 @@ class Driven:
         return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
 
     def _rows(self) -> list[tuple[str, ...]]:
-        from ..reporting.car_log.tables import in_a_word
+        from ..reporting.car_log import in_a_word
 
         words_of = {each.log.name: in_a_word(each.verdict) for each in self.studies}
         return [(r["log"], f"{r['seconds']:.0f}", short(r["share_between"]), short(r["dominant_hz"]),

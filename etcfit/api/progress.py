@@ -108,7 +108,7 @@ def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[R
         quiet: show nothing.
         expected: how long it will take; None where nothing is known of that.
     """
-    _keep_compiled()
+    keep_compiled()
     with progress(quiet, expected) as report:
         yield report
 
@@ -266,8 +266,8 @@ def _bar(stage: str, done: float, left: str) -> str:
 
 
 @cache
-def _keep_compiled() -> None:
-    """Once a process, when something is computed for the first time."""
+def keep_compiled() -> None:
+    """The next process finds its models compiled; called where something is computed for the first time."""
     from ..backend import use_compilation_cache
 
     use_compilation_cache()

@@ -20,13 +20,14 @@ from ..control.request import DesignRequest
 from ..errors import UsageError
 from ..files import held, plain, write_json
 from ..importing.answers import Answers
-from ..importing.tuning import KnownEcu, TuneInput, TuneSettings, tune_input
+from ..importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tune_input
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
 from ..run_folder.folder import RunFolder
 from .progress import Report, part_of, silent
 
 if TYPE_CHECKING:
+    from ..control.borne import Borne
     from ..control.design import Design
     from ..control.pid import Gains
     from ..control.proposal import GainStep
@@ -77,6 +78,8 @@ class Tuned:
         explained: share of the motion that the model explains, on the held-out part and on the fitted one, 0 to 1; None
             where there is none.
         why_not: why there are no gains, or none to type in; "" where there are.
+        borne: what the loop of each new step bears, half way first.
+        doubts: why gains would be withheld without `anyway`.
     """
 
     profile: EcuProfile
@@ -87,6 +90,8 @@ class Tuned:
     steps: tuple[GainStep, ...] = ()
     explained: tuple[float | None, float | None] = (None, None)
     why_not: str = ""
+    borne: tuple[Borne, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def summary(self, width: int = 140) -> str:
         """What `etcfit tune` prints, for `print`."""
@@ -167,6 +172,8 @@ def _name(files: Sequence[Path]) -> str:
 
 def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> KnownEcu:
     fields = profile.completed(given)
+    # nobody publishes it: what is read at a tick acts by the next one, and the lag of the winding takes up the rest
+    fields.setdefault("delay", fields.get("period", Ecu().period))
     gains = None if asked.gains is None else Terms(*asked.gains)
     return KnownEcu(profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply)
 
@@ -185,18 +192,21 @@ def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
         return replace(read_folder(Path(scratch) / LOGS), folder=str(files[0]))
 
 
-def fit_settings() -> FitSettings:
-    """Of the fit: optima nearby are not looked for, which takes minutes, for gains are tried over draws anyway."""
-    from ..estimation.settings import FitSettings
+def fit_settings(model: str) -> FitSettings:
+    """Of the fit: optima nearby are not looked for, which takes minutes, for gains are tried over draws anyway. Rows at
+    their ticks are good to the sensor's noise, so that a start ten times further off is near all the same.
+    """
+    from ..estimation.settings import FitSettings, GlobalSearchSettings
 
-    return FitSettings(neighbours=0)
+    misfit = 100.0 if model == DUTY else FitSettings().misfit
+    return FitSettings(neighbours=0, misfit=misfit, search=GlobalSearchSettings(epochs=60, patience=15))
 
 
 def diagnosis_settings() -> DiagnosisSettings:
-    """Of the diagnosis: three rounds of two candidates each, for a log without a current tells few effects apart."""
+    """Of the diagnosis: one round of two candidates, for a log without a current tells few effects apart."""
     from ..diagnosis.settings import DiagnosisSettings
 
-    return DiagnosisSettings(rounds=3, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
+    return DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
 
 
 def design_settings() -> DesignSettings:
@@ -212,7 +222,7 @@ def _worked_out(
 ) -> Tuned:  # fmt: skip
     """Fit, diagnosis and design of a folder that can tell gains."""
     from ..control.pid import Gains
-    from ..control.proposal import gain_steps, not_held
+    from ..control.proposal import gain_steps
     from ..diagnosis import diagnose
     from ..estimation.joint_fit import fit
     from ..rig.reader import read_folder
@@ -220,27 +230,69 @@ def _worked_out(
 
     folder = _written(run.path / LOGS, prepared)
     rig = read_folder(folder)
-    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings())
+    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model))
     keep_fit(run, result)
     diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), diagnosis_settings())
     keep_diagnosis(run, diagnosis)
     final = diagnosis.after
-    request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given}, profile=profile.name,
-                            anyway=asked.anyway)  # fmt: skip
+    # the delay is in the model of a logged duty already, and no part of that of an ECU
+    delay = 0.0 if prepared.model == DUTY else prepared.delay
+    request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given, "delay": delay},
+                            profile=profile.name, anyway=asked.anyway)  # fmt: skip
     design = design_of(final.fitted(), request, None, part_of(report, _DIAGNOSIS, _DESIGN),
                        design_settings())  # fmt: skip
-    keep_design(run, final, design, request.recorded())
     present = None
     if asked.gains is not None:
         low, high = rig.config.travel
         units = notation_of(profile).units(design.task.ecu, high - low)
         present = Gains(*(gain * unit for gain, unit in zip(asked.gains, units, strict=True)))
     report("what each step does", _DESIGN)
-    steps = gain_steps(design, present)
-    why_not = "" if not design.withheld else " ".join(final.state.cautions)
-    if not asked.anyway and (unheld := not_held(steps)):
-        why_not = f"{why_not} {unheld}".strip()
-    return Tuned(profile, prepared, lacks, final, design, steps, _explained(final), why_not)
+    steps, explained = gain_steps(design, present), _explained(final)
+    judged = _borne(final, design, prepared, present, steps)
+    doubts = reasons_to_withhold(final, explained[0], judged, steps)
+    if not doubts:  # of a compromise that the loop bears: said, and given
+        design = replace(design, anyway=True)
+    keep_design(run, final, design, replace(request, anyway=design.anyway).recorded())
+    why_not = "" if asked.anyway else " ".join(doubts)
+    return Tuned(profile, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
+
+
+def _borne(
+    result: FitResult, design: Design, prepared: TuneInput, present: Gains | None, steps: Sequence[GainStep]
+) -> tuple[Borne, ...]:
+    """What the loop of each new step bears, by the part held out; by the fitted one where there is none."""
+    from ..control.borne import borne
+    from ..control.proposal import PRESENT
+
+    problem = result.holdout or result.problem
+    times = [trace.measurement.time for trace in problem.batch.traces if "position" in trace.channels]
+    parts = [(time, *both) for time, both in zip(times, _positions(result, problem), strict=True)]
+    drove = present if prepared.model == ECU else None
+    return tuple(borne(parts, prepared.noise, design.task.plant, design.task.ecu, step.gains, drove)
+                 for step in steps if step.name != PRESENT)  # fmt: skip
+
+
+def reasons_to_withhold(
+    result: FitResult, explained: float | None, judged: Sequence[Borne], steps: Sequence[GainStep]
+) -> tuple[str, ...]:
+    """Why gains are withheld, and what to record; () where there is no reason.
+
+    An estimate is good enough. A compromise is where it explains the motion that was not fitted and the new loops bear
+    what it misses, half-way step included.
+    """
+    from ..control.proposal import not_held
+    from ..estimation.explained import judged as enough
+
+    state, found = result.state, list[str]()
+    if not state.converged:
+        found.append(f"{state.cautions[0]} Record more quick steps, with rests between them.")
+    if explained is not None and enough(explained).word != "good":
+        found.append(f"{enough(explained).says} Record at each tick of the ECU, over the whole travel.")
+    if state.compromise is not None and (missed := [each for each in judged if not each.enough]):
+        found.append(f"{state.cautions[-1]} {missed[-1].says}")
+    if unheld := not_held(steps):
+        found.append(unheld)
+    return tuple(found)
 
 
 def _written(folder: Path, prepared: TuneInput) -> Path:
@@ -296,6 +348,7 @@ def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
         "fit": None if result is None else result.state,
         "held_out": {"file": found.input.held_out or None, "rms_pct": found.held_out_error,
                      "explained": held_out, "explained_fitted": fitted},
+        "borne": [asdict(each) for each in found.borne],
         "supply_V": found.input.supply,
         "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
         "unit": dict(zip("PID", notation_of(make).of_each, strict=True)),

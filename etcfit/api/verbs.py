@@ -169,11 +169,12 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
     """
     with working(quiet) as report:
         from ..diagnosis import diagnose as diagnose_fit
+        from ..run_folder.state import load_fit
         from .explanation import Diagnosed
         from .fit import Fit
 
         if isinstance(fit, str | Path):
-            fit = _load_fit(Path(fit))
+            fit = Fit(load_fit(Path(fit)))
         if not isinstance(fit, Fit):
             raise _not_taken("diagnose", fit, "what etcfit.fit returned, or a run folder")
         return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
@@ -337,7 +338,7 @@ def export(
     Raises:
         UsageError: no such format, or the model lacks what it needs; a model of no run folder, and no `out`.
     """
-    with working(quiet) as told:
+    with working(quiet) as say:
         from ..exporting import ExportSettings, named
         from ..files import require_writable
         from ..run_folder.pid import design_json
@@ -346,7 +347,7 @@ def export(
         from .fit import Fit
         from .work import exported
 
-        told(f"exporting to {to}", 0.3)
+        say(f"exporting to {to}", 0.3)
         run = Path(model) if isinstance(model, str | Path) else None
         if out is None and run is None:
             raise UsageError("an export is written into a folder. Name one: etcfit.export(fit, 'c', 'firmware').")
@@ -380,7 +381,7 @@ def report(
     Returns:
         Where the page is.
     """
-    with working(quiet) as told:
+    with working(quiet) as say:
         from ..reporting.interactive import write_interactive
         from ..run_folder.folder import RunFolder
         from .progress import part_of
@@ -389,11 +390,11 @@ def report(
         if not isinstance(run, str | Path):
             if to is None:
                 raise UsageError("a page is written into a run folder. Name one: etcfit.report(fit, 'runs/x').")
-            told("saving", 0.0)
+            say("saving", 0.0)
             run = run.save(to)
-        told("writing the page", 0.1)
+        say("writing the page", 0.1)
         folder = RunFolder(run)
-        made = keep_page(folder, part_of(told, 0.1, 0.95)) if page == "printed" else write_interactive(folder)
+        made = keep_page(folder, part_of(say, 0.1, 0.95)) if page == "printed" else write_interactive(folder)
     if made.missing:
         warnings.warn(made.missing, stacklevel=2)
     return made.path
@@ -548,13 +549,6 @@ def _load_model(run: Path) -> Fit | Diagnosed:
     folder = RunFolder(run)
     found = folder.diagnosis()
     return Fit(folder.fit()) if found is None else Diagnosed(found)
-
-
-def _load_fit(run: Path) -> Fit:
-    from ..run_folder.state import load_fit
-    from .fit import Fit
-
-    return Fit(load_fit(run))
 
 
 def _rig_of(rig: Rig | Folder, report: Report) -> Rig:

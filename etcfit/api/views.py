@@ -63,17 +63,13 @@ def known_text(symbol: str, interval: Interval, unit: str) -> str:
     return f"{symbol} {value_text(interval)}{spread} {unit}"
 
 
-def interval_rows(known: dict[str, Interval], units: dict[str, str]) -> list[list[Cell]]:
-    """A row a parameter: symbol, value, standard error, 95 % interval, unit, status."""
-    return [[Cell(text, row.status in _DOUBTFUL) for text in _row(symbol, row, units[symbol])]
-            for symbol, row in known.items()]  # fmt: skip
-
-
-def _row(symbol: str, i: Interval, unit: str) -> tuple[str, ...]:
+def interval_row(symbol: str, i: Interval, unit: str) -> list[Cell]:
+    """Symbol, value, standard error, 95 % interval, unit, status."""
     digits = Digits.of(i.value, i.spread)
     status = f"{i.status} ({i.remark})" if i.remark else i.status
     spread = "-" if i.stderr is None else digits(i.stderr)
-    return symbol, value_text(i), spread, digits.span(i.low, i.high), unit, status
+    row = (symbol, value_text(i), spread, digits.span(i.low, i.high), unit, status)
+    return [Cell(text, i.status in _DOUBTFUL) for text in row]
 
 
 INTERVAL_HEAD = ("", "value", "std. error", "95 % interval", "unit", "status")
@@ -102,13 +98,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Cell | str]]) -> str:
     cells = [[each if isinstance(each, Cell) else Cell(each) for each in row] for row in rows]
     left = [any(row[k].text[:1].isalpha() for row in cells) for k in range(len(head))]
     top = "".join(_cell("th", Cell(name), side) for name, side in zip(head, left, strict=True))
-    body = "".join(f"<tr>{_row_of(row, left)}</tr>" for row in cells)
+    kinds = ("th", *["td"] * (len(head) - 1))
+    body = "".join(f"<tr>{''.join(map(_cell, kinds, row, left))}</tr>" for row in cells)
     return f'<table class="dataframe"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
-
-
-def _row_of(row: Sequence[Cell], left: Sequence[bool]) -> str:
-    kinds = ("th", *["td"] * (len(row) - 1))
-    return "".join(_cell(kind, cell, side) for kind, cell, side in zip(kinds, row, left, strict=True))
 
 
 def _cell(kind: str, cell: Cell, left: bool) -> str:

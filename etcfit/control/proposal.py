@@ -1,13 +1,15 @@
 """New gains as steps away from those that are in the ECU now: the safe half-way step first, then what is proposed.
 
-    half way:  g = sqrt(g_present g_proposed), gain by gain; half of what is proposed where there is none now
+    half way:  g = g_present^(1 - w) g_proposed^w, gain by gain; w of what is proposed where there is none now
+
+w is 1/2, unless the margins there are smaller than at both ends: more D with little of the new P can do that. Then w
+is the next of 0.65, 0.35, 0.8 and 0.2 whose margins are not, or else the one with the largest.
 
 What each does is worked out on the fitted model in every scenario of the design, over all of its draws.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -17,9 +19,12 @@ from .design import Design
 from .judged import over_models
 from .loop_figures import LoopFigures, judge_each
 from .pid import Gains
+from .pid.linear_loop import margins
 
 PRESENT, HALF_WAY, PROPOSED = "present", "half_way", "proposed"
 SHOWN = "large steps"  # the scenario that a next log is compared by, and that is drawn
+WAYS = (0.5, 0.65, 0.35, 0.8, 0.2)  # shares of the way that are tried, the best first
+_ROUNDING = 1e-9
 MOST_UNHELD = 10.0  # % of a large step that a model which can be tuned for may miss at its end
 
 
@@ -56,16 +61,33 @@ class GainStep:
     position: np.ndarray
 
 
-def half_way(present: Gains, proposed: Gains) -> Gains:
-    """See the module."""
-    return Gains(*(math.sqrt(a * b) if a > 0.0 else 0.5 * b for a, b in zip(present, proposed, strict=True)))
+def half_way(present: Gains, proposed: Gains, share: float = WAYS[0]) -> Gains:
+    """See the module; `share` is w."""
+    return Gains(*(a ** (1.0 - share) * b**share if a > 0.0 else share * b
+                   for a, b in zip(present, proposed, strict=True)))  # fmt: skip
+
+
+def safe_half_way(design: Design, present: Gains) -> Gains:
+    """The half-way gains whose margins, the least over all draws, are no smaller than those of the worse end.
+
+    A margin beyond what is required counts as that much.
+    """
+    task, asked = design.task, design.task.requirements
+    ways = [half_way(present, design.proposed, share) for share in WAYS]
+    stacked = Gains(*(np.array(column, dtype=float)[None] for column in zip(present, design.proposed, *ways,
+                                                                            strict=True)))  # fmt: skip
+    safe = margins(stacked, task.loop.linear(), task.ecu)
+    share = np.minimum(np.minimum(safe.gain_db / asked.gain_margin_db, safe.phase_deg / asked.phase_margin_deg), 1.0)
+    least = np.min(share, axis=0)
+    good = np.flatnonzero(least[2:] >= np.min(least[:2]) - _ROUNDING)
+    return ways[int(good[0] if good.size else np.argmax(least[2:]))]
 
 
 def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
     """The present gains, the half-way ones and those that are proposed; the last alone where nobody said the first."""
     every = {PROPOSED: design.proposed}
     if present is not None:
-        every = {PRESENT: present, HALF_WAY: half_way(present, design.proposed), **every}
+        every = {PRESENT: present, HALF_WAY: safe_half_way(design, present), **every}
     task = design.task
     stacked = Gains(*(np.array(column, dtype=float) for column in zip(*every.values(), strict=True)))
     found = over_models(task, task.loop.with_new_noise_seed() if task.ecu.noise > 0.0 else task.loop, stacked)

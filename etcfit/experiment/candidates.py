@@ -158,14 +158,7 @@ class Candidate:
 
 
 def candidates(s: Setting, settings: CampaignSettings, made: set[str], without: tuple[str, ...]) -> list[Candidate]:
-    """Every trace to choose from: shapes, and the rig tests that were not made yet.
-
-    Args:
-        s: the rig.
-        settings: amplitudes, durations.
-        made: rig tests of which there are traces.
-        without: rig tests that nobody wants to make.
-    """
+    """Every trace to choose from: shapes, and the rig tests that are neither made already nor unwanted (`without`)."""
     absent = [name for name in PLANS if name not in made and name not in without]
     every = [_undone(PLANS[name](s), s, settings) for name in absent]
     for shape in SHAPES:

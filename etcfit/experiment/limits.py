@@ -88,12 +88,8 @@ def forecasts(
     """Each candidate by every model.
 
     Args:
-        every: the candidates.
-        s: the rig.
-        known: which parameters x stands for.
         x: coordinates of the models, shape (D, P).
         least: shape that the batch has at least, so that what was compiled serves again.
-        settings: of the winding's heat.
     """
     # whatever the model can show, whether the rig logs it or not
     traces = tuple(trace_of(c.plan, s, [n for n in TEST_BY_NAME[c.plan.test].observes if n in s.noise]) for c in every)

@@ -52,13 +52,7 @@ class Setting:
 
     @classmethod
     def of_rig(cls, rig: Rig, values: Mapping[str, float], settings: PlanSettings = PlanSettings()) -> Setting:
-        """From what was measured, as far as that tells; the rest from the settings.
-
-        Args:
-            rig: a measurement folder.
-            values: of all parameters, SI, by symbol.
-            settings: what is taken for what was not measured.
-        """
+        """From what was measured, as far as that tells; the rest from the settings."""
         seen: dict[str, list[float]] = {}
         for trace in rig.measurements:
             for name, channel in trace.channels.items():
@@ -215,12 +209,9 @@ def remark(plan: Plan, s: Setting) -> str:
 
 
 def trace_of(plan: Plan, s: Setting, names: Sequence[str] | None = None) -> Trace:
-    """The planned trace, ready for the model. Its samples are blanks: no Jacobian depends on them.
+    """The planned trace with these channels, `channels` where not given, ready for the model.
 
-    Args:
-        plan: of it.
-        s: the rig.
-        names: channels in it; `channels` where not given.
+    Its samples are blanks: no Jacobian depends on them.
     """
     names = channels(plan, s) if names is None else names
     blank = {name: np.full(plan.time.size, plan.angle if name == "position" else 0.0) for name in names}

@@ -137,12 +137,6 @@ class Source:
             yield (f"The rig has no stops on both sides. They are set to {low:.4g} and {high:.4g} rad; "
                    "set them to yours.")  # fmt: skip
 
-    def left_out_by_the_paper(self) -> Iterator[str]:
-        """Effects that a model of Eqs. 1-2 alone does not have, in words."""
-        if lost := [effect.name for effect in self.beyond_the_paper]:
-            yield (f"Effects of the model that have no place here: {', '.join(lost)}. "
-                   "The formats c and fmu hold them.")  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Export:

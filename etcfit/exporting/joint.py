@@ -76,7 +76,8 @@ def _cannot_hold(source: Source) -> Iterator[str]:
     v = source.values
     yield (f"The inductance L_a: the current follows the voltage at once instead of within L_a/R_a = "
            f"{1e3 * v['L_a'] / v['R_a']:.2g} ms.")  # fmt: skip
-    yield from source.left_out_by_the_paper()
+    if lost := [effect.name for effect in source.beyond_the_paper]:
+        yield f"Effects of the model that have no place here: {', '.join(lost)}. The formats c and fmu hold them."
 
 
 def _mjcf(

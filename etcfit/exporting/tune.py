@@ -80,12 +80,7 @@ def _comment(source: Source, lost: tuple[str, ...]) -> Any:
 
 
 class _Setting(NamedTuple):
-    """A setting of a tune.
-
-    Args:
-        attributes: of its tag.
-        begin, end: of what stands between its tags, bytes from the begin of the file.
-    """
+    """A setting of a tune: attributes of its tag; where its content begins and ends, bytes."""
 
     attributes: Mapping[str, str]
     begin: int

@@ -214,8 +214,7 @@ def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str) -> di
     """Path inside the folder -> text.
 
     Args:
-        draft: what is to be written.
-        name: of the rig.
+        draft, name: what is to be written, and the rig's name.
         digests: file -> SHA-256.
         given: text of a rig.toml that was given; "" where there is none.
     """

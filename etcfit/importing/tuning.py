@@ -5,9 +5,14 @@ The input of the model is the logged duty where each tick of the ECU has a row o
 what the duty did between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the
 gains that are in it now.
 
-A row of a log has what the ECU knew at its last tick, which is up to a period T old. So the position is believed within
+A row of a log has what the ECU knew at its last tick, which is up to a period T old. Where rows come in step with the
+clock they are moved to their ticks (`ecu_clock`). Of others, and with an ECU in the model, the position is believed
+within
 
     sigma^2 = sigma_sensor^2 + v^2 T^2 / 12,    v the rms of the plate's speed while it moves.
+
+What a logged duty drives is cut where the plate rests: a piece begins at a known angle, so that the free run does not
+carry along what dry friction made of an early error; and pieces are simulated side by side.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import PurePosixPath
 
 import numpy as np
@@ -25,10 +31,16 @@ from ..model.ecu import Ecu, Notation, Terms
 from ..ranges import check_ranges, real, whole
 from ..rig.base import SLOW_LOG, Channel, Measurement, Rig
 from ..rig.user_text import toml_string
+from .ecu_clock import ticks
 
 DUTY, ECU = "duty", "ecu"
 EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has
+LATE = "actuation_delay"  # a logged duty acts later: the ECU computes, its bridge waits for the next cycle
+UNTOLD = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
+"""Held, SI: position and volts tell J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m, and no more; a search
+along what they do not tell costs half of the time, and often the optimum."""
 _PERCENT = 100.0
+_STILL = 0.03  # s on either side of a cut, in which the plate should rest
 
 
 @dataclass(frozen=True)
@@ -37,7 +49,8 @@ class TuneSettings:
 
     Args:
         hold_out: share of the longest log, its end, that is predicted and not fitted.
-        most_samples: that are fitted of all logs together; of more, the stretches in which the setpoint moves most.
+        most_samples: that are fitted of all logs together; of more, the pieces in which the plate travels most.
+        piece: length of what is fitted as one trace, about, s.
         a_tick: rows per period of the ECU's clock from which on the duty is the input.
         reach: share of the travel over which the plate must move at least.
         moves: of the plate by 5 % of the travel, at least.
@@ -48,7 +61,8 @@ class TuneSettings:
     """
 
     hold_out: float = real(0.4, 0.0, 0.8)
-    most_samples: int = whole(12_000, 100, 10**7)
+    most_samples: int = whole(4_500, 100, 10**7)
+    piece: float = real(2.5, 0.1, 1e4)
     a_tick: float = real(0.8, 0.0, 100.0)
     reach: float = real(0.2, 0.0, 1.0)
     moves: int = whole(6, 0, 10_000)
@@ -66,7 +80,7 @@ class KnownEcu:
 
     Args:
         title: of its make.
-        ecu: its controller, the gains apart.
+        ecu: its controller, the gains apart; its delay is one period where nobody said it, see `api.tuned`.
         clock_known: its period is published, or was said.
         notation: how it writes gains.
         gains: that are in it now, as it writes them; None where nobody said.
@@ -112,6 +126,7 @@ class TuneInput:
         held_out: the file that is predicted only; "" where none is.
         supply: V.
         noise: of one reading of the sensor, rad.
+        delay: of the ECU, from its reading to its output, said or taken, s.
     """
 
     model: str
@@ -121,6 +136,7 @@ class TuneInput:
     held_out: str
     supply: float
     noise: float
+    delay: float = 0.0
 
     @property
     def stopped_by(self) -> tuple[LogCheck, ...]:
@@ -147,11 +163,14 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
                                "Log both, or name the columns: --column 'HEADER=duty [%]'.")  # fmt: skip
     supply = _supply(logs, known, settings)
     model, why, rate = _model(rig, logs, known, settings)
+    placed = [at_ticks(log, known.ecu.period) for log in logs]
     checks = (rate, *_motion(logs, rig, settings), _saturation(logs, known, settings))
     noise = float(np.median([log.channels["position"].sigma for log in logs]))
-    within = math.hypot(noise, _speed(logs) * known.ecu.period / math.sqrt(12.0))
-    files, held_out = _texts(logs, name, model, replace(known, supply=supply), within, settings)
-    return TuneInput(model, why, checks, files, held_out, supply, noise)
+    # an ECU in the model ticks by a clock of its own phase, and its own noise moves the plate
+    old = 0.0 if all(placed) and model == DUTY else _speed(logs) * known.ecu.period / math.sqrt(12.0)
+    logs = [log if at is None else at for log, at in zip(logs, placed, strict=True)]
+    files, held_out = _texts(logs, name, model, replace(known, supply=supply), math.hypot(noise, old), settings)
+    return TuneInput(model, why, checks, files, held_out, supply, noise, known.ecu.delay)
 
 
 def _speed(logs: Sequence[Measurement]) -> float:
@@ -240,36 +259,84 @@ def _saturation(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSett
     return LogCheck("duty within its limit", share <= settings.saturated, share > settings.blind, says, cure)
 
 
+def at_ticks(log: Measurement, period: float) -> Measurement | None:
+    """A log with its rows at the ticks of the ECU that they show; None where they are not in step with its clock."""
+    fresh = np.ones(log.time.size, dtype=bool)
+    if "duty" in log.channels:
+        fresh[1:] = np.diff(_on(log.channels["duty"], log.time)) != 0.0
+    found = ticks(log.time, fresh, period)
+    if found is None:
+        return None
+    kept, instants = found
+    channels = {}
+    for quantity, channel in log.channels.items():
+        value = _on(channel, log.time)[kept]
+        there = np.isfinite(value)
+        channels[quantity] = replace(channel, time=instants[there], value=value[there])
+    return replace(log, time=instants, channels=channels, edge_turn=None)
+
+
 def _texts(
     logs: Sequence[Measurement], name: str, model: str, known: KnownEcu, within: float, settings: TuneSettings
 ) -> tuple[dict[str, str], str]:
     """The folder, and the file in it that is held out."""
     longest = max(logs, key=lambda log: float(log.time[-1] - log.time[0]))
-    share = settings.most_samples / max(1, sum(log.time.size for log in logs))
-    files, held_out = dict[str, str](), ""
+    files, held_out, parts = dict[str, str](), "", list[tuple[Measurement, int, int]]()
     for log in logs:
-        stem = re.sub(r"[^A-Za-z0-9]+", "_", PurePosixPath(log.file).stem).strip("_").casefold() or "log"
-        until = float(log.time[-1])
+        end = log.time.size
         if log is longest and settings.hold_out > 0.0:
-            begin = float(log.time[-1] - settings.hold_out * (log.time[-1] - log.time[0]))
-            held_out, until = f"drive/{stem}_held_out.csv", begin
-            most = settings.most_samples if share < 1.0 else None
-            files[held_out] = _csv(log, model, *_busiest(log, begin, float(log.time[-1]), most))
-        most = None if share >= 1.0 else math.ceil(share * log.time.size)
-        files[f"drive/{stem}.csv"] = _csv(log, model, *_busiest(log, float(log.time[0]), until, most))
+            whole_time = float(log.time[-1] - log.time[0])
+            end = int(np.searchsorted(log.time, log.time[-1] - settings.hold_out * whole_time))
+            held_out = f"drive/{_stem(log)}_held_out.csv"
+            files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
+        # under an ECU in the model feedback keeps the plate near, and each piece would have an integral to be found
+        most = settings.most_samples
+        cuts = _cuts(log, end, settings.piece) if model == DUTY else list(_busiest(log, 0, end, most))
+        parts += [(log, a, b) for a, b in pairwise(cuts)]
+    for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
+        files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)
     return {"rig.toml": _rig_toml(name, model, known, within, held_out), **files}, held_out
 
 
-def _busiest(log: Measurement, begin: float, end: float, most: int | None) -> tuple[float, float]:
-    """The stretch of so many rows within a part of a log in which the plate travels furthest, s."""
+def _stem(log: Measurement) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", PurePosixPath(log.file).stem).strip("_").casefold() or "log"
+
+
+def _way(log: Measurement) -> np.ndarray:
+    """Travelled by the plate up to each row, rad, shape (n,)."""
     position = log.channels["position"]
-    inside = (position.time >= begin) & (position.time <= end)
-    time, value = position.time[inside], position.value[inside]
-    if most is None or time.size <= most:
+    way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(position.value)))))
+    return np.interp(log.time, position.time, way)
+
+
+def _cuts(log: Measurement, end: int, length: float) -> list[int]:
+    """Rows at which to cut what comes before a row: about so far apart, s, and where the plate moves least."""
+    time, way = log.time[:end], _way(log)[:end]
+    moved = np.interp(time + _STILL, time, way) - np.interp(time - _STILL, time, way)
+    cuts = [0]
+    while time[-1] - time[cuts[-1]] > 1.5 * length:
+        low, high = np.searchsorted(time, time[cuts[-1]] + length * np.array([0.6, 1.4]))
+        cuts.append(int(low + np.argmin(moved[low : high + 1])))
+    return [*cuts, end]
+
+
+def _most_telling(parts: Sequence[tuple[Measurement, int, int]], most: int) -> list[tuple[Measurement, int, int]]:
+    """As many of the pieces as there is room for, those in which the plate travels most a row; in their order."""
+    way = {id(log): _way(log) for log, _, _ in parts}
+    telling = sorted(parts, key=lambda part: (way[id(part[0])][part[1]] - way[id(part[0])][part[2] - 1])
+                     / (part[2] - part[1]))  # fmt: skip
+    room = np.cumsum([b - a for _, a, b in telling]) <= most
+    chosen = telling[: max(1, int(room.sum()))]
+    return [part for part in parts if part in chosen]
+
+
+def _busiest(log: Measurement, begin: int, end: int, most: int) -> tuple[int, int]:
+    """The stretch of so many rows within a part of a log in which the plate travels furthest."""
+    if end - begin <= most:
         return begin, end
-    way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(value)))))
-    k = int(np.argmax(way[most - 1 :] - way[: 1 - most]))
-    return float(time[k]), float(time[k + most - 1])
+    way = _way(log)[begin:end]
+    k = begin + int(np.argmax(way[most - 1 :] - way[: 1 - most]))
+    return k, k + most
 
 
 _WRITTEN = {
@@ -280,15 +347,15 @@ _WRITTEN = {
 }
 
 
-def _csv(log: Measurement, model: str, begin: float, end: float) -> str:
-    """One trace, from a begin to an end, s; without the duty where the ECU makes it."""
+def _csv(log: Measurement, model: str, begin: int, end: int) -> str:
+    """One trace, from a row up to another; without the duty where the ECU makes it."""
     wanted = ("position", "setpoint") if model == ECU else ("position", "setpoint", "duty", "supply")
     columns = {"time [s]": log.time}
     for quantity in wanted:
         if quantity in log.channels:
             unit, factor = _WRITTEN[quantity]
             columns[f"{quantity} [{unit}]"] = factor * _on(log.channels[quantity], log.time)
-    rows = np.column_stack(list(columns.values()))[(log.time >= begin) & (log.time <= end)]
+    rows = np.column_stack(list(columns.values()))[begin:end]
     lines = [",".join("" if math.isnan(cell) else f"{cell:.10g}" for cell in row) for row in rows]
     return "\n".join([f"# from {log.file}", ",".join(columns), *lines, ""])
 
@@ -301,10 +368,12 @@ def _on(channel: Channel, time: np.ndarray) -> np.ndarray:
 
 
 def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str) -> str:
+    held = UNTOLD | ({"t_a": known.ecu.delay} if model == DUTY else {})
     lines = ["# written by `etcfit tune`", "[rig]", f"name = {toml_string(name)}", f"supply_V = {known.supply:.6g}", "",
              "[noise]  # sensor, and rows that are up to a tick of the ECU old",
              f"position_deg = {math.degrees(within):.6g}", "", "[model]",
-             f"effects = [{', '.join(map(toml_string, EFFECTS))}]"]  # fmt: skip
+             f"effects = [{', '.join(map(toml_string, (*EFFECTS, *([LATE] if model == DUTY else []))))}]"]  # fmt: skip
+    lines += ["", "[parameters]", *(f"{symbol} = {{ fixed = {value:.10g} }}" for symbol, value in held.items())]
     if held_out:
         lines += ["", "[holdout]", f"files = [{toml_string(held_out)}]"]
     if model == ECU and known.gains is not None:

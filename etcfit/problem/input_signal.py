@@ -282,7 +282,9 @@ def _on(instants: Float[np.ndarray, " n"], channel: Channel) -> Float[np.ndarray
 def _duty(measurement: Measurement, config: RigConfig, instants: Float[np.ndarray, " n"]) -> InputSignal:
     duty = measurement.channels["duty"]
     supply = measurement.channels.get("supply")
-    level = _on(instants, supply) if supply is not None else np.full(instants.size, config.supply_V)
+    level = np.full(instants.size, config.supply_V)
+    if supply is not None:  # read with noise, which a battery does not have: the duty would turn it into volts
+        level = denoise(_on(instants, supply), supply.sigma).value
     latest = np.clip(np.searchsorted(duty.time, instants, side="right") - 1, 0, None)
     zero = np.zeros(instants.size)
     return InputSignal(duty.value[latest] * level, zero, zero, zero[1:] > 0.0, held=True)

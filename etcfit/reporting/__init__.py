@@ -68,9 +68,6 @@ def draw_others(run: RunFolder, report: Report) -> None:
 
     One that is there already is not drawn again, so that drawing goes on where it was interrupted.
 
-    Args:
-        run: the run folder.
-        report: progress.
     Raises:
         UsageError: the models in RUN cannot be loaded; see `RunFolder.diagnosis`.
     """

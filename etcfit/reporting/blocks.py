@@ -125,7 +125,9 @@ class PlainTable:
 
     def _block(self, console: Console, shown: Sequence[int], width: int, tight: bool) -> Iterator[Text]:
         widths, gap = self._widths(shown, width, tight), " " * _GAP[tight]
-        heads = [_in_lines(console, self.columns[k].header, w) for k, w in zip(shown, widths, strict=True)]
+        # a header may say itself where its lines end: a name above its unit
+        heads = [[piece for line in self.columns[k].header.split("\n") for piece in _folded(console, Text(line), w)]
+                 for k, w in zip(shown, widths, strict=True)]  # fmt: skip
         deepest = max(map(len, heads), default=0)
         if any(self.columns[k].header for k in shown):
             yield from self._lines([[Text()] * (deepest - len(head)) + head for head in heads], shown, widths, gap)
@@ -189,11 +191,6 @@ def _folded(console: Console, text: Text, width: int) -> list[Text]:
     return list(text.wrap(console, width, justify="left", overflow="fold"))
 
 
-def _in_lines(console: Console, header: str, width: int) -> list[Text]:
-    """A header may say itself where its lines end: a name above its unit."""
-    return [piece for line in header.split("\n") for piece in _folded(console, Text(line), width)]
-
-
 def _parts(path: str) -> list[str]:
     *folders, name = path.split("/")
     return [*(f"{folder}/" for folder in folders), name]
@@ -229,13 +226,7 @@ def stacked(*parts: RenderableType | None) -> Group:
 
 
 def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str | Text | None]], **how: Any) -> Padding | None:
-    """A table under its title; None where it has no row.
-
-    Args:
-        title: what the rows are.
-        head, rows: headers of the columns, and cells.
-        how: of `plain_table`.
-    """
+    """A table under its title; None where it has no row. `how`: of `plain_table`."""
     made = filled(head, rows, **how)
     return headed(title, made) if made.row_count else None
 

@@ -13,7 +13,7 @@ from ..experiment.advice import Advice, Pair
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..rig.base import Finding
 from .blocks import PlainTable, dashed, filled, headed, rig_title, sentences, spaced, stacked
-from .car_log.tables import good_enough
+from .car_log import good_enough
 from .numbers import short
 
 
@@ -133,14 +133,13 @@ def _pair(pair: Pair | None) -> str:
     return f"{first} and {second} (correlation {pair.before:.3f} -> {pair.after:.3f})"
 
 
-def _shares(advice: Advice) -> RenderableType | None:
+def _shares(advice: Advice) -> RenderableType:
     """A row a parameter, a column an option."""
     head = [option.test + (", again" if option.again else ", new") for option in advice.options]
-    rows = [(symbol, short(100.0 * advice.sd[k], 2), *(_share(each.shrinks[k]) for each in advice.options))
-            for k, symbol in enumerate(advice.symbols)]  # fmt: skip
+    rows = []
+    for k, symbol in enumerate(advice.symbols):
+        shares = [each.shrinks[k] for each in advice.options]
+        cells = (Text(f"{share:.2f}", style="dim" if share > _NOTED else "bold") for share in shares)
+        rows.append((symbol, short(100.0 * advice.sd[k], 2), *cells))
     return headed("Width of each 95 % interval after one more trace; 1 is its width now",
                   filled(("parameter", "standard error now, %", *head), rows))  # fmt: skip
-
-
-def _share(share: float) -> Text:
-    return Text(f"{share:.2f}", style="dim" if share > _NOTED else "bold")

@@ -21,11 +21,7 @@ if TYPE_CHECKING:
 
 
 def environment(*rooms: tuple[str, str]) -> jinja2.Environment:
-    """Templates of HTML pages.
-
-    Args:
-        rooms: (package, folder in it) where templates are looked for, in this order.
-    """
+    """Templates of HTML pages, looked for in these rooms, (package, folder in it), in this order."""
     import jinja2
 
     made = jinja2.Environment(

@@ -135,15 +135,11 @@ def draw_trace(picture: TracePicture) -> Figure:
         _residual(panels[2 * m + 1], picture, m)
     if trace.input is not None:
         drive(panels[-1], trace)
+    each = [f"{row.channel.replace('_', ' ')} {short(row.rms)} {row.unit} ({short(row.rms / row.sigma, 2)} σ)"
+            for row in picture.rows]  # fmt: skip
     begin, end = trace.instants[[0, -1]]
     panels[-1].set_xlim(begin - 0.01 * (end - begin), end + 0.01 * (end - begin))
-    return headed(fig, panels, f"{name_of(trace)}  ·  {picture.model}", _errors(picture.rows))
-
-
-def _errors(rows: tuple[PredictionError, ...]) -> str:
-    each = [f"{row.channel.replace('_', ' ')} {short(row.rms)} {row.unit} ({short(row.rms / row.sigma, 2)} σ)"
-            for row in rows]  # fmt: skip
-    return "rms error: " + ", ".join(each)
+    return headed(fig, panels, f"{name_of(trace)}  ·  {picture.model}", "rms error: " + ", ".join(each))
 
 
 def _channel(panel: Axes, picture: TracePicture, m: int) -> None:
@@ -212,13 +208,9 @@ def simulated(trace: Trace, predicted: np.ndarray) -> Measurement:
         seen = np.isfinite(trace.data[:, m])
         channels[logged] = replace(channels[logged], value=predicted[seen, m])
     if trace.input is not None and not trace.torque_driven and "voltage" in channels:
-        channels["voltage"] = _without_noise(channels["voltage"], trace)
+        voltage = channels["voltage"]
+        channels["voltage"] = replace(voltage, value=np.interp(voltage.time, trace.instants, trace.input.value))
     return replace(trace.measurement, channels=channels)
-
-
-def _without_noise(voltage: Channel, trace: Trace) -> Channel:
-    assert trace.input is not None
-    return replace(voltage, value=np.interp(voltage.time, trace.instants, trace.input.value))
 
 
 def read_model(

@@ -9,7 +9,6 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..control.proposal import not_held
 from ..importing.tuning import DUTY
 from .blocks import filled, headed, sentences, spaced, stacked
 from .numbers import short
@@ -28,11 +27,7 @@ def tune_table(found: Any) -> RenderableType:
     parts: list[RenderableType | None] = [
         Text(f"{found.profile.title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {found.why_not}", style="bold red"))] if found.why_not else []),
-        *(
-            [spaced(Text(" ".join((*found.result.state.cautions, not_held(found.steps))).strip(), style="bold red"))]
-            if _despite(found)
-            else []
-        ),
+        *([spaced(Text(" ".join(found.doubts), style="bold red"))] if found.doubts and not found.why_not else []),
         headed("The logs", _checks(found)),
         sentences("Model", list(_model(found))),
     ]
@@ -45,10 +40,9 @@ def tune_table(found: Any) -> RenderableType:
     return stacked(*parts)
 
 
-def _despite(found: Any) -> bool:
-    """Gains are given although the model behind them is no estimate."""
-    result = None if found.why_not else found.result
-    return result is not None and bool(result.state.cautions or not_held(found.steps))
+def _compromise(found: Any) -> bool:
+    """Gains come of a model that is no estimate: no probability is named."""
+    return bool(found.doubts or (found.result is not None and found.result.state.cautions))
 
 
 def _checks(found: Any) -> RenderableType:
@@ -68,7 +62,14 @@ def _model(found: Any) -> list[str]:
         words.append(f"{percent(held_out)} % of the part that was held out, where it is off by "
                      f"{short(found.held_out_error)} % of the travel (rms)")  # fmt: skip
     chi2 = found.result.state.chi2_per_dof
-    return [*said, f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
+    said += [f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
+    names = [NAMES[step.name] for step in found.steps if step.name != "present"]
+    said += [f"Gains {name}: {each.says}" for name, each in zip(names, found.borne, strict=False)]
+    if found.result.state.cautions and not found.doubts:
+        said.append(
+            f"{found.result.state.cautions[-1]} The loops bear what it misses: gains are given, no probability."
+        )
+    return said
 
 
 def percent(share: float) -> str:
@@ -89,7 +90,7 @@ def _gains(found: Any) -> RenderableType:
 
 
 def _figures(found: Any) -> RenderableType:
-    doubted, rows = _despite(found), []
+    doubted, rows = _compromise(found), []
     for step in found.steps:
         chance = ("-", "-") if doubted else (
             f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip

@@ -11,7 +11,6 @@ import numpy as np
 
 from .base import AbstractRigTest, Boundary, Channel, Graph, Measurement, Reading, RigConfig
 from .signals import (
-    Plateau,
     drive_voltage,
     motion,
     off_stops,
@@ -86,19 +85,17 @@ def steps(trace: Measurement, config: RigConfig) -> list[VoltageStep]:
     voltage, current = drive_voltage(trace, config), trace.channels.get("current")
     if voltage is None or current is None:
         return []
-    found = plateaus(voltage, least=0.002)
-    tried = (_step(voltage, current, before, after) for before, after in pairwise(found))
-    return [step for step in tried if step is not None]
-
-
-def _step(voltage: Channel, current: Channel, before: Plateau, after: Plateau) -> VoltageStep | None:
-    first, last = before.settled(current), after.settled(current)
-    if not np.isfinite(last - first) or abs(last - first) < 5 * current.sigma:
-        return None
-    instant = (before.stop + after.start) / 2
-    tau = rise_time(current, instant, first, last, after.stop)
-    R_t = resistance(after.settled(voltage) - before.settled(voltage, 1.0), last - first)
-    return VoltageStep(R_t, tau, instant, first, last, after.stop) if tau > 0 and R_t > 0 else None
+    found = []
+    for before, after in pairwise(plateaus(voltage, least=0.002)):
+        first, last = before.settled(current), after.settled(current)
+        if not np.isfinite(last - first) or abs(last - first) < 5 * current.sigma:
+            continue
+        instant = (before.stop + after.start) / 2
+        tau = rise_time(current, instant, first, last, after.stop)
+        R_t = resistance(after.settled(voltage) - before.settled(voltage, 1.0), last - first)
+        if tau > 0 and R_t > 0:
+            found.append(VoltageStep(R_t, tau, instant, first, last, after.stop))
+    return found
 
 
 def profile(trace: Measurement, step: VoltageStep, R_t: float, tau: float) -> Graph:
@@ -141,7 +138,7 @@ class Inductance(AbstractRigTest):
         return Reading(values, tuple(profile(t, s, R_t, tau) for t, s in found[:6]), tuple(notes))
 
 
-def constant(emf: float, plate_speed: float, N: float) -> float:
+def back_emf_constant(emf: float, plate_speed: float, N: float) -> float:
     """K_b = e_b/(N omega_L), V s/rad (Eq. 4)."""
     return emf / (N * plate_speed)
 
@@ -185,7 +182,7 @@ class BackEmf(AbstractRigTest):
             return Reading({}, notes=("K_b cannot be read: no EMF of a moving plate",))
         ratio = robust_slope(speed, emf)
         notes = () if ratio > 0 else ("EMF and position run against each other: its poles were swapped",)
-        K_b = constant(abs(ratio), 1.0, known["N"])
+        K_b = back_emf_constant(abs(ratio), 1.0, known["N"])
         ends = np.array([0.0, speed[np.argmax(np.abs(speed))]])
         graph = Graph(self.title, "plate speed [rad/s]", "EMF [V]", speed, emf, ends, ratio * ends,
                       f"slope {abs(ratio):.4g} V s/rad at the plate: K_b = {K_b:.4g} V s/rad")  # fmt: skip

@@ -28,7 +28,7 @@ from .signals import (
 LOWEST_SHARE = 0.02  # of J_eq: where J_L is put when N^2 J_m alone exceeds J_eq
 
 
-def equivalent(B_m: float, N: float, B_L: float = 0.0) -> float:
+def viscous_whole(B_m: float, N: float, B_L: float = 0.0) -> float:
     """B_eq = N^2 B_m + B_L, N m s/rad at the plate; the paper neglects B_L."""
     return N**2 * B_m + B_L
 
@@ -77,7 +77,7 @@ class Viscous(AbstractRigTest):
         line = robust_line(speed, torque)
         values, notes = {}, [f"motor torque at zero speed {line.offset:.3g} N m"]
         if line.slope > 0:
-            values = {"B_m": line.slope, "B_L": 0.0, "B_eq": equivalent(line.slope, known["N"])}
+            values = {"B_m": line.slope, "B_L": 0.0, "B_eq": viscous_whole(line.slope, known["N"])}
             notes.append("B_L: the paper neglects it, 0")
         else:
             notes.append(f"B_m cannot be read: torque over speed has slope {line.slope:.3g} N m s/rad")

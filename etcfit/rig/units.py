@@ -22,7 +22,7 @@ SI_UNIT: dict[str, str] = {
     "duty": "dimensionless",
     "time": "s",
     "tps": "V",
-    "supply_current": "A",  # of the bridge's supply: `supply_side.py` makes it the motor's
+    "supply_current": "A",  # of the bridge's supply: `columns.py` makes it the motor's
 }
 
 EXAMPLES: dict[str, str] = {

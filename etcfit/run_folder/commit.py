@@ -52,10 +52,6 @@ class Draft:
         (self.place / _NOTE).write_text(json.dumps(content), encoding="utf-8")
 
 
-def no_more(run: Path, note: Mapping[str, Any]) -> None:
-    """Nothing to do besides."""
-
-
 @contextmanager
 def all_or_none(run: Path) -> Iterator[Draft]:
     """A draft that counts once the block ends well; RUN must be held, and `settle` puts the files in their places.
@@ -82,7 +78,7 @@ def _named_in(run: Path, files: Path) -> Iterator[None]:
         raise
 
 
-def settle(run: Path, finish: Callable[[Path, Mapping[str, Any]], None] = no_more) -> None:
+def settle(run: Path, finish: Callable[[Path, Mapping[str, Any]], None] = lambda run, note: None) -> None:
     """Put files that count in their places, where that was not done yet.
 
     Args:

@@ -76,7 +76,7 @@ class Key(NamedTuple):
     scale: float
     null: bool
     optional: bool
-    more: Mapping[str, Any]
+    more: dict[str, Any]
 
     def value(self, source: Any, name: str) -> Any:
         """What is written under a name; `_ABSENT` for nothing."""

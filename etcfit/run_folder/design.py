@@ -17,6 +17,8 @@ from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import GENERIC, NOT_DIVIDED, RUSEFI, BiasTable, EcuProfile, Scheduling, differences
 from ..model.feed_forward import Term
 
+_FOLLOWS = {Scheduling.NONE: ": fixed gains it must be", Scheduling.UNKNOWN: ": look for one before you plan with it"}
+
 
 def ecu_with_gains(design: Design) -> dict[str, Any]:
     """The ECU by field, with the gains as one that counts ticks has them: P = Kp, I = Ki T, D = Kd / T, all V/rad."""
@@ -212,21 +214,11 @@ def _said(profile: EcuProfile | None, table: SupplyTable, ecu: Ecu) -> Iterator[
     if ecu.compensated:
         yield "the ECU divides by the battery voltage: its gains mean the same at every supply, no table is needed"
     elif profile is not None:
-        yield f"{profile.title} has {profile.scheduling.value}" + _so(profile.scheduling)
+        yield f"{profile.title} has {profile.scheduling.value}" + _FOLLOWS.get(profile.scheduling, "")
     yield from map(_of_end, table.ends)
     yield _of_position(table.position)
     yield ("over the error: the linear plant does not know it, so that nothing here gives such a table; what a small "
            "error meets is dry friction, and no table has been tried")  # fmt: skip
-
-
-def _so(scheduling: Scheduling) -> str:
-    """What follows for the table."""
-    return {
-        Scheduling.TABLE: "",
-        Scheduling.CODE: "",
-        Scheduling.NONE: ": fixed gains it must be",
-        Scheduling.UNKNOWN: ": look for one before you plan with it",
-    }[scheduling]
 
 
 def _of_end(end: AtSupply) -> str:

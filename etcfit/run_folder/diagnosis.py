@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..diagnosis.findings import Diagnosis, Evidence, RigMistake, RoundReport, Unexplained
+from ..diagnosis.findings import Diagnosis, RoundReport, Unexplained
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..errors import command
@@ -43,7 +43,8 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
         "ties_told_by": [tie.told_by for tie in diagnosis.ties],
         "rig": [
-            *(_mistake(mistake, diagnosis.probabilities.get(mistake.effect)) for mistake in diagnosis.rig),
+            *({**plain(each), "probability": plain(diagnosis.probabilities.get(each.effect)), "chance": None}
+              for each in diagnosis.rig),
             *map(_found_before, after.rig.findings),
         ],
         "statements": [plain(each) for each in diagnosis.statements],
@@ -64,10 +65,6 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "files": hashes(after.rig),
         "versions": versions(),
     }  # fmt: skip
-
-
-def _mistake(mistake: RigMistake, probability: float | None) -> dict[str, Any]:
-    return {**plain(mistake), "probability": plain(probability), "chance": None}
 
 
 def _found_before(finding: Finding) -> dict[str, Any]:
@@ -92,22 +89,15 @@ def _round(each: RoundReport, known: tuple[str, ...]) -> dict[str, Any]:
     return {
         "effects": list(dict.fromkeys((*known, *each.effects))),
         "white": each.evidence.white,
-        **_evidence(each.evidence),
+        "evidence": plain(each.evidence.rows),
+        "evidence_says": list(each.evidence.sentences),
+        "shares": plain(each.evidence.shares),
         "fit_rms": plain(each.fit_rms),
         "holdout_rms": plain(each.holdout_rms),
         "candidates": plain(each.candidates),
         "added": each.added,
         "ties": list(each.ties),
         "why": each.why,
-    }
-
-
-def _evidence(found: Evidence) -> dict[str, Any]:
-    """Each channel's residual, the same in words, and what the missing torque and voltage depend on."""
-    return {
-        "evidence": plain(found.rows),
-        "evidence_says": list(found.sentences),
-        "shares": plain(found.shares),
     }
 
 

@@ -79,16 +79,12 @@ def read_fleet_files(run: Path) -> FleetFiles:
         raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
                          f"Run `{command('fleet', 'FLEET', '--out', run)}` first.")  # fmt: skip
     again = f"Run `{command('fleet', 'FLEET', '--out', run)}` again: what it fitted is kept."
-    content = object_in(run / FLEET, "fleet", ("version", *_needed()), again)
+    schema = files("etcfit.run_folder") / "schemas" / "fleet.schema.json"
+    needed = json.loads(schema.read_text(encoding="utf-8"))["required"]
+    content = object_in(run / FLEET, "fleet", ("version", *needed), again)
     if str(content["version"]).split(".")[:2] != __version__.split(".")[:2]:
         raise UsageError(f"{run} was written by etcfit {content['version']}, and this is {__version__}. {again}")
     return FleetFiles(content, _table(run / UNITS, again))
-
-
-def _needed() -> list[str]:
-    """Keys of fleet.json, by its schema."""
-    schema = files("etcfit.run_folder") / "schemas" / "fleet.schema.json"
-    return json.loads(schema.read_text(encoding="utf-8"))["required"]
 
 
 def _table(path: Path, again: str) -> pd.DataFrame:

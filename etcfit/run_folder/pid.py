@@ -358,7 +358,7 @@ SHARE = Record(
         _ends, minItems=2, maxItems=2),
     of=key("whole", "How many there are."),
 )  # fmt: skip
-CORNER_VERDICT = Record(**{**UNIT_VERDICT.keys, "unit": key("text", "Its name, and the corner.")})
+CORNER_VERDICT = Record("", "", **{**UNIT_VERDICT.keys, "unit": key("text", "Its name, and the corner.")})
 PARTS_CONDITIONS = Record(
     corners=key(SHARE, "Of the measured units, at every corner.", "share_at_corners"),
     hardest=key(CORNER_VERDICT, "The measured unit and corner at which most is missed, or least is left.",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -87,10 +88,8 @@ def _numbers(m: Marginal) -> dict[str, Any]:
 
 
 def _profile(profile: Profile | None) -> dict[str, Any] | None:
-    if profile is None:
-        return None
-    return {"kind": profile.kind, "ci95": [profile.low, profile.high], "sd": profile.sd, "value": profile.value,
-            "rise": profile.rise}  # fmt: skip
+    return profile and {"kind": profile.kind, "ci95": [profile.low, profile.high], "sd": profile.sd,
+                        "value": profile.value, "rise": profile.rise}  # fmt: skip
 
 
 def _moved(posterior: Posterior) -> np.ndarray:
@@ -100,24 +99,18 @@ def _moved(posterior: Posterior) -> np.ndarray:
 
 def _warnings(posterior: Posterior) -> list[str]:
     """Of the chain alone: those of its model stand in the model's own file."""
-    out = []
-    if not posterior.convergence.converged:
-        out.append(f"NO POSTERIOR YET: {posterior.convergence.reason}")
-    return [*out, *narrower(posterior)]
+    here = posterior.convergence
+    return [*([] if here.converged else [f"NO POSTERIOR YET: {here.reason}"]), *narrower(posterior)]
 
 
 def narrower(posterior: Posterior) -> list[str]:
     """Why the posterior may be narrower than the intervals that stand beside it."""
-    return [words for words in (_as_exact(posterior.exact), tempering(posterior.target.factors)) if words]
-
-
-def _as_exact(effects: Sequence[str]) -> str:
-    if not effects:
-        return ""
-    return (
+    effects = posterior.exact
+    as_exact = (
         f"Posterior, profiles and the standard errors beside them take the formula of {listed(effects)} as exact; the "
         f"intervals of the diagnosis, which are wider, allow for {percent_off(effects)}."
-    )
+    ) if effects else ""  # fmt: skip
+    return [words for words in (as_exact, tempering(posterior.target.factors)) if words]
 
 
 def require_netcdf() -> None:
@@ -180,11 +173,5 @@ def _attributes(posterior: Posterior, thin: int) -> dict[str, Any]:
     return {
         "schema": "etcfit.posterior/1", "rig": config.name, "synthetic": int(config.synthetic),
         "converged": int(here.converged), "reason": here.reason, "thin": thin, "burn_in": here.burn,
-        "inference_library": "emcee", "inference_library_version": _emcee_version(),
+        "inference_library": "emcee", "inference_library_version": metadata.version("emcee"),
     }  # fmt: skip
-
-
-def _emcee_version() -> str:
-    from importlib import metadata
-
-    return metadata.version("emcee")

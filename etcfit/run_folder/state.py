@@ -57,7 +57,7 @@ def save_fit(run: Path, result: FitResult, beside: Callable[[Path], None] | None
     """
     if result.rig.folder != FRAMES:
         refuse_among_measurements(Path(result.rig.folder), run)
-    folder = _relative(Path(result.rig.folder), run)
+    folder = FRAMES if result.rig.folder == FRAMES else seen_from(run, Path(result.rig.folder))
     with replacing(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder) as draft:
         codec.save(draft / FIT_STATE, result)
         write_json(draft / "fit.json", "fit", fit_json(result))
@@ -80,7 +80,9 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[Path], Non
     from .diagnosis import diagnosis_json
 
     with held(run):
-        if not _is_saved(run, diagnosis.before):
+        # the fit in RUN is this very one where its file would be the same byte for byte
+        is_there = (run / FIT_STATE).is_file() and "fit" in read_records(run)
+        if not (is_there and codec.same(run / FIT_STATE, diagnosis.before)):
             save_fit(run, diagnosis.before)
         with replacing(run, "diagnose", exit_of(diagnosis.after), asdict(diagnosis.settings)) as draft:
             codec.save(draft / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
@@ -136,13 +138,6 @@ def _loaded(path: Path, kind: type[T], again: str, fit: FitResult | None = None)
     except codec.Unreadable as error:
         raise UsageError(f"{path} was not written by this version of etcfit, or not whole ({error}). "
                          f"Run `{again}` again.") from None  # fmt: skip
-
-
-def _is_saved(run: Path, result: FitResult) -> bool:
-    """Whether the fit in RUN is this very one: its file would be the same byte for byte."""
-    if not (run / FIT_STATE).is_file() or "fit" not in read_records(run):
-        return False
-    return codec.same(run / FIT_STATE, result)
 
 
 def is_same_model(one: FitResult, other: FitResult) -> bool:
@@ -237,10 +232,3 @@ def fitted_to(run: Path, rig: Rig) -> FitResult:
     """
     must_belong(run, Path(rig.folder))
     return load_final(run)
-
-
-def _relative(folder: Path, run: Path) -> str:
-    """The folder as seen from the run, so that both can be moved together."""
-    if str(folder) == FRAMES:
-        return FRAMES
-    return seen_from(run, folder)

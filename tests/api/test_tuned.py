@@ -14,8 +14,9 @@ from typer.testing import CliRunner
 
 import etcfit
 import results
-from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, tuned_json
+from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, reasons_to_withhold, tuned_json
 from etcfit.cli import app
+from etcfit.control.borne import Borne
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
 from etcfit.control.proposal import SHOWN, gain_steps, not_held
@@ -103,6 +104,21 @@ def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
 def test_asked_for_all_the_same_they_come_below_the_caution(tuned: Tuned) -> None:
     shown = compromised(tuned).summary()
     assert shown.index("a compromise, not estimates") < shown.index("half way")
+
+
+def test_a_compromise_gives_gains_where_the_loops_bear_what_it_misses(tuned: Tuned) -> None:
+    """Half way and proposed each; an estimate is not asked, and a motion that is not explained is never enough."""
+    far, sound = compromised(tuned).result, tuned.result
+    assert far is not None
+    assert sound is not None
+    bears, breaks = Borne(0.2, 0.1, 8.0, 9.0), Borne(0.7, 0.6, 8.0, 9.0)
+    assert reasons_to_withhold(far, 0.99, (bears, bears), tuned.steps) == ()
+    (why,) = reasons_to_withhold(far, 0.99, (breaks, bears), tuned.steps)
+    assert "a compromise" in why
+    assert "record more quick steps" in why
+    assert reasons_to_withhold(sound, 0.99, (breaks, breaks), tuned.steps) == ()
+    (why,) = reasons_to_withhold(sound, 0.9, (bears, bears), tuned.steps)
+    assert "95 %" in why
 
 
 def test_the_picture_is_drawn(tuned: Tuned, tmp_path: Path) -> None:

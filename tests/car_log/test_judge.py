@@ -17,7 +17,7 @@ from etcfit.car_log.duty import duty_use
 from etcfit.car_log.study import verdict
 from etcfit.cli import app
 from etcfit.control.loop_figures import Requirements
-from etcfit.reporting.car_log.tables import in_a_word
+from etcfit.reporting.car_log import in_a_word
 from independent import hunting
 from second_order import log as second_order
 

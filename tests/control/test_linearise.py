@@ -19,7 +19,7 @@ from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.tables import reduction_table
-from etcfit.reporting.page.control import plant_table
+from etcfit.reporting.page.tables import plant_table
 from etcfit.run_folder.plant import reduction_json
 
 N = 20.68

@@ -27,7 +27,7 @@ from etcfit.reporting.control import bode, responses
 from etcfit.reporting.control.sentence import cautions, sentence
 from etcfit.reporting.control.tables import design_table, reduction_table
 from etcfit.reporting.control.verdicts import answer
-from etcfit.reporting.page.control import gains_table, metrics_table, settings_table, supply_table
+from etcfit.reporting.page.tables import gains_table, metrics_table, settings_table, supply_table
 from etcfit.run_folder.pid import design_json
 from etcfit.run_folder.plant import reduction_json
 

@@ -27,7 +27,7 @@ from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.control.tables import design_table
-from etcfit.reporting.page.control import assumed, gains_table, settings_table
+from etcfit.reporting.page.tables import assumed, gains_table, settings_table
 from etcfit.run_folder.pid import design_json
 
 PROPOSED = Gains(60.0, 300.0, 0.6)

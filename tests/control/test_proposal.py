@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import results
+from etcfit.control import proposal
 from etcfit.control.design import Design, ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
-from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way
+from etcfit.control.pid.linear_loop import Margins
+from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way, safe_half_way
 from etcfit.control.settings import DesignSettings, OptimumSettings
 
 BRIEF = DesignSettings(
@@ -51,3 +53,11 @@ def test_the_next_log_is_foretold_with_a_range(designed: Design) -> None:
     assert step.time[0] < 0.0 < step.time[-1]
     assert step.position.shape == step.asked.shape == step.time.shape
     assert np.ptp(step.asked) == pytest.approx(0.6)
+
+
+def test_a_half_way_step_of_small_margins_is_passed_over(designed: Design, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Margins by hand: those at 1/2 are the smallest of all, those at 0.65 are not."""
+    gain = np.array([[6.0, 8.0, 2.0, 7.0, 7.0, 7.0, 7.0]])
+    monkeypatch.setattr(proposal, "margins", lambda gains, plants, ecu: Margins(gain, 10.0 * gain))
+    present = Gains(*(0.5 * each for each in designed.proposed))
+    assert safe_half_way(designed, present) == pytest.approx(half_way(present, designed.proposed, 0.65))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +13,42 @@ import pandas as pd
 import pytest
 from scipy.signal import butter, cheby1, filtfilt
 
-from etcfit.datasets import DATASETS
+from etcfit.datasets import DATASETS, fetch
 from etcfit.datasets.bam_xl330 import signed_duty
 from etcfit.datasets.emps import on_schedule
 from etcfit.errors import MeasurementError
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.rig.reader import read_folder
+
+
+@dataclass(frozen=True)
+class Fetched:
+    """A measurement folder as a person would read it: without the package's own reader."""
+
+    folder: Path
+
+    @property
+    def rig(self) -> dict[str, Any]:
+        return tomllib.loads((self.folder / "rig.toml").read_text(encoding="utf-8"))
+
+    @property
+    def traces(self) -> set[str]:
+        return {path.relative_to(self.folder).as_posix() for path in self.folder.rglob("*.csv")}
+
+    def trace(self, path: str) -> pd.DataFrame:
+        return pd.read_csv(self.folder / path, comment="#")
+
+
+@pytest.fixture(scope="session")
+def fetched(measured: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Fetched]:
+    done: dict[str, Fetched] = {}
+
+    def get(name: str) -> Fetched:
+        if name not in done:
+            done[name] = Fetched(fetch(name, tmp_path_factory.mktemp("fetched") / name, measured))
+        return done[name]
+
+    return get
 
 
 @pytest.fixture(scope="module")

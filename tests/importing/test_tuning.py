@@ -54,7 +54,7 @@ def test_a_slower_log_takes_the_ecu_into_the_model_where_its_gains_are_known() -
     found = made(log(100.0), GAINS)
     assert (found.model, stops(found)) == (ECU, set())
     assert "misses duties" in found.why
-    assert "duty" not in found.files["drive/lap.csv"].splitlines()[1]
+    assert "duty" not in found.files["drive/lap_1.csv"].splitlines()[1]
 
 
 def test_a_slow_log_of_unknown_gains_tells_nothing_and_says_what_would() -> None:
@@ -86,7 +86,8 @@ def test_the_folder_is_one_and_its_end_is_held_out(tmp_path: Path) -> None:
         (tmp_path / file).write_text(text, encoding="utf-8")
     rig = read_folder(tmp_path)
     parts = {measurement.file: measurement for measurement in rig.measurements}
-    assert {file: part.held_out for file, part in parts.items()} == {"drive/lap.csv": False, found.held_out: True}
+    assert {file for file, part in parts.items() if part.held_out} == {found.held_out}
+    assert set(parts) == {"drive/lap_1.csv", found.held_out}  # an ECU in the model drives the log in one piece
     assert parts[found.held_out].time[0] == pytest.approx(0.6 * 9.99, abs=0.02)
     assert rig.config.ecu is not None
     assert rig.config.ecu.period == pytest.approx(2e-3)
@@ -96,16 +97,46 @@ def test_the_folder_is_one_and_its_end_is_held_out(tmp_path: Path) -> None:
 
 def test_of_a_long_log_the_busiest_stretch_is_fitted() -> None:
     rig = log(500.0)
-    found = made(rig, settings=TuneSettings(most_samples=1000))
+    found = made(rig, settings=TuneSettings(most_samples=1000, piece=0.5))
     rows = [len(text.splitlines()) - 2 for file, text in found.files.items() if file.endswith(".csv")]
     assert max(rows) <= 1001
+    assert sum(rows) <= 2 * 1300  # of the fitted pieces and of what is held out
 
 
 def test_rows_that_may_be_a_tick_old_are_believed_less() -> None:
-    """Sigma of 1/12 T^2 v^2: a sine of 30 % of 90 degrees at 1 Hz has speeds up to 170 degrees a second."""
-    line = next(each for each in made(log(500.0)).files["rig.toml"].splitlines() if each.startswith("position_deg"))
+    """Sigma of 1/12 T^2 v^2: a sine of 30 % of 90 degrees at 1 Hz has speeds up to 170 degrees a second. Rows in step
+    with the clock are brought to their ticks instead, and believed as the sensor is."""
+
+    def sigma(rate: float) -> float:
+        line = next(each for each in made(log(rate)).files["rig.toml"].splitlines() if each.startswith("position_deg"))
+        return float(line.split("=")[1])
+
     fastest = 2 * np.pi * 27.0
-    assert 0.5 * fastest < float(line.split("=")[1]) / (2e-3 / np.sqrt(12.0)) < fastest
+    assert 0.5 * fastest < sigma(737.0) / (2e-3 / np.sqrt(12.0)) < fastest
+    assert sigma(500.0) < 0.5 * sigma(737.0)
+
+
+def test_what_such_a_log_cannot_tell_is_held_and_the_duty_acts_a_tick_later() -> None:
+    text = made(log(500.0)).files["rig.toml"]
+    assert "actuation_delay" in text
+    assert "t_a = { fixed = 0 }" in text  # of an ECU whose delay is said to be none
+    assert "R_a = { fixed" in text
+    assert "actuation_delay" not in made(log(100.0), GAINS).files["rig.toml"]
+
+
+def test_pieces_are_cut_where_the_plate_rests() -> None:
+    """A step of 30 % each second, its move over in 0.1 s: no cut within 0.05 s of a move."""
+    time = np.arange(0.0, 20.0, 2e-3)
+    position = 30.0 + 30.0 * (np.clip((time + 0.5) % 2.0, 0.0, 0.1) - np.clip((time + 0.5) % 2.0 - 1.0, 0.0, 0.1)) / 0.1
+    duty = position + 1e-3 * np.random.default_rng(1).standard_normal(time.size)
+    columns = {"time [s]": time, "position [%]": position, "duty [%]": duty}
+    rig = Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
+    found = made(rig)
+    begins = [float(text.splitlines()[2].split(",")[0]) for file, text in found.files.items()
+              if file.endswith(".csv") and file != found.held_out]  # fmt: skip
+    assert len(begins) > 3
+    since = (np.array(begins[1:]) + 0.5) % 1.0
+    assert np.all((since > 0.1) & (since < 1.0 - 0.02))
 
 
 def test_a_log_without_duty_and_target_is_refused_with_what_it_has() -> None:

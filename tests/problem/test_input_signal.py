@@ -183,6 +183,16 @@ def test_a_duty_is_held_from_sample_to_sample_and_multiplies_the_supply() -> Non
         assert not signal.edge.any()  # the ECU's own instants are logged
 
 
+def test_the_noise_of_a_batterys_reading_is_no_voltage_at_the_motor() -> None:
+    rng = np.random.default_rng(3)
+    read = 13.5 + SIGMA * rng.standard_normal(50)
+    m = measurement(duty=np.full(50, 0.8), supply=read)
+    signal = input_of(m, CONFIG, m.time)
+    assert signal is not None
+    assert np.std(signal.value) < 0.4 * 0.8 * np.std(read)
+    assert_allclose(signal.value, 0.8 * 13.5, atol=2.0 * SIGMA)
+
+
 def test_a_duty_on_a_time_base_of_its_own_is_the_latest_one() -> None:
     slow = Channel(np.array([0.0, 0.01, 0.02]), np.array([0.1, 0.2, 0.3]), SIGMA, False, "duty", "", 1.0)
     m = Measurement("response/a.csv", "response", np.arange(30) / RATE, {"duty": slow})

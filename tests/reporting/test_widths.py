@@ -41,10 +41,10 @@ from etcfit.reporting.blocks import PlainTable, render
 from etcfit.reporting.car_log import drive_table
 from etcfit.reporting.check_table import advice_table, check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
-from etcfit.reporting.diagnosis.table import diagnosis_table
+from etcfit.reporting.diagnosis import diagnosis_table
 from etcfit.reporting.fleet import fleet_table
 from etcfit.reporting.plan_sheet import plan_table
-from etcfit.reporting.posterior.table import posterior_table
+from etcfit.reporting.posterior import posterior_table
 from etcfit.reporting.tables import fit_table
 from etcfit.rig.base import Finding, RigConfig
 from gaussian import SEEDS

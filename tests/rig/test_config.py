@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import pytest
 
 from etcfit.errors import MeasurementError
 from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
-from etcfit.rig.base import Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
+from etcfit.rig.base import Accuracy, Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
 from etcfit.rig.ecu import GAINS, SUPPLY_SD
 from etcfit.rig.units import to_channel
+from folders import TOML
 
 FULL = """[rig]
 name = "Bosch 0280750148, bench"
@@ -333,3 +335,72 @@ def test_a_name_may_be_of_any_language(tmp_path: Path) -> None:
     name = "Drosselklappe Nº 3 – 試験台 دریچه\u200cگاز"  # with the joiner that Persian needs
     path.write_text(f'[rig]\nname = "{name}"\n', encoding="utf-8")
     assert read_config(path).name == name
+
+
+def accuracy(folder: Path, *lines: str) -> dict[str, Accuracy]:
+    return dict(read(folder, "\n".join([TOML, "[accuracy]", *lines, ""])).accuracy)
+
+
+ACCURACY: dict[str, tuple[str, Accuracy]] = {
+    "share and number": ('current = "1 % + 5 mA"', Accuracy(0.01, 5e-3)),
+    "the other way round": ('current = "5 mA + 1 %"', Accuracy(0.01, 5e-3)),
+    "plus and minus, no blanks": ('voltage = "±0.2%+10mV"', Accuracy(2e-3, 0.01)),
+    "in ASCII": ('emf = "+/- 0.1 V"', Accuracy(0.0, 0.1)),
+    "a share alone": ('gear = "0.5 %"', Accuracy(5e-3)),
+    "parts per million": ('time = "50 ppm"', Accuracy(50e-6)),
+    "a torque": ('torque = "2 % + 2 mN*m"', Accuracy(0.02, 2e-3)),
+    "an exponent": ('emf = "1e-3 V"', Accuracy(0.0, 1e-3)),
+    "a speed": ('motor_speed = "5 rpm"', Accuracy(0.0, 5 * math.pi / 30)),
+    "an angle": ('sensor_end_points = "0.5 deg"', Accuracy(0.0, math.radians(0.5))),
+    "the sensor's volts": ('sensor_end_points = "10 mV"', Accuracy(0.0, 0.01 * math.radians(90.0) / 4.28)),
+    "standard deviations": ('current = { sd = "0.5 % + 2 mA" }', Accuracy(5e-3, 2e-3, "normal")),
+}
+
+
+@pytest.mark.parametrize(("line", "expected"), ACCURACY.values(), ids=ACCURACY.keys())
+def test_an_accuracy_arrives_in_si(tmp_path: Path, line: str, expected: Accuracy) -> None:
+    (found,) = accuracy(tmp_path, line).values()
+    np.testing.assert_allclose((found.relative, found.absolute), (expected.relative, expected.absolute), rtol=1e-12)
+    assert found.distribution == expected.distribution
+
+
+def test_a_bound_is_a_rectangle_and_an_sd_is_itself() -> None:
+    """GUM 4.3.7: u = a / sqrt 3; checked against the spread of what is equally likely within the bound."""
+    within = np.random.default_rng(0).uniform(-0.01, 0.01, 200_000)
+    assert Accuracy(0.01, 0.01).gain_sd == pytest.approx(np.std(within), rel=0.01)
+    assert Accuracy(0.01, 0.01).offset_sd == pytest.approx(np.std(within), rel=0.01)
+    assert Accuracy(0.01, 0.02, "normal").gain_sd == 0.01
+    assert Accuracy(0.01, 0.02, "normal").offset_sd == 0.02
+
+
+def test_no_accuracy_where_nothing_is_stated(tmp_path: Path) -> None:
+    assert accuracy(tmp_path) == {}
+
+
+WRONG_ACCURACY: dict[str, tuple[str, str]] = {
+    "unknown channel": ('curent = "1 %"', r"accuracy\.curent: unknown key\..*Did you mean 'current'\?"),
+    "a number": ("current = 0.01", r"accuracy\.current: found 0\.01\..*Write current = \"1 % \+ 5 mA\""),
+    "no unit": ('current = "0.01"', r"found '0\.01'\. It must be numbers with units, joined by \+"),
+    "a sum that does not end": ('current = "1 % +"', r"numbers with units, joined by \+"),
+    "negative": ('current = "-1 %"', r"numbers with units"),
+    "wrong dimension": ('current = "5 mV"', r"unit 'mV' is not one of current\..*A or mA"),
+    "no unit at all": ('voltage = "1 bananas"', r"unit 'bananas' is not known"),
+    "a length of a ratio": ('gear = "1 deg"', r"accuracy\.gear: found the unit 'deg'\..*a share of the value"),
+    "nothing": ('current = "0 %"', r"above 0 and at most 100 %"),
+    "more than all": ('current = "150 %"', r"above 0 and at most 100 %"),
+    "another table": ('current = { bound = "1 %" }', r"found \{'bound': '1 %'\}"),
+    "an sd that is a number": ("current = { sd = 0.01 }", r"\{ sd = \"1 % \+ 5 mA\" \}"),
+}
+
+
+@pytest.mark.parametrize(("line", "message"), WRONG_ACCURACY.values(), ids=WRONG_ACCURACY.keys())
+def test_each_mistake_of_an_accuracy_has_its_message(tmp_path: Path, line: str, message: str) -> None:
+    with pytest.raises(MeasurementError) as caught:
+        accuracy(tmp_path, line)
+    assert re.search(message, str(caught.value), re.DOTALL), str(caught.value)
+    assert caught.value.where.startswith(str(tmp_path / "rig.toml:"))
+
+
+def test_volts_of_a_sensor_need_its_calibration(tmp_path: Path) -> None:
+    with pytest.raises(MeasurementError, match=r"rig\.toml has no \[tps\]"):
+        read(tmp_path, '[rig]\nname = "bench"\n[accuracy]\nsensor_end_points = "10 mV"\n')

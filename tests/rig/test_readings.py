@@ -120,8 +120,8 @@ def bench(noise: float) -> Rig:
 def test_the_papers_stated_readings_give_its_table_2() -> None:
     R_t = electrical.resistance(1.005, 0.368)
     assert electrical.inductance(R_t, 0.54e-3) == pytest.approx(1.475e-3, abs=5e-7)
-    assert electrical.constant(5.12, 13.10, 20.68) == pytest.approx(0.0189, abs=5e-5)
-    assert mechanical.equivalent(2e-5, 20.68) == pytest.approx(0.0085, abs=1e-4)
+    assert electrical.back_emf_constant(5.12, 13.10, 20.68) == pytest.approx(0.0189, abs=5e-5)
+    assert mechanical.viscous_whole(2e-5, 20.68) == pytest.approx(0.0085, abs=1e-4)
 
 
 def test_where_the_paper_contradicts_itself() -> None:
@@ -131,7 +131,7 @@ def test_where_the_paper_contradicts_itself() -> None:
     assert electrical.inductance(12.731, 0.54e-3) > 4 * 1.475e-3
     assert R_t - 1.513 == pytest.approx(1.218, abs=1e-3)  # harness and shunt: not R_a
     # N^2 J_m of Table 2 alone is 36 times its J_eq
-    assert mechanical.equivalent(1e-4, 20.68, 0.0012) == pytest.approx(0.0440, abs=1e-4)  # the same sum
+    assert mechanical.viscous_whole(1e-4, 20.68, 0.0012) == pytest.approx(0.0440, abs=1e-4)  # the same sum
     # Eq. 7 adds T_f for a closing plate, where it opposes the closing motion: the load would be 0.48 N m larger
     table_2 = {"K_s": 0.150, "T_PL": 0.362, "T_f": 0.239}
     mended = mechanical.load_torque(np.array(1.0), np.array(-5.0), 0.0085, table_2)

@@ -25,8 +25,7 @@ from etcfit.posterior.target import Target
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.pictures import file_name
-from etcfit.reporting.posterior import pictures
-from etcfit.reporting.posterior.table import posterior_table
+from etcfit.reporting.posterior import pictures, posterior_table
 from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
 from gaussian import SEEDS
 

@@ -55,36 +55,28 @@ class Servo:
     registers: Mapping[str, Register]
 
 
-def _feetech(position: Register) -> dict[str, Register]:
-    return {"goal": position._replace(quantity="setpoint"), "position": position,
-            "load": Register("duty", "0.1 %", sign=10, most=1000), "current": Register("current", "6.5 mA", sign=15),
-            "voltage": Register("supply", "0.1 V"), "temperature": Register("temperature", "degC")}  # fmt: skip
+def _servo(title: str, position: Register, **more: Register) -> Servo:
+    """What every family has, and its own: the drive's register and the current's."""
+    return Servo(title, {"goal": position._replace(quantity="setpoint"), "position": position, **more,
+                         "voltage": Register("supply", "0.1 V"), "temperature": Register("temperature", "degC")}
+                 )  # fmt: skip
 
 
-_STS = Register("position", f"{360.0 / 4096:.12g} deg", sign=15)
+def _x(title: str, milliamperes: float) -> Servo:
+    return _servo(title, Register("position", f"{360.0 / 4096:.12g} deg", width=32),
+                  pwm=Register("duty", "0.113 %", width=16, most=885),
+                  current=Register("current", f"{milliamperes:g} mA", width=16))  # fmt: skip
+
+
 _SCS = Register("position", f"{300.0 / 1024:.12g} deg")
-_X = Register("position", f"{360.0 / 4096:.12g} deg", width=32)
-
-
-def _x(milliamperes: float) -> dict[str, Register]:
-    return {"goal": _X._replace(quantity="setpoint"), "position": _X,
-            "pwm": Register("duty", "0.113 %", width=16, most=885),
-            "current": Register("current", f"{milliamperes:g} mA", width=16),
-            "voltage": Register("supply", "0.1 V"), "temperature": Register("temperature", "degC")}  # fmt: skip
-
-
+_FEETECH = {"load": Register("duty", "0.1 %", sign=10, most=1000), "current": Register("current", "6.5 mA", sign=15)}
 SERVOS: Mapping[str, Servo] = {
-    "feetech-sts": Servo("Feetech STS/SMS", _feetech(_STS)),
-    "feetech-scs": Servo("Feetech SCS", _feetech(_SCS)),
-    "dynamixel-xm": Servo("DYNAMIXEL XM, XH, XW", _x(2.69)),
-    "dynamixel-xl330": Servo("DYNAMIXEL XL330, XC330", _x(1.0)),
-    "dynamixel-ax": Servo("DYNAMIXEL AX", {
-        "goal": Register("setpoint", f"{300.0 / 1024:.12g} deg"), "position": Register("position",
-        f"{300.0 / 1024:.12g} deg"),
-        "load": Register("duty", "0.1 %", sign=10, most=1023), "voltage": Register("supply", "0.1 V"),
-        "temperature": Register("temperature", "degC"),
-    }),
-}  # fmt: skip
+    "feetech-sts": _servo("Feetech STS/SMS", Register("position", f"{360.0 / 4096:.12g} deg", sign=15), **_FEETECH),
+    "feetech-scs": _servo("Feetech SCS", _SCS, **_FEETECH),
+    "dynamixel-xm": _x("DYNAMIXEL XM, XH, XW", 2.69),
+    "dynamixel-xl330": _x("DYNAMIXEL XL330, XC330", 1.0),
+    "dynamixel-ax": _servo("DYNAMIXEL AX", _SCS, load=Register("duty", "0.1 %", sign=10, most=1023)),
+}
 """By the name that `--servo` takes."""
 
 # word in a name -> register, the first that is found

@@ -1,5 +1,174 @@
-"""What `etcfit drive` shows of logs from the car: tables for a terminal, a page, pictures, drive.json."""
+"""What `etcfit drive` shows of logs from the car: tables, as the page and the terminal both show them."""
 
 from __future__ import annotations
 
-from .tables import drive_table as drive_table
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ...car_log import Study, record_next
+from ...car_log.criteria import Judgement, Verdict
+from ...car_log.study import verdict
+from ...car_log.usage import SHARE
+from ...rig.base import RigConfig
+from ..blocks import dashed, filled, headed, rig_title, sentences, spaced, stacked, table
+from ..html import Table
+from ..numbers import short
+
+_MOST = 20  # steps that a table shows, the least good ones
+_NAMES = {"good": "good", "not good": "NOT GOOD", "cannot be said": "not known"}
+
+
+def tables_of(each: Study) -> tuple[Table, ...]:
+    """Verdict, steps, parts of the travel, duty, and both sensors: those that the log has."""
+    every = (judgements_table(each.verdict.judgements), _steps(each), _ranges(each), _duty(each), _settings(each))
+    return tuple(table for table in every if table is not None and table.rows)
+
+
+def says_of(each: Study) -> tuple[str, ...]:
+    """What the tables do not hold: sentences on the oscillation at rest and on the pair of sensors."""
+    cycle = () if each.cycle is None else (each.cycle.says,)
+    pair = () if each.sensors is None else each.sensors.findings
+    return (*cycle, *pair)
+
+
+def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
+    """A row a threshold."""
+    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}", _NAMES[j.word], j.where,
+             j.source) for j in judgements]  # fmt: skip
+    marked = frozenset(k for k, j in enumerate(judgements) if j.word == "not good")
+    return Table(caption, ("figure", "found", "good is", "verdict", "where", "threshold from"), rows, 6, marked)
+
+
+def in_a_word(verdict: Verdict) -> str:
+    """The verdict without figures: "Not good enough: overshoot, lag."."""
+    bad = [each.name for each in verdict.judgements if each.word == "not good"]
+    if bad:
+        return f"Not good enough: {', '.join(bad)}."
+    if verdict.word != "good":
+        return "Whether it is good enough cannot be said."
+    unknown = [each.name for each in verdict.judgements if each.word == "cannot be said"]
+    return f"Good enough in what this log shows; not known: {', '.join(unknown)}." if unknown else "Good enough."
+
+
+def _found(each: Judgement) -> str:
+    return "-" if each.value is None else "never" if each.value == float("inf") else short(each.value)
+
+
+def _steps(each: Study) -> Table:
+    worst = sorted(each.steps, key=lambda s: (-s.settling, -s.overshoot))[:_MOST]
+    rows = [(f"{s.begin:.2f}", f"{s.before:.1f}", f"{s.after:.1f}", short(s.overshoot, 2),
+             "never" if s.settling == float("inf") else f"{1e3 * s.settling:.0f}",
+             "-" if s.lag is None else f"{1e3 * s.lag:.0f}", f"{s.error:+.2f}", short(s.rms, 2))
+            for s in sorted(worst, key=lambda s: s.begin)]  # fmt: skip
+    more = f", the {_MOST} slowest of {len(each.steps)}" if len(each.steps) > _MOST else ""
+    return Table(f"Steps of the setpoint{more}",
+                 ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms",
+                  "error at rest %", "rms %"), rows, 0)  # fmt: skip
+
+
+def _ranges(each: Study) -> Table | None:
+    if each.tracking is None:
+        return None
+    rows = [
+        (f"{r.low:.0f} to {r.high:.0f}", short(r.seconds), short(r.rmse), f"{r.mean:+.2f}")
+        for r in each.tracking.ranges
+    ]
+    return Table("Error by parts of the travel", ("setpoint %", "s", "rms %", "mean %"), rows, 1)
+
+
+def _duty(each: Study) -> Table | None:
+    d = each.duty
+    if d is None:
+        return None
+    at = "none seen" if d.limit is None else f"{d.limit:.3g} %"
+    rows = [
+        ("lowest .. highest", f"{d.lowest:.3g} .. {d.highest:.3g} %"),
+        ("restless at rest (standard deviation)", "-" if d.activity is None else f"{d.activity:.2g} %"),
+        ("from sample to sample at rest", "-" if d.jitter is None else f"{d.jitter:.2g} %"),
+        ("limit", at),
+        ("at its limit", f"{100.0 * d.saturated:.2g} % of the time, {d.longest:.2g} s at the longest"),
+    ]
+    return Table("Duty", ("figure", "found"), rows, 2)
+
+
+def _settings(each: Study) -> Table | None:
+    if each.sensors is None:
+        return None
+    rows = [(s.ecu, s.name, f"{s.value:g}", s.unit) for s in each.sensors.table]
+    return Table("Both sensors: what to type into the ECU", ("ECU", "setting", "value", "unit"), rows, 2)
+
+
+# without lag: RMSE against the setpoint delayed by the lag
+_HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
+          "half of power below Hz", "RMSE %", "RMSE +- %", "lag ms", "lag +- ms", "RMSE without lag %",
+          "setpoint moves %/s")  # fmt: skip
+_SPARE = ("setpoint moves %/s", "half of power below Hz", "RMSE without lag %", "between %", "dominant Hz", "length")
+_FILE = "drive.json of --out RUN"
+_PROSE = ("where", "threshold from")
+_MAY_GO = ("threshold from", "where", "rms %", "half way ms")
+
+
+def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
+    """A row a log, then each log held against the thresholds; of two logs also what changed."""
+    rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each)) for each in studies]
+    logs = [each.log for each in studies]
+    # as the file names them: a pedal that passes for the plate shows here
+    columns = [f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
+               for log in logs if log.columns]  # fmt: skip
+    to_record = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells {lack.why}"
+                 for lack in record_next(logs)]  # fmt: skip
+    return stacked(
+        rig_title(config, "logs from the car"),
+        table("In per cent of the travel; +-: one standard error", ("log", *_HEADS), rows, paths=("log",), spare=_SPARE,
+              file=_FILE),
+        sentences("Columns that were taken", columns),
+        sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
+        *(part for each in studies for part in _answer(each)),
+        spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
+        sentences("To record next, on the bench as closed_loop/ or from the car", to_record),
+    )  # fmt: skip
+
+
+def shown(table: Table) -> RenderableType:
+    """A table of the page in a terminal."""
+    rows = [[Text(cell, style="bold red" if k in table.marked else "") for cell in row]
+            for k, row in enumerate(table.rows)]  # fmt: skip
+    return filled(table.head, rows, left=max(table.words, 1), prose=[name for name in _PROSE if name in table.head],
+                  spare=[name for name in _MAY_GO if name in table.head], file=_FILE)  # fmt: skip
+
+
+def good_enough(each: Study) -> RenderableType:
+    """One log held against the thresholds, with what was found at rest and of its sensors."""
+    return Group(shown(judgements_table(each.verdict.judgements)), *dashed(says_of(each)))
+
+
+def _answer(each: Study) -> Iterator[RenderableType]:
+    yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
+    yield from dashed(says_of(each))
+    yield from (headed(f"{each.log.name}: {one.caption}", shown(one)) for one in tables_of(each))
+
+
+def _cells(each: Study) -> tuple[str, ...]:
+    use, tones, follows = each.usage, each.spectrum, each.tracking
+    where = (
+        f"{use.bounds[0]:g}..{use.bounds[1]:g}",
+        f"{100.0 * use.between:.1f}",
+        "{:.1f} .. {:.1f}".format(*use.shortest),
+    )
+    speed = ("-", "-") if tones is None else (short(tones.dominant), f"{tones.half:.2f}")
+    if follows is None:
+        return (*where, *speed, "-", "-", "-", "-", "-", "-")
+    lag = None if follows.lag is None else 1e3 * follows.lag
+    off = f"{follows.rmse:.2f}", _spread(follows.stderr, 0.01)
+    late = ("-", "-") if lag is None else (f"{lag:.0f}", _spread(follows.lag_stderr, 0.1, 1e3))
+    return (*where, *speed, *off, *late, short(follows.left), short(follows.demand))
+
+
+def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
+    """A standard error, no finer than the figure that it belongs to."""
+    if stderr is None:
+        return "-"
+    return short(scale * stderr, 2) if scale * stderr >= 0.5 * least else f"<{least:g}"

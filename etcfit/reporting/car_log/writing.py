@@ -21,7 +21,7 @@ from .. import style
 from ..html import environment
 from ..numbers import short
 from ..page.pictures import carried
-from .tables import in_a_word, says_of, tables_of
+from . import in_a_word, says_of, tables_of
 
 _SHOWN = 8.0  # s of the log, where most is asked of the plate
 _AFTER = 0.6  # s of each answer that are drawn
@@ -150,15 +150,7 @@ def _sensors(panel: Axes, each: Study) -> None:
 def write_page(
     path: Path, config: RigConfig, studies: Sequence[Study], lacks: Sequence[Lack], drawn: Sequence[Sequence[Path]]
 ) -> None:
-    """Write drive.html.
-
-    Args:
-        path: of the page.
-        config: of the rig, or what stands for it.
-        studies: a log each.
-        lacks: what to record next.
-        drawn: pictures of each log.
-    """
+    """Write drive.html: a section a log with its pictures, and what to record next."""
     made = environment(("etcfit.reporting.car_log", "template"), ("etcfit.reporting.page", "template"))
     logs = [
         {

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...control.linearise import Reduction
     from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
-    from ..fleet.words import Content
+    from ..fleet import Content
 
 _TUNE = "msq"  # a format of `etcfit export`
 
@@ -95,7 +95,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in
                       zip(found.profile.gains, found.written(step.gains), strict=True))  # fmt: skip
     which = "Half-way gains to try first" if len(found.steps) > 1 else "Proposed gains"
-    doubt = " Of a compromise: " + " ".join(found.result.state.cautions) if found.result.state.cautions else ""
+    doubt = " In spite of this: " + " ".join(found.doubts) if found.doubts else ""
     again = f"etcfit tune NEXT_LOG --ecu {found.profile.name} --present P,I,D --out {shlex.quote(str(run))}"
     return Closing(
         f"{which}: {words}.{doubt}", f"type them in, engine off, log the same moves again, then {again}", look
@@ -113,8 +113,8 @@ def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
 
 def of_fleet(content: Content, run: Path) -> Closing:
     """What somebody must do something about, else that nothing is bad; gains for all units come next."""
+    from ..fleet import verdict
     from ..fleet.page import NAME
-    from ..fleet.words import verdict
 
     said = verdict(content)
     bad = [sentence.text for sentence in said if sentence.bad]

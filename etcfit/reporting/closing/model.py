@@ -22,12 +22,7 @@ _GUESSES = 2  # names that are not proven, in one line
 
 
 def of_run(run: Path, *pages: Path) -> Closing:
-    """The last model in RUN.
-
-    Args:
-        run: the run folder, with a fit.
-        pages: to look at before the picture of the errors or parameters.
-    """
+    """The last model in RUN, which has a fit; pages to look at come before the picture of errors or parameters."""
     contents = read_run(run)
     picture = "diagnosis/ledger.png" if contents.get("diagnosis") else "parameters.png"
     further = _next(contents)
@@ -38,13 +33,15 @@ def of_run(run: Path, *pages: Path) -> Closing:
 
 def _next(contents: Contents) -> str:
     """What brings the last model further: a diagnosis, what mends the rig, a look at what is open, then gains."""
-    run, lost = contents.run, _with_status(contents, "not identifiable")
-    if not contents.get("diagnosis"):
-        if not _is_noise(contents):
+    run, lost, found = contents.run, _with_status(contents, "not identifiable"), contents.get("diagnosis")
+    if not found:
+        # by the one rule of `estimation.goodness`: nothing but noise is left of the fitted traces
+        rows = contents.score["fit"]
+        if not _is_sound(contents) or any(row.get("left") not in (Left.FITS, Left.STRAYS) for row in rows):
             return command("diagnose", run)
         return advice_at(run) if lost and not contents.get("pid") else _after_the_model(contents)
     sure = {each["effect"]: each["acted_on"] for each in _stated(contents)}
-    if mistake := next((each for each in _mistakes(contents) if sure.get(each["effect"])), None):
+    if mistake := next((each for each in found.get("rig") or () if each["effect"] and sure.get(each["effect"])), None):
         return mended(mistake["mend"], measured(run), command("fit", measured(run), "--out", run))
     if not all(sure.values()):
         return advice_at(run)
@@ -78,11 +75,6 @@ def _stated(contents: Contents) -> Sequence[Mapping[str, Any]]:
     return contents.get("diagnosis").get("statements") or ()
 
 
-def _mistakes(contents: Contents) -> list[Mapping[str, Any]]:
-    """Mistakes of the rig that the diagnosis itself found."""
-    return [each for each in contents.get("diagnosis").get("rig") or () if each["effect"]]
-
-
 def _found(contents: Contents) -> Iterator[str]:
     """What the diagnosis states, name by name."""
     found = contents.get("diagnosis")
@@ -112,19 +104,9 @@ def _known(contents: Contents) -> str:
     known, lost = _with_status(contents, "estimated"), _with_status(contents, "not identifiable")
     said = f"{counted(known)} {'is' if len(known) == 1 else 'are'} known" if known else "No parameter is known"
     said += f"; these data cannot tell {counted(lost)}" if lost else ""
-    return f"{said}; {_left(contents)}."
-
-
-def _left(contents: Contents) -> str:
     if contents.score.get("chi2_per_dof") is None:
-        return "the model cannot be simulated over all of the data"
-    return f"the model leaves {residuals(contents.score).partition(';')[0]}"  # the page has the rest
-
-
-def _is_noise(contents: Contents) -> bool:
-    """Whether nothing but noise is left of the fitted traces, by the one rule (`estimation.goodness`)."""
-    rows = contents.score["fit"]
-    return _is_sound(contents) and all(row.get("left") in (Left.FITS, Left.STRAYS) for row in rows)
+        return f"{said}; the model cannot be simulated over all of the data."
+    return f"{said}; the model leaves {residuals(contents.score).partition(';')[0]}."  # the page has the rest
 
 
 def _is_sound(contents: Contents) -> bool:

@@ -19,12 +19,7 @@ if TYPE_CHECKING:  # a check needs none of what these load
 
 
 def of_check(result: CheckResult, folder: Path) -> Closing:
-    """What the traces can tell, or what is wrong with the rig.
-
-    Args:
-        result: of a folder that can be fitted.
-        folder: it, as the user typed it.
-    """
+    """What the traces of a folder that can be fitted can tell, or what is wrong with the rig."""
     verdict = result.identifiability
     assert verdict is not None, "a folder that can be fitted"
     fit = command("fit", folder, "--out", Path("runs") / folder.resolve().name)
@@ -38,13 +33,7 @@ def of_check(result: CheckResult, folder: Path) -> Closing:
 
 
 def of_advice(advice: Advice, folder: Path, at: Path | None, written: Path | None) -> Closing:
-    """Which further trace helps most.
-
-    Args:
-        advice: what was worked out.
-        folder, at: measurements, and the run whose model it was judged at, as the user typed them.
-        written: advice.json; None where none was asked for.
-    """
+    """Which further trace helps most; folder and run `at` as the user typed them, `written` is advice.json, if any."""
     further = command("plan", at or folder, "--out", Path("plans") / (at or folder).resolve().name)
     look = () if written is None else (written,)
     if not advice.options:
@@ -75,7 +64,7 @@ def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closin
     lacks = record_next([each.log for each in studies])
     if len(studies) == 2:
         return Closing(verdict(*studies), _record(lacks, folder), look)
-    from ..car_log.tables import in_a_word
+    from ..car_log import in_a_word
 
     follows = [(each.tracking.rmse, each.log.name) for each in studies if each.tracking is not None]
     pairs = [each for each in studies if each.sensors is not None]

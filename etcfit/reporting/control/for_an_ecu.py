@@ -71,11 +71,7 @@ _NOWHERE = (Scheduling.NONE, Scheduling.UNKNOWN)
 
 
 def supply_table(task: Task, gains: Gains, table: SupplyTable) -> RenderableType:
-    """The table where there is somewhere to type it in, and what is said of tables anywhere.
-
-    Args:
-        task, gains, table: as `run_folder.supply_table_json` takes them.
-    """
+    """The table where there is somewhere to type it in, and what is said of tables; see `supply_table_json`."""
     written, profile = supply_table_json(task, gains, table), task.profile
     words = sentences("Tables of gains", written["says"])
     assert words is not None, "there is always something to say"

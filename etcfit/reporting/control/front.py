@@ -5,7 +5,7 @@ A rule may lie below the line: only where it misses something else that is requi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from matplotlib.axes import Axes
@@ -131,22 +131,17 @@ def _name_rules(panel: Axes, rules: Sequence[_Point]) -> None:
     for point in sorted(rules, key=lambda point: -point.error):
         x, y = places[point]
         said = f"{point.name}: {point.missed[0]}" if point.missed else point.name
-        low = next(low for low in _steps(y - 4.0) if not _covers(_box(x, low, said), taken))
+        heights = (y - 4.0 + sign * step for step in range(200) for sign in (1.0, -1.0))  # the nearest first
+        low = next(low for low in heights if not any(_overlap(_box(x, low, said), other) for other in taken))
         taken.append(_box(x, low, said))
         panel.annotate(said, (point.activity, point.error), textcoords="offset points", xytext=(_BESIDE, low - y),
                        fontsize=9, color=style.FAILED if point.missed else "black")  # fmt: skip
 
 
-def _steps(y: float) -> Iterator[float]:
-    """Where a label may stand, the nearest first, points."""
-    return (y + sign * step for step in range(200) for sign in (1.0, -1.0))
+def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
+    return one[0] < other[1] and other[0] < one[1] and one[2] < other[3] and other[2] < one[3]
 
 
 def _box(x: float, low: float, said: str) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a label, points."""
     return x + _BESIDE, x + _BESIDE + _LETTER * len(said), low, low + _TALL
-
-
-def _covers(box: tuple[float, float, float, float], others: Sequence[tuple[float, float, float, float]]) -> bool:
-    left, right, low, high = box
-    return any(left < b and a < right and low < d and c < high for a, b, c, d in others)

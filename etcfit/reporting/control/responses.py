@@ -20,7 +20,6 @@ from ...car_log.criteria import LEAST_HELD, LEAST_OVERSHOT, NEGLIGIBLE, SETTLED,
 from ...control.design import Design
 from ...control.judged import Tuned
 from ...control.loop_figures import OF_THE_PAPER, LoopFigures, Requirements, judge
-from ...control.on_units import OnParts
 from ...control.setpoint import Level, Stretch
 from ...model.ecu import Notation
 from .. import style
@@ -72,8 +71,9 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     panel.set_title(f"{_name(design, tuned)}\n{_verdict(design, missed, place)}", loc="left", fontsize=10,
                     color=style.FAILED if missed else "black")  # fmt: skip
     if design.parts is not None:
-        panel.text(0.99, 0.95, _on_parts(design.parts.rules[tuned.rule]), transform=panel.transAxes, ha="right",
-                   va="top", fontsize=9)  # fmt: skip
+        measured, drawn = (each.share for each in design.parts.rules[tuned.rule])
+        words = f"met by {100.0 * drawn.value:.1f} % of drawn parts, {measured.met} of {measured.of} measured"
+        panel.text(0.99, 0.95, words, transform=panel.transAxes, ha="right", va="top", fontsize=9)
     if place is None:
         return
     level = _level(design, tuned, place)
@@ -89,7 +89,7 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     turned = "" if upwards > 0.0 else ", drawn upwards"
     where = f"{place.scenario}, {100.0 * level.before:.3g} → {100.0 * level.after:.3g} % of travel{turned}"
     panel.text(0.985, 0.04, where, transform=panel.transAxes, fontsize=9, ha="right", color=style.MEASURED)
-    far = _zoom(level, asked, place)
+    far = 3.0 * _allowed(level, asked)[place.hardest.symbol]  # half of the height, a few times what is allowed
     most = max(far, min(3.0 * far, 1.1 * 100.0 * float(np.max(upwards * band))))
     panel.set_ylim(-far, most)
 
@@ -129,16 +129,6 @@ def _limits(panel: Axes, level: Level, asked: Requirements) -> None:
     shading = {"color": style.FAILED, "alpha": 0.13, "lw": 0.0}
     panel.fill_between(time, high, sky, label="not allowed", **shading)
     panel.fill_between(time[2:], -sky[2:], -high[2:], **shading)
-
-
-def _zoom(level: Level, asked: Requirements, place: Place) -> float:
-    """Half of the height of a panel, % of the travel: a few times what the hardest requirement allows."""
-    return 3.0 * _allowed(level, asked)[place.hardest.symbol]
-
-
-def _on_parts(each: OnParts) -> str:
-    measured, drawn = each.measured.share, each.drawn.share
-    return f"met by {100.0 * drawn.value:.1f} % of drawn parts, {measured.met} of {measured.of} measured"
 
 
 def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> None:

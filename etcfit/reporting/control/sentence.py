@@ -57,23 +57,17 @@ def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | No
         limits: by requirement, what a figure must stay below; None or infinite for none.
     """
     asked = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
-    every = [Hardest(symbol, _reached(figures[symbol]), limit) for symbol, limit in asked.items() if symbol in figures]
+    reached = {symbol: math.inf if figure is None or math.isnan(figure) else float(figure)
+               for symbol, figure in figures.items()}  # fmt: skip
+    every = [Hardest(symbol, reached[symbol], limit) for symbol, limit in asked.items() if symbol in reached]
     return max(every, key=lambda each: each.strain, default=None)
 
 
 def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, float]) -> list[str]:
-    """Each stability margin that is less than what is asked for, in words.
-
-    Args:
-        figures, asked: by margin; a figure is None or infinite where the loop has no such margin.
-    """
+    """Each stability margin that is less than what is asked for, in words; a loop without a margin misses none."""
     less = ((FIGURES[symbol], figures.get(symbol), asked[symbol]) for symbol in MARGINS if symbol in asked)
     return [f"{of.name} {short(value)} {of.unit} (at least {least:g} {of.unit})"
             for of, value, least in less if value is not None and value < least]  # fmt: skip
-
-
-def _reached(figure: float | None) -> float:
-    return math.inf if figure is None or math.isnan(figure) else float(figure)
 
 
 UNSTABLE = "UNSTABLE"
@@ -94,10 +88,7 @@ class Place(NamedTuple):
 def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list[str]:
     """Every requirement and margin that the gains of a rule miss, in words, the worst first; "UNSTABLE" alone.
 
-    Args:
-        tuned: a rule that has gains.
-        asked: what is required.
-        but: requirements that do not count.
+    Requirements in `but` do not count.
     """
     assert tuned.nonlinear is not None, "a rule with gains has been tried"
     if not tuned.stable:
@@ -154,11 +145,7 @@ def why_withheld(pid: Mapping[str, Any]) -> str:
 
 
 def sentence(pid: Mapping[str, Any]) -> str:
-    """The gains as their ECU writes them, what they meet on the nominal model and in the worst corner, how probably.
-
-    Args:
-        pid: the object of pid.json.
-    """
+    """The gains of pid.json as their ECU writes them, what they meet on the nominal model and in the worst corner."""
     if withheld(pid):
         return why_withheld(pid)
     make, doubts = pid.get("profile"), cautions(pid)
@@ -171,16 +158,12 @@ def sentence(pid: Mapping[str, Any]) -> str:
 def gains_in_words(pid: Mapping[str, Any]) -> str:
     """In the unit of the ECU that they are for: of the make, else of [ecu] in rig.toml, else in SI."""
     if make := pid.get("profile"):
-        return ", ".join(f"{name} {_value(each)}" for name, each in make["gains"].items())
+        return ", ".join(f"{name} {short(each['value'], 4)} {each['unit'].replace(', ', ' ')}".strip()
+                         for name, each in make["gains"].items())  # fmt: skip
     if own := pid.get("as_written"):
         return f"{', '.join(f'{name} {short(own[name], 4)}' for name in 'PID')} ({own['unit']}, {own['form']})"
     units = {"Kp": "V/rad", "Ki": "V/(rad s)", "Kd": "V s/rad"}
     return ", ".join(f"{name} {short(pid['gains'][name], 4)} {unit}" for name, unit in units.items())
-
-
-def _value(gain: Mapping[str, Any]) -> str:
-    """ "168.7 %/% per s"."""
-    return f"{short(gain['value'], 4)} {gain['unit'].replace(', ', ' ')}".strip()
 
 
 def _nominal(pid: Mapping[str, Any]) -> str:

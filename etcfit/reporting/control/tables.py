@@ -157,10 +157,30 @@ def design_table(design: Design) -> RenderableType:
         *_computer(design),
     ]
     refused = [f"{t.rule}: {t.why}" for t in design.tuned.values() if t.gains is None]
+    shown = {symbol: of for symbol, of in FIGURES.items() if of.heading}
     parts = [
         rig_title(design.fitted.config, "PID gains"),
-        _gains_table(design),
-        headed("What they do", _figures_table(design)),
+        filled(
+            (
+                "rule",
+                "Kp\nV/rad",
+                "Ki\nV/(rad s)",
+                "Kd\nV s/rad",
+                "met",
+                "margins",
+                "units" if of_models(design) == "units" else "P(met)",
+            ),
+            [_gains_row(design, tuned) for tuned in design.tuned.values()],
+        ),
+        table(
+            "What they do",
+            ("rule", *(f"{of.heading}\n{of.unit}" for of in shown.values())),
+            [
+                (tuned.rule, *(short(getattr(tuned.nonlinear, symbol)) for symbol in shown))
+                for tuned in design.tuned.values()
+                if tuned.nonlinear is not None
+            ],
+        ),
         sentences("How to read it", words),
         sentences("No gains", refused),
         *(
@@ -182,13 +202,6 @@ def design_table(design: Design) -> RenderableType:
     return cautioned(stacked(*parts), design.fitted.state)
 
 
-def _gains_table(design: Design) -> RenderableType:
-    """Gains of every rule, and whether they do what is required."""
-    share = "units" if of_models(design) == "units" else "P(met)"
-    head = "rule", "Kp\nV/rad", "Ki\nV/(rad s)", "Kd\nV s/rad", "met", "margins", share
-    return filled(head, [_gains_row(design, tuned) for tuned in design.tuned.values()])
-
-
 def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
     if tuned.gains is None or tuned.nonlinear is None:
         return (tuned.rule, *["-"] * 6)
@@ -199,14 +212,6 @@ def _gains_row(design: Design, tuned: Tuned) -> tuple[str, ...]:
     safe = figures.gain_margin_db >= asked.gain_margin_db and figures.phase_margin_deg >= asked.phase_margin_deg
     met = ("yes" if tuned.meets_all else "no") if tuned.stable else "unstable"
     return (tuned.rule, *gains, met, "yes" if safe else "no", f"{tuned.probability_met:.2f}")
-
-
-def _figures_table(design: Design) -> RenderableType:
-    """Figures of every rule that has gains."""
-    shown = {symbol: of for symbol, of in FIGURES.items() if of.heading}
-    rows = [(tuned.rule, *(short(getattr(tuned.nonlinear, symbol)) for symbol in shown))
-            for tuned in design.tuned.values() if tuned.nonlinear is not None]  # fmt: skip
-    return filled(("rule", *(f"{of.heading}\n{of.unit}" for of in shown.values())), rows)
 
 
 def _judges(design: Design, source: str) -> str:

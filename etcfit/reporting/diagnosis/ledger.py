@@ -21,6 +21,10 @@ from ..pool import Pool, grouped
 from ..traces import source
 
 DEGREES = 180.0 / np.pi
+# what something may depend on: its name, the unit in which it is shown, and how many of that are one of SI
+QUANTITIES = {"angle": ("plate angle", "deg", DEGREES), "speed": ("plate speed", "rad/s", 1.0),
+              "current": ("current", "A", 1.0), "load": ("torque through the gear", "N m", 1.0),
+              "time": ("time", "s", 1.0)}  # fmt: skip
 _SMALL = 0.2  # below which a thousandth is the better unit
 _THOUSANDTHS = ("N m", "V", "A")
 
@@ -143,11 +147,8 @@ def headline(diagnosis: Diagnosis) -> str:
     was, now = (f"{short(pool.rms)} {worst.unit or '1'}" for pool in (worst.before, worst.after))
     sigma = short(worst.before.ratio, 2), short(worst.after.ratio, 2)
     if not diagnosis.added:
-        return f"{_nothing_added(diagnosis)}: largest {where} {now}, {sigma[1]} σ"
+        white = all(each.evidence.white for each in diagnosis.rounds)
+        said = "The start model explains the data" if white else "No effect of the catalogue explains what is missing"
+        return f"{said}: largest {where} {now}, {sigma[1]} σ"
     falls = "falls" if worst.after.ratio < _LESS * worst.before.ratio else "does not fall"
     return f"With {listed(diagnosis.added)} the {where} {falls}: {was} → {now}, {sigma[0]} → {sigma[1]} σ"
-
-
-def _nothing_added(diagnosis: Diagnosis) -> str:
-    white = all(each.evidence.white for each in diagnosis.rounds)
-    return "The start model explains the data" if white else "No effect of the catalogue explains what is missing"

@@ -14,7 +14,7 @@ from ...diagnosis.findings import Diagnosis, Motion, Share
 from ...estimation.identifiability import listed
 from .. import style
 from ..numbers import short
-from .ledger import DEGREES, prefixed
+from .ledger import QUANTITIES, prefixed
 
 _BINS = 40
 _FEWEST = 12  # samples of a bin that is drawn
@@ -123,21 +123,6 @@ _TELLING = 0.05  # share of what is missing that is worth a panel
 _SHOWN = 0.99  # of the samples lie inside the panels
 
 
-@dataclass(frozen=True)
-class Scale:
-    """How a quantity is shown: shown = factor * SI."""
-
-    label: str
-    factor: float = 1.0
-
-
-AXES = {
-    "angle": Scale("plate angle [deg]", DEGREES),
-    "speed": Scale("plate speed [rad/s]"),
-    "current": Scale("current [A]"),
-    "load": Scale("torque through the gear [N m]"),
-    "time": Scale("time [s]"),
-}
 _UNITS = {"torque": "N m", "voltage": "V"}
 
 
@@ -256,21 +241,21 @@ def _limits(samples: Samples) -> tuple[float, float]:
 
 
 def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, shown: tuple[float, str]) -> None:
-    (factor, unit), samples, scale = shown, picture.samples, AXES[axis]
+    (factor, unit), samples, (name, axis_unit, scale) = shown, picture.samples, QUANTITIES[axis]
     bins = Bins.along(samples.axes[axis])
     curves = ways(samples, axis)
     drawn = [Way(rows, *look) for rows, look in zip(curves, _TWO if len(curves) > 1 else _ONE, strict=True)]
     for panel, y in ((above, samples.before), (below, samples.after)):
         panel.axhline(0.0, color="black", lw=0.8)
         for way in drawn:
-            _cloud(panel, samples.axes[axis] * scale.factor, y * factor, way)
-            _median(panel, bins, y * factor, scale.factor, way)
+            _cloud(panel, samples.axes[axis] * scale, y * factor, way)
+            _median(panel, bins, y * factor, scale, way)
         text = f"median curve: {short(factor * curve_rms(bins, y, curves), 2)} {unit} rms"
         panel.text(0.98, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=10,
                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85})  # fmt: skip
     _effects(above, picture, bins, axis, factor, drawn)
-    below.set_xlabel(scale.label)
-    below.set_xlim(bins.edges[0] * scale.factor, bins.edges[-1] * scale.factor)
+    below.set_xlabel(style.unit_label(name, axis_unit))
+    below.set_xlim(bins.edges[0] * scale, bins.edges[-1] * scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +299,7 @@ def _median(panel: Axes, bins: Bins, y: np.ndarray, stretch: float, way: Way) ->
 
 def _effects(panel: Axes, picture: MissingPicture, bins: Bins, axis: str, factor: float, drawn: Sequence[Way]) -> None:
     """What each added effect contributes, and, where that makes one curve, what the whole new model does."""
-    samples, x = picture.samples, bins.centres * AXES[axis].factor
+    samples, x = picture.samples, bins.centres * QUANTITIES[axis][2]
     for color, (name, part) in zip(cycle(style.EFFECTS), samples.effects.items(), strict=False):
         for way in drawn:
             panel.plot(x, bins.quartiles(part * factor, way.rows)[1], way.dashes, color=color, lw=2.4, zorder=4,

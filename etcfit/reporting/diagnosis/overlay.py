@@ -105,7 +105,8 @@ def draw(picture: Overlay) -> Figure:
         grid[-1, column].tick_params(labelbottom=True)
         grid[-1, column].set_xlabel("time [s]" if column == 0 else "time [s], where the first model was worst")
     for span in spans[1:]:
-        _mark(list(grid[:, 0]), *picture.trace.instants[span][[0, -1]])
+        for panel in grid[:, 0]:  # where the zoom lies in the whole
+            panel.axvspan(*picture.trace.instants[span][[0, -1]], color="#fff3c4", lw=0, zorder=0)
     _label(grid, picture)
     fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
     style.legend(fig, list(grid.ravel()), 0.085, 1.0 - (head - 0.36) / tall, "upper left")
@@ -151,12 +152,6 @@ def _error(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
         panel.plot(*style.thin(trace.instants[span], error), ".", ms=2.5, color=color)
     panel.axhline(0.0, color="black", lw=0.8)
     style.quiet_axis(panel)
-
-
-def _mark(panels: list[Axes], begin: float, end: float) -> None:
-    """Where the zoom lies in the whole."""
-    for panel in panels:
-        panel.axvspan(begin, end, color="#fff3c4", lw=0, zorder=0)
 
 
 def _label(grid: np.ndarray, picture: Overlay) -> None:

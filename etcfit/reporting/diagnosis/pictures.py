@@ -16,14 +16,13 @@ from matplotlib.figure import Figure
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Unexplained
 from ...estimation.identifiability import listed
-from ...problem.trace import Trace
 from .. import style
 from ..drawing import Job
 from ..numbers import short
 from ..pictures import all_traces, file_name
 from ..pool import Pool
 from . import missing, overlay
-from .ledger import DEGREES, Entry, headline, ledger, prefixed
+from .ledger import DEGREES, QUANTITIES, Entry, headline, ledger, prefixed
 
 _ROW = 0.36  # inch
 
@@ -212,19 +211,8 @@ def _round_axes(panel: Axes, every: list[RoundPoint]) -> None:
     panel.set_ylabel("free-running error, rms [σ of one sample]")
 
 
-_SYMBOL = {"torque": "torque", "friction": "dry friction", "voltage": "voltage", "position": "position"}
-_AXIS = {"angle": "plate angle", "speed": "plate speed", "load": "torque through the gear", "current": "current",
-         "time": "time"}  # fmt: skip
-
-
 def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], synthetic: bool) -> Figure:
-    """The curve and two standard deviations about it, over the range that was measured.
-
-    Args:
-        unknown: the curve.
-        travel: end stops, rad; infinite where there is none.
-        synthetic: the data were made up.
-    """
+    """The curve and two standard deviations about it, over the range that was measured; a missing stop is infinite."""
     x, axis_unit = _along(unknown, travel)
     factor, unit = prefixed(float(np.max(np.abs(unknown.curve))), unknown.unit)
     y, sd = factor * unknown.curve, factor * unknown.sd
@@ -238,8 +226,10 @@ def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], syntheti
     panel.fill_between(x, y - 2.0 * sd, y + 2.0 * sd, color=style.UNKNOWN, alpha=0.3, lw=0,
                        label="± 2 standard deviations")  # fmt: skip
     panel.plot(x, y, color="#8a2c6b", lw=2.4, label=f"unexplained, {short(factor * unknown.size)} {unit} rms in motion")
-    panel.set_xlabel(style.unit_label(_AXIS.get(unknown.depends_on, unknown.depends_on), axis_unit))
-    panel.set_ylabel(style.unit_label(f"unexplained {_SYMBOL.get(unknown.enters, unknown.enters)}", unit))
+    axis = QUANTITIES[unknown.depends_on][0] if unknown.depends_on in QUANTITIES else unknown.depends_on
+    panel.set_xlabel(style.unit_label(axis, axis_unit))
+    what = "dry friction" if unknown.enters == "friction" else unknown.enters
+    panel.set_ylabel(style.unit_label(f"unexplained {what}", unit))
     panel.set_xlim(float(np.min(x)), float(np.max(x)))
     panel.set_ylim(*_limits(y, sd))
     fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
@@ -302,10 +292,9 @@ def _overlays(d: Diagnosis) -> Iterator[Job]:
     every = all_traces(d.after)
     shown = [*(each.trace for each in d.aside), *(t for t in every if t.measurement.held_out)]
     driven = [t for t in every if not t.measurement.held_out and t.input and not t.test.boundary.plate_held]
-    driven.sort(key=lambda trace: -_worst(d, trace))
+    worst: dict[str, float] = {}
+    for row in d.before.score_fit:
+        worst[row.file] = max(worst.get(row.file, 0.0), row.rms / row.sigma)
+    driven.sort(key=lambda trace: -worst.get(trace.measurement.file, 0.0))
     for trace in (*shown, *driven[:_FITTED]):
         yield Path("traces") / file_name(trace), partial(overlay.draw, overlay.Overlay.of(d, trace))
-
-
-def _worst(d: Diagnosis, trace: Trace) -> float:
-    return max((row.rms / row.sigma for row in d.before.score_fit if row.file == trace.measurement.file), default=0.0)

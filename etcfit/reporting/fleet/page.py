@@ -16,7 +16,7 @@ from ...files import plain, whole
 from ...fleets.config import ZERO_CELSIUS
 from .. import html, packed
 from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
-from .words import JUDGEMENT, Content, Judgement, title, verdict
+from . import JUDGEMENT, Content, Judgement, title, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,12 +57,7 @@ class Columns:
 
     @classmethod
     def of(cls, names: Sequence[str], units: pd.DataFrame) -> Columns:
-        """The table's rows put in the order of `names`; rows of other units are left out.
-
-        Args:
-            names: of the units, as fleet.json has them.
-            units: units.parquet.
-        """
+        """Rows of units.parquet in the order of `names`, those of fleet.json; rows of other units are left out."""
         found = {str(symbol): _columns(names, rows) for symbol, rows in units.groupby("symbol", sort=False)}
         return cls(tuple(names), found)
 
@@ -87,20 +82,17 @@ _MIDNIGHT = "T00:00:00"  # of a date without a time
 
 
 def carried(content: Content, units: pd.DataFrame) -> dict[str, Any]:
-    """What the scripts read.
-
-    Args:
-        content: fleet.json.
-        units: units.parquet.
-    """
+    """What the scripts read, from fleet.json and units.parquet."""
     columns = Columns.of(content.get("units") or (), units)
     place, members = columns.place(), content.get("members") or {}
+    kelvin = [_of(members, unit, "temperature") for unit in columns.units]
+    celsius = [None if each is None else each - ZERO_CELSIUS for each in kelvin]
     return plain({
         "schema": "etcfit.fleet_page/1",
         "name": title(content),
         "units": columns.units,
         "groups": {name: _group([_of(members, unit, name) for unit in columns.units]) for name in GROUPS},
-        "temperature": _own([_celsius(_of(members, unit, "temperature")) for unit in columns.units]),
+        "temperature": _own(celsius),
         **{name: _own([_of(members, unit, name) for unit in columns.units]) for name in _OWN},
         "stuck": [k for unit, k in place.items() if _of(members, unit, "converged") is False],
         "pages": {k: page for unit, k in place.items() if (page := _of(members, unit, "page"))},
@@ -116,10 +108,6 @@ def carried(content: Content, units: pd.DataFrame) -> dict[str, Any]:
 def _of(members: Mapping[str, Any], unit: str, key: str) -> Any:
     found = (members.get(unit) or {}).get(key)
     return found.removesuffix(_MIDNIGHT) if key == "date" and found is not None else found
-
-
-def _celsius(kelvin: float | None) -> float | None:
-    return None if kelvin is None else kelvin - ZERO_CELSIUS
 
 
 def _group(values: Sequence[Any]) -> dict[str, Any] | None:
@@ -230,16 +218,7 @@ part = Parts((_ROOM,))
 
 
 def write_fleet_page(run: Path, content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> Path:
-    """Write RUN/fleet.html, whole or not at all.
-
-    Args:
-        run: the run folder.
-        content: fleet.json.
-        units: units.parquet.
-        judgement: when a figure is called bad.
-    Returns:
-        The page.
-    """
+    """Write RUN/fleet.html from fleet.json and units.parquet, whole or not at all; where it is."""
     page = render(content, units, judgement)
     path = run / NAME
     with whole(path) as draft:

@@ -21,8 +21,8 @@ from matplotlib.ticker import FuncFormatter
 
 from .. import style
 from ..numbers import Digits
+from . import Content, title
 from .page import Columns, SymbolColumns, limits_of
-from .words import Content, title
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -261,15 +261,7 @@ def _words(known: dict[str, float]) -> str:
 
 
 def draw_fleet(content: Content, units: pd.DataFrame, folder: Path) -> tuple[Path, ...]:
-    """Every picture that there is something for; those of before go.
-
-    Args:
-        content: fleet.json.
-        units: units.parquet.
-        folder: RUN/pictures/fleet.
-    Returns:
-        The pictures, the population first.
-    """
+    """Every picture that fleet.json and units.parquet have something for, the population first; those of before go."""
     for old in folder.glob("*.png"):
         old.unlink()
     written: list[Path] = []
@@ -286,11 +278,7 @@ def _jobs(content: Content, columns: Columns) -> Iterator[tuple[str, Callable[[]
     if (content.get("correlation") or {}).get("symbols"):
         yield "correlation.png", partial(draw_correlation, content)
     for symbol in content.get("charts") or {}:
-        yield f"chart_{_plain(symbol)}.png", partial(draw_chart, content, symbol)
+        plain = "".join(c if c.isalnum() or c in "-_" else "_" for c in symbol)
+        yield f"chart_{plain}.png", partial(draw_chart, content, symbol)
     if content.get("odd"):
         yield "odd.png", partial(draw_odd, content)
-
-
-def _plain(symbol: str) -> str:
-    """Of a file's name: nothing but letters, digits, - and _."""
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in symbol)

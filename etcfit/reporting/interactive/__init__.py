@@ -22,11 +22,8 @@ from .traces import TraceSources, traces_json
 
 
 def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
-    """Rig, model, traces and loop; numbers in SI but where a unit stands beside them.
+    """Rig, model, traces and loop of a run with a fit; numbers in SI but where a unit stands beside them.
 
-    Args:
-        run: a run folder with a fit.
-        simulated: of its final model.
     Raises:
         UsageError: no fit, or a file of the run is not what it should be.
     """
@@ -64,12 +61,7 @@ part = Parts((_ROOM,))
 
 
 def render(data: dict[str, Any], model: str) -> str:
-    """The whole page, HTML.
-
-    Args:
-        data: see `content`.
-        model: the script that simulates, see `printed_model`.
-    """
+    """The whole page, HTML: the data, see `content`, and the script that simulates, see `plant`."""
     return (
         environment(_ROOM)
         .get_template("page.html")
@@ -89,10 +81,8 @@ NAME = "report_interactive.html"
 
 
 def write_interactive(run: RunFolder) -> Page:
-    """Write RUN/report_interactive.html, whole or not at all.
+    """Write RUN/report_interactive.html, whole or not at all; a diagnosis and gains in RUN become a part each.
 
-    Args:
-        run: a run folder with a fit; a diagnosis and gains in it become a part each.
     Returns:
         Where the page is, and whether its model converged.
     Raises:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -47,18 +46,13 @@ class Excitation:
 
 
 def excitations(problem: EstimationProblem, x: np.ndarray, most: int) -> list[Excitation | str]:
-    """Of every trace of a problem; a sentence where the page cannot simulate it.
-
-    Args:
-        problem: the traces.
-        x: coordinates, shape (P,).
-        most: corners of an input at most.
-    """
+    """Of every trace of a problem at x, shape (P,), with so many corners at most; a sentence where the page cannot."""
     values = problem.layout.values(x, problem.free_parameters.held)
     throttle = Throttle.build(problem.layout.types, values)
     batch = problem.arrays()
     steps, resets = equipped(throttle, batch.steps, batch.resets, batch.test_of, values)
-    columns = {name: np.asarray(getattr(steps, name)) for name in steps._fields if _is_column(getattr(steps, name))}
+    columns = {name: np.asarray(each) for name, each in steps._asdict().items()
+               if each is not None and not isinstance(each, tuple)}  # fmt: skip
     starts = {name: np.asarray(getattr(resets, name)) for name in ("i", "theta", "omega")}
     late = {name: np.asarray(by) for name, by in throttle.lateness(steps, batch.test_of).items()}
     out: list[Excitation | str] = []
@@ -72,10 +66,6 @@ def excitations(problem: EstimationProblem, x: np.ndarray, most: int) -> list[Ex
         whose = (number_of(trace.test.name), number_of(trace.measurement.file))
         out.append(_of_trace(trace, own, state, _readings(throttle, *whose), lags, most))
     return out
-
-
-def _is_column(entry: Any) -> bool:
-    return entry is not None and not isinstance(entry, tuple)
 
 
 def _of_trace(

@@ -88,13 +88,10 @@ def residuals(result: FitResult) -> Sequence[np.ndarray]:
     if holdout is None:
         return fitted
     if result.far:
-        return [*fitted, *(_in_sigma(result, trace) for trace in holdout.batch.traces)]
+        return [*fitted, *((trace.data - np.asarray(result.predicted[trace.measurement.file])) / np.asarray(trace.sigma)
+                           for trace in holdout.batch.traces)]  # fmt: skip
     r = holdout.residual(result.x, holdout.weighted(holdout.kalman(result.x)))
     return [*fitted, *columns(holdout.batch, r)]
-
-
-def _in_sigma(result: FitResult, trace: Trace) -> np.ndarray:
-    return (trace.data - np.asarray(result.predicted[trace.measurement.file])) / np.asarray(trace.sigma)
 
 
 _ASK = "What the model may lack has not been looked for: run `etcfit diagnose RUN`."
@@ -105,14 +102,7 @@ _NOBODY = "Nothing found names this trace. `etcfit check --advise FOLDER --at RU
 
 
 def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | None) -> list[str]:
-    """Sentences, the most specific first; none for a trace in which nothing but noise is left.
-
-    Args:
-        trace: which.
-        light: the verdict on it.
-        final: the model that the page shows.
-        diagnosis: None where none was made.
-    """
+    """Sentences, the most specific first; none for a trace in which nothing but noise is left."""
     if not light.found:
         return []
     if light.left is Left.STRAYS:

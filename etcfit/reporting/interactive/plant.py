@@ -199,21 +199,21 @@ _ECU = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter
 
 
 def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Gains, ECU, setpoint and levels; None where no gains were sought, or an older file lacks what they ran with.
-
-    Args:
-        result: the final model.
-        pid: pid.json; empty where there is none.
-    """
+    """Gains, ECU, setpoint and levels; None where no gains were sought, or an older file lacks what they ran with."""
     needed = {"gains", "ecu", "setpoint", *(("bias_curve",) if pid.get("feed_forward") else ())}
     if not needed <= pid.keys():
         return None
     config, first = result.rig.config, trapezoid()
     lower, upper = stops(result.fitted())
+    curve = pid["bias_curve"] if pid.get("feed_forward") else None  # that the gains were found with
+    bias = None if curve is None else {"angles": curve["angles_rad"], "volts": curve["hold_V"]}
+    gains = {name: float(pid["gains"][name]) for name in ("Kp", "Ki", "Kd")}
+    sliders = {name: {"value": value, "low": value / _GAIN_FACTOR, "high": value * _GAIN_FACTOR or 1.0,
+                      "geometric": value > 0.0} for name, value in gains.items()}  # fmt: skip
     body = {"gear_ratio": float(config.gear_ratio), "lower": float(lower), "upper": float(upper)}
     return {
         "rule": pid["rule"],
-        "gains": {name: _gain_slider(float(pid["gains"][name])) for name in ("Kp", "Ki", "Kd")},
+        "gains": sliders,
         "unit": pid["gains"]["unit"],
         "ecu": ecu_json(pid["ecu"]),
         "body": body,
@@ -225,7 +225,7 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
             for each in first.levels
         ],
         "requirements": pid["requirements"],
-        "bias": _bias(pid["bias_curve"]) if pid.get("feed_forward") else None,
+        "bias": bias,
         "sliding": _sliding(pid.get("feed_forward_terms") or {}),
         "noise": float(pid["ecu"].get("noise_rad") or 0.0),
     }
@@ -251,12 +251,3 @@ def _sliding(ahead: Mapping[str, Any]) -> dict[str, float] | None:
         "full": friction["full_from_rad_per_s"],
         "slope": ahead["rate"]["V_s_per_rad"] if terms["rate"] else 0.0,
     }
-
-
-def _gain_slider(value: float) -> dict[str, Any]:
-    return {"value": value, "low": value / _GAIN_FACTOR, "high": value * _GAIN_FACTOR or 1.0, "geometric": value > 0.0}
-
-
-def _bias(curve: Mapping[str, Any]) -> dict[str, list[float]]:
-    """The curve that the gains were found with."""
-    return {"angles": curve["angles_rad"], "volts": curve["hold_V"]}

@@ -10,7 +10,6 @@ import numpy as np
 
 from ...diagnosis.findings import Diagnosis, Motion
 from ...estimation.result import FitResult
-from ...problem.prediction_error import PredictionError
 from ...problem.trace import Trace
 from .. import packed
 from ..diagnosis.ledger import Shown
@@ -163,8 +162,11 @@ def _channel(sources: TraceSources, trace: Trace, m: int, bins: Bins) -> dict[st
     def carried(values: np.ndarray) -> dict[str, Any]:
         return packed.values(bins.extremes(shown(values)))
 
-    def error(result: FitResult) -> float | None:
-        return _rms(result, file, name) if file in result.predicted else None
+    def error(result: FitResult | None) -> float | None:
+        """Free-run error over the sensor's noise."""
+        rows = () if result is None or file not in result.predicted else (*result.score_fit, *result.score_holdout)
+        found = next((row for row in rows if (row.file, row.channel) == (file, name)), None)
+        return None if found is None or not np.isfinite(found.rms) else float(found.rms / found.sigma)
 
     def model(result: FitResult | None) -> dict[str, Any] | None:
         return None if result is None else carried(np.asarray(result.predicted[file])[:, m])
@@ -180,16 +182,9 @@ def _channel(sources: TraceSources, trace: Trace, m: int, bins: Bins) -> dict[st
         "after": model(sources.final),
         "error_before": left(sources.before),
         "error_after": left(sources.final),
-        "rms_before": None if sources.before is None else error(sources.before),
+        "rms_before": error(sources.before),
         "rms_after": error(sources.final),
     }
-
-
-def _rms(result: FitResult, file: str, channel: str) -> float | None:
-    """Free-run error over the sensor's noise."""
-    rows: tuple[PredictionError, ...] = (*result.score_fit, *result.score_holdout)
-    found = next((row for row in rows if (row.file, row.channel) == (file, channel)), None)
-    return None if found is None or not np.isfinite(found.rms) else float(found.rms / found.sigma)
 
 
 def _missing(trace: Trace, motion: Motion | None, bins: Bins) -> Iterator[dict[str, Any]]:

@@ -29,10 +29,8 @@ class Page:
 
 
 def write_page(run_dir: Path | str) -> Page:
-    """Write RUN/report.html, whole or not at all.
+    """Write RUN/report.html, whole or not at all, from RUN/fit.json and whatever else the run folder holds.
 
-    Args:
-        run_dir: a run folder with a fit.json; what else it holds becomes a section each.
     Returns:
         Where the page is, and whether its model converged.
     Raises:

@@ -132,16 +132,12 @@ class Group:
 
 
 def groups(run: Path, budget: int = BUDGET) -> list[Group]:
-    """Every picture of a run folder, as many as there is room for, the ones of most interest first.
-
-    Args:
-        run: the run folder.
-        budget: bytes that they may take.
-    """
+    """Every picture of a run folder, as many as there is room for in so many bytes, those of most interest first."""
     base, room, out = run / "pictures", budget, []
     with ThreadPoolExecutor() as pool:  # Pillow lets go of Python's lock
         drawn = [
-            (*each, pool.map(partial(carried, folder=each[0]), _inside(base / each[0]))) for each in _folders(base)
+            (*each, pool.map(partial(carried, folder=each[0]), sorted((base / each[0]).glob("*.png"))))
+            for each in _folders(base)
         ]
     for folder, title, pictures in drawn:
         taken, left_out = [], []
@@ -157,15 +153,11 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
 
 
 def carried(path: Path, folder: str = "") -> Picture:
-    """A PNG with few colours, as a data URI.
-
-    Args:
-        path: of the file.
-        folder: below RUN/pictures that it lies in.
-    """
+    """A PNG in a folder below RUN/pictures with few colours, as a data URI."""
     small, (width, height) = _with_few_colours(path.read_bytes())
     text = base64.b64encode(small).decode("ascii")
-    return Picture(_spoken(path.stem), caption(folder, path.stem), f"data:image/png;base64,{text}", width, height)
+    spoken = " · ".join(part.replace("_", " ") for part in path.stem.split("__"))
+    return Picture(spoken, caption(folder, path.stem), f"data:image/png;base64,{text}", width, height)
 
 
 @lru_cache(maxsize=256)  # `etcfit run` writes its page up to three times
@@ -186,11 +178,3 @@ def _folders(base: Path) -> Iterator[tuple[str, str]]:
         folder = path.relative_to(base).as_posix()
         if folder not in GROUPS:
             yield folder, folder.replace("_", " ").replace("/", ", ").capitalize()
-
-
-def _inside(folder: Path) -> list[Path]:
-    return sorted(folder.glob("*.png"))
-
-
-def _spoken(stem: str) -> str:
-    return " · ".join(part.replace("_", " ") for part in stem.split("__"))

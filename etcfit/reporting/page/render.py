@@ -10,27 +10,32 @@ from ...diagnosis.probabilities import CALIBRATED, in_words
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import Table, environment, number, symbol, unit
 from .contents import Contents, logs_of
-from .control import (
+from .pictures import BUDGET, groups
+from .tables import (
+    LOST,
     assumed,
     conditions_asked,
     conditions_table,
     formula,
     gains_table,
+    influence_table,
     jam_check,
+    ledger_table,
+    lumped_table,
     metrics_table,
     operating_point,
     orders,
+    parameter_table,
     parts_outside,
     parts_table,
     plant_table,
+    posterior_table,
     safety_tables,
     settings_table,
     sines_table,
     supply_table,
     tables_of_gains,
 )
-from .pictures import BUDGET, groups
-from .tables import LOST, influence_table, ledger_table, lumped_table, parameter_table, posterior_table
 from .verdict import model, verdict
 
 
@@ -74,12 +79,7 @@ def to_record(logs: Mapping[str, Any]) -> list[str]:
 
 
 def render(contents: Contents, budget: int = BUDGET) -> str:
-    """The whole page, HTML.
-
-    Args:
-        contents: of the run folder.
-        budget: bytes that its pictures may take.
-    """
+    """The whole page, HTML; its pictures may take so many bytes."""
     made = environment(("etcfit.reporting.page", "template"))
     made.filters |= {"number": number, "symbol": symbol, "unit": unit}
     return made.get_template("page.html").render(**_parts(contents, budget))

@@ -23,33 +23,25 @@ from .contents import Contents, rows_of
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
-    """The sentences at the top of the page."""
+    """The sentences at the top of the page; the one on the gains is that of terminal and notebook."""
+    left, pid = left_unexplained(contents), contents.get("pid")
+    text = Markup("<strong>Something is left that no known effect explains</strong>, with probability {}.")
     return (
-        _fits(contents), _predicts(contents), *_found_out(contents), _knows(contents) + Markup("."), *_gains(contents)
-    )  # fmt: skip
-
-
-def _found_out(contents: Contents) -> Iterator[Markup]:
-    for said in (_left, _stated, _mistakes, _contradicts):
-        yield from said(contents)
+        _fits(contents),
+        _predicts(contents),
+        *([] if left is None else [text.format(number(left, 2))]),
+        *(escape(each["sentence"]) for each in contents.get("diagnosis").get("statements") or ()),
+        *_mistakes(contents),
+        *_contradicts(contents),
+        _knows(contents) + Markup("."),
+        *([escape(sentence(pid))] if pid else []),
+    )
 
 
 def left_unexplained(contents: Contents) -> float | None:
     """Probability that something acts which no known effect explains, where that is likelier than not."""
     found = (contents.get("diagnosis").get("probabilities") or {}).get(UNEXPLAINED)
     return found if found and found > 0.5 else None
-
-
-def _left(contents: Contents) -> Iterator[Markup]:
-    if (chance := left_unexplained(contents)) is not None:
-        text = "<strong>Something is left that no known effect explains</strong>, with probability {}."
-        yield Markup(text).format(number(chance, 2))
-
-
-def _stated(contents: Contents) -> Iterator[Markup]:
-    """What was found, and how sure."""
-    for each in contents.get("diagnosis").get("statements") or ():
-        yield escape(each["sentence"])
 
 
 def _mistakes(contents: Contents) -> Iterator[Markup]:
@@ -66,18 +58,12 @@ def _mistakes(contents: Contents) -> Iterator[Markup]:
 
 def _contradicts(contents: Contents) -> Iterator[Markup]:
     """Each test that the others contradict, with what the parameter that it pulls most would be without it."""
+    text = Markup("<strong>{} contradicts the other tests</strong>: without it {} is {} {} instead of {}.")
     for each in contents.final.get("contradictions") or ():
-        yield Markup("<strong>{} contradicts the other tests</strong>: without it {} is {} {} instead of {}.").format(
-            each["test"].replace("_", " "),
-            symbol(each["parameter"]),
-            *_apart(each["without"], each["unit"], each["value"]),
-        )
-
-
-def _apart(without: float | None, of: str, value: float | None) -> tuple[Any, Any, Any]:
-    """Two values and their unit between them, with as many digits as tell them apart."""
-    digits = 3 if without is None or value is None else digits_apart(without, value)
-    return number(without, digits), unit(of), number(value, digits)
+        without, value = each["without"], each["value"]
+        digits = 3 if without is None or value is None else digits_apart(without, value)  # as many as tell them apart
+        test, of = each["test"].replace("_", " "), unit(each["unit"])
+        yield text.format(test, symbol(each["parameter"]), number(without, digits), of, number(value, digits))
 
 
 def model(contents: Contents) -> str:
@@ -128,15 +114,13 @@ def _predicts(contents: Contents) -> Markup:
         return Markup("How well it predicts cannot be said: it could not be simulated.")
     where = "on traces that were never fitted" if contents.score.get("holdout") else "on the fitted traces"
     text = f"Running free {where}, the error is {number(after)} σ of one sample"
+    count = len(contents.added)
     if contents.added and before is not None:
-        return Markup("{}; it was {} σ before {} came in.").format(text, number(before), _found(contents))
+        added = "the added effect" if count == 1 else f"the {count} added effects"
+        return Markup("{}; it was {} σ before {} came in.").format(text, number(before), added)
     if contents.get("diagnosis"):
         return Markup("{}; no further effect of the catalogue was found to improve on it.").format(text)
     return Markup("{}; what the model may lack has not been looked for (<code>etcfit diagnose</code>).").format(text)
-
-
-def _found(contents: Contents) -> str:
-    return "the added effect" if len(contents.added) == 1 else f"the {len(contents.added)} added effects"
 
 
 def _error(score: Mapping[str, Any]) -> float | None:
@@ -145,7 +129,8 @@ def _error(score: Mapping[str, Any]) -> float | None:
 
 
 def _knows(contents: Contents) -> Markup:
-    free = dict(_free(contents.final["parameters"]))
+    sought = "estimated", "not identifiable", "compromise"
+    free = {s: p for s, p in contents.final["parameters"].items() if p["status"] in sought}
     known = {s: p["stderr"] / abs(p["value"]) for s, p in free.items() if p["stderr"] is not None and p["value"]}
     lost = [s for s, p in free.items() if p["status"] == "not identifiable"]
     unsure = [s for s, p in free.items() if p["status"] == "compromise"]
@@ -164,13 +149,3 @@ def _knows(contents: Contents) -> Markup:
     )
     text += Markup("; a <strong>compromise</strong> are {}").format(symbols(unsure)) if unsure else ""
     return text + (Markup("; these data <strong>cannot tell</strong> {}").format(symbols(lost)) if lost else Markup(""))
-
-
-def _free(parameters: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    return ((s, p) for s, p in parameters.items() if p["status"] in ("estimated", "not identifiable", "compromise"))
-
-
-def _gains(contents: Contents) -> Iterator[Markup]:
-    """The one verdict on the gains, as terminal and notebook have it."""
-    if pid := contents.get("pid"):
-        yield escape(sentence(pid))

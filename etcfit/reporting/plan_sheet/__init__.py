@@ -97,7 +97,9 @@ def draw(test: PlannedTest, campaign: Campaign, number: int) -> Figure:
     for name in names:
         _channel(rest.pop(0), test, campaign, name)
     if "current" in names:
-        _winding(rest.pop(0), test, campaign)
+        panel, warm = rest.pop(0), campaign.settings.ambient + test.forecast.warmth
+        _banded(panel, test.forecast.time, warm[0], np.stack([warm.min(axis=0), warm.max(axis=0)]))
+        panel.set_ylabel("winding [°C]")
     panels[-1].set_xlim(0.0, float(plan.time[-1]))
     return panels_headed(fig, panels, f"Test {number}: {test.file}", "")
 
@@ -127,12 +129,6 @@ def _banded(panel: Axes, time: np.ndarray, value: np.ndarray, ends: np.ndarray) 
     """A line in its band; ends have shape (2, n), in either order."""
     panel.fill_between(time, ends.min(axis=0), ends.max(axis=0), color=_BAND, lw=0, label="must stay within")
     panel.plot(*style.thin(time, value), color=style.SIMULATED, lw=1.1, label="expected")
-
-
-def _winding(panel: Axes, test: PlannedTest, campaign: Campaign) -> None:
-    warm = campaign.settings.ambient + test.forecast.warmth
-    _banded(panel, test.forecast.time, warm[0], np.stack([warm.min(axis=0), warm.max(axis=0)]))
-    panel.set_ylabel("winding [°C]")
 
 
 _FUSES = (1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0, 30.0)  # A, blade fuses as they are sold
@@ -172,14 +168,7 @@ class Step:
 
 
 def write_sheet(folder: Path, campaign: Campaign) -> Path:
-    """Draw PLAN/pictures and write PLAN/procedure.html.
-
-    Args:
-        folder: PLAN.
-        campaign: the tests.
-    Returns:
-        Where the page is.
-    """
+    """Draw PLAN/pictures and write PLAN/procedure.html; where the page is."""
     steps = [_step(folder, campaign, number, test) for number, test in enumerate(campaign.tests, 1)]
     path = folder / "procedure.html"
     with whole(path) as draft:
@@ -189,7 +178,7 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
 
 def _render(campaign: Campaign, steps: list[Step]) -> str:
     rooms = ("etcfit.reporting.plan_sheet", "etcfit.reporting.page")  # style and tables are the report's
-    made = environment(*((room, "template") for room in rooms))
+    made, current = environment(*((room, "template") for room in rooms)), campaign.settings.current
     return made.get_template("sheet.html").render(
         rig=campaign.rig.config.name,
         synthetic=campaign.rig.config.synthetic,
@@ -197,7 +186,7 @@ def _render(campaign: Campaign, steps: list[Step]) -> str:
         cautions=campaign.cautions,
         steps=steps,
         minutes=math.ceil((campaign.seconds + sum(t.pause + 120.0 for t in campaign.tests)) / 60.0),
-        fuse=_fuse(campaign.settings.current),
+        fuse=next((size for size in _FUSES if size >= current), current),
         supply=campaign.setting.supply,
         limits=_limits(campaign),
         winding=campaign.winding,
@@ -209,14 +198,10 @@ def _render(campaign: Campaign, steps: list[Step]) -> str:
             2.0,
         ),
         apart=any(TEST_BY_NAME[t.candidate.plan.test].boundary.gear_apart for t in campaign.tests),
-        current=campaign.settings.current,
+        current=current,
         draws=campaign.settings.draws,
         hot=max(hottest(t, campaign) for t in campaign.tests),
     )
-
-
-def _fuse(current: float) -> float:
-    return next((size for size in _FUSES if size >= current), current)
 
 
 def _limits(campaign: Campaign) -> Table:

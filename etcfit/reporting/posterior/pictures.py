@@ -37,13 +37,10 @@ def draw_band(band: Band, synthetic: bool) -> Figure:
     for m in range(len(trace.channels)):
         signal(panels[2 * m], trace, m, band.mean[:, m], "posterior mean")
         _error(panels[2 * m + 1], band, m)
-    return headed(fig, panels, f"{name_of(trace)}, posterior predictive", _inside(band))
-
-
-def _inside(band: Band) -> str:
-    each = (f"{name.replace('_', ' ')} {100.0 * share:.1f} %"
-            for name, share in zip(band.trace.channels, band.inside, strict=True))  # fmt: skip
-    return "inside the 95 % band: " + ", ".join(each)
+    inside = (f"{name.replace('_', ' ')} {100.0 * share:.1f} %"
+              for name, share in zip(trace.channels, band.inside, strict=True))  # fmt: skip
+    said = "inside the 95 % band: " + ", ".join(inside)
+    return headed(fig, panels, f"{name_of(trace)}, posterior predictive", said)
 
 
 def _error(panel: Axes, band: Band, m: int) -> None:
@@ -108,7 +105,7 @@ def draw_corner(picture: CornerPicture) -> Figure:
         labels=[f"{s.replace('series_ohm.', 'R ')} [%]" for s in symbols],
         label_kwargs={"fontsize": 10},
         labelpad=0.12,
-        truths=[_truth(picture, s) for s in symbols],
+        truths=[float(_percent(picture.truths[s], picture.draws[s])) if s in picture.truths else None for s in symbols],
         truth_color=style.SIMULATED,
     )
     fig.subplots_adjust(left=0.085, right=0.985, bottom=0.085, top=0.985, wspace=0.06, hspace=0.06)
@@ -125,10 +122,6 @@ def draw_corner(picture: CornerPicture) -> Figure:
 def _percent(value: np.ndarray | float, draws: np.ndarray) -> np.ndarray:
     mean = float(np.mean(draws))
     return 100.0 * (np.asarray(value) - mean) / abs(mean)
-
-
-def _truth(picture: CornerPicture, symbol: str) -> float | None:
-    return float(_percent(picture.truths[symbol], picture.draws[symbol])) if symbol in picture.truths else None
 
 
 def _means(picture: CornerPicture) -> str:

@@ -20,25 +20,12 @@ from .levels import channel_offset, saturation
 from .signs import channel_sign, swapped_columns
 
 # the one registration; what stands first explains what a later one would find in the same test
-DETECTORS: tuple[Detector, ...] = (
-    Detector(switched_voltage, explains=True),
-    Detector(supply_current, explains=True),
-    Detector(unsigned_current, explains=True),
-    Detector(slow_current, explains=True),
-    Detector(swapped_columns, explains=True),
-    Detector(channel_sign, explains=True),
-    Detector(unit_scale, explains=True),
-    Detector(channel_offset, explains=True),
-    Detector(saturation, explains=True),
-    Detector(gear_ratio),
-    Detector(time_scale),
-    Detector(series_resistance),
-    Detector(lost_samples),
-    Detector(hum),
-    Detector(slow_log),
-    Detector(coasting_bridge),
-    Detector(synchronous_edges),
+EXPLAIN = (
+    *(switched_voltage, supply_current, unsigned_current, slow_current, swapped_columns, channel_sign),
+    *(unit_scale, channel_offset, saturation),
 )
+REST = (gear_ratio, time_scale, series_resistance, lost_samples, hum, slow_log, coasting_bridge, synchronous_edges)
+DETECTORS: tuple[Detector, ...] = (*(Detector(find, True) for find in EXPLAIN), *(Detector(find) for find in REST))
 
 
 def refuse(folder: str, found: Iterable[Finding]) -> None:

@@ -12,8 +12,8 @@ import diagnoses
 import results
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.reporting.blocks import render
+from etcfit.reporting.diagnosis import diagnosis_table
 from etcfit.reporting.diagnosis.ledger import Entry, headline, ledger
-from etcfit.reporting.diagnosis.table import diagnosis_table
 from etcfit.reporting.numbers import short
 
 

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import re
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import browsing
 import fleet_pages as made
-from etcfit.reporting.fleet import write_fleet_page
+from etcfit.reporting.fleet.page import write_fleet_page
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[test]'")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on PATH; test_page.py reads the page without one"),
-]
+pytestmark = pytest.mark.slow
 MANY = 10_000
 FIRST_PAINT = 1000.0  # ms
 ANSWER = 500.0  # ms until a filter of all units is drawn in every chart in sight
@@ -30,30 +23,10 @@ SMALLEST = 12.0  # px, of letters; subscripts may be a fifth smaller
 SCATTER = "[...etcfit.Panel.every].find((each) => each.how.height === 340)"
 
 
-class Visit:
-    """A page in the browser, what it complained of, and what it asked the network for."""
+class Visit(browsing.Visit):
+    """What a person does with the page."""
 
-    def __init__(self, browser: Browser, path: Path, width: int = 1300, scheme: str = "light") -> None:
-        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)  # pyright: ignore[reportArgumentType]
-        self.page = context.new_page()
-        self.said: list[str] = []
-        self.asked: list[str] = []
-        self.page.on("console", lambda message: self.said.append(message.text))
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.goto(path.as_uri())
-        self.until("globalThis.etcfit.page?.sections?.length")
-        self.settle()
-
-    def until(self, true: str) -> None:
-        """Wait for it; `wait_for_function` asks again by `eval`, which the page's policy forbids."""
-        end = monotonic() + 30.0
-        while not self.page.evaluate(true):
-            assert monotonic() < end, f"never true: {true}"
-            self.page.wait_for_timeout(20.0)
-
-    def settle(self) -> None:
-        self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    ready = "globalThis.etcfit.page?.sections?.length"
 
     def everything(self) -> None:
         """Scroll through it all, so that every chart is made."""
@@ -80,14 +53,6 @@ class Visit:
                 return [box.left + to.x(at[0]), box.top + to.y(at[1])]; }}""",
             unit,
         )
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_api.sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")

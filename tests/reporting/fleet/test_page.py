@@ -16,8 +16,7 @@ from jsonschema import Draft202012Validator, ValidationError
 
 import fleet_pages as made
 from etcfit.files import plain
-from etcfit.reporting.fleet import write_fleet_page
-from etcfit.reporting.fleet.page import NAME, SCRIPTS, part, render
+from etcfit.reporting.fleet.page import NAME, SCRIPTS, part, render, write_fleet_page
 
 SCHEMA = Path(__file__).resolve().parents[3] / "etcfit" / "run_folder" / "schemas" / "fleet.schema.json"
 

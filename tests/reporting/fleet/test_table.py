@@ -9,8 +9,7 @@ import pytest
 
 import fleet_pages as made
 from etcfit.reporting.blocks import render
-from etcfit.reporting.fleet import fleet_table
-from etcfit.reporting.fleet.words import JUDGEMENT, Judgement, verdict
+from etcfit.reporting.fleet import JUDGEMENT, Judgement, fleet_table, verdict
 
 EMPTY: dict[str, Any] = {
     **{key: [] for key in ("units", "failed", "not_converged", "odd", "drift", "predictions")},

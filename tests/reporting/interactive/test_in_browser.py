@@ -2,43 +2,28 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+import browsing
 import interactive_runs as made
 from etcfit.reporting.interactive import write_interactive
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[test]'")
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on PATH; test_page.py reads the page without one"),
-]
+pytestmark = pytest.mark.slow
 COUNT, SAMPLES, WORST = 200, 4000, 137
 LIMIT = 8_000_000
 FIRST_PAINT = 1000.0  # ms
 
 
-class Visit:
-    """A page in the browser, what it complained of, and what it asked the network for."""
+class Visit(browsing.Visit):
+    """What a person does with the page."""
 
-    def __init__(self, browser: Browser, path: Path, width: int = 1300, scheme: str = "light") -> None:
-        context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)  # pyright: ignore[reportArgumentType]
-        self.page = context.new_page()
-        self.said: list[str] = []
-        self.asked: list[str] = []
-        self.page.on("console", lambda message: self.said.append(message.text))
-        self.page.on("pageerror", lambda error: self.said.append(str(error)))
-        self.page.on("request", lambda request: self.asked.append(request.url))
-        self.page.goto(path.as_uri())
-        self.page.wait_for_function("globalThis.etcfit.page.loop.panels || !globalThis.etcfit.page.data.loop")
+    ready = "globalThis.etcfit.page.loop.panels || !globalThis.etcfit.page.data.loop"
 
     def scales(self) -> list[list[float]]:
         """What each chart of the trace shows of the time axis."""
@@ -49,17 +34,6 @@ class Visit:
     def now(self, chart: str = "etcfit.page.view.panels[0].entry") -> list[float | None]:
         """The curve of the sliders in a chart."""
         return self.page.evaluate(f"{chart}.series.find((each) => each.name === 'now').values")
-
-    def settle(self) -> None:
-        self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_api.sync_playwright() as play:
-        chromium = play.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture(scope="module")

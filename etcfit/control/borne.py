@@ -1,0 +1,128 @@
+"""Whether a loop bears what its model misses, as measured on motion that was not fitted.
+
+    Delta(w) = |E(w)| / |Y(w)|,        borne where |Delta(w) T(w)| < 1 for all w,        T = L/(1 + L)
+
+E is the spectrum of measured - predicted (free running) less that of the sensor's noise, Y that of the predicted
+position, L the loop of the new gains on the nominal model. Where the present ECU was in the model the log is one of a
+closed loop, whose errors feedback made smaller: there Delta is divided by |1/(1 + L)| of the present gains. Delta
+counts all that differs as an error of the plant, dry friction's included: it is too large rather than too small.
+
+chi2 asks another thing: whether the parameters are estimates. A sensor that is good to 0.04 % of the travel shows that
+a model is wrong long before a loop with a margin feels it.
+
+Source: Skogestad and Postlethwaite 2005, Multivariable Feedback Control, sections 7.4 and 7.5 (multiplicative
+uncertainty; robust stability). Differs from source: Delta is estimated from one log by Welch's method, not bounded
+beforehand; of the 1 half is kept for what the log does not show (supply, heat, wear), as a gain margin of 6 dB does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.ecu import Ecu
+from ..model.linear import TransferFunction
+from .pid import Gains
+from .pid.linear_loop import OpenLoop, controller
+
+MOST = 0.5  # of |Delta T|
+_SEGMENT = 1.0  # s, of one periodogram
+_NEAR = 3.0  # times below and above the crossover, where gain and phase decide on stability
+_AT = 1.5  # times below or above it, where the log must tell Delta
+_SEEN = 4.0  # times the noise's power that the motion must have for Delta to be told there
+
+
+@dataclass(frozen=True)
+class Borne:
+    """What the loop of one set of gains bears.
+
+    Args:
+        worst: the largest |Delta T| within a factor of 3 of the crossover; NaN where the log does not tell it.
+        missed: Delta there, a share of the plant's response.
+        hertz: where.
+        crossover: of the loop, Hz.
+    """
+
+    worst: float
+    missed: float
+    hertz: float
+    crossover: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether the loop bears it; no where the log does not tell."""
+        return self.worst <= MOST
+
+    @property
+    def says(self) -> str:
+        """A sentence."""
+        if not np.isfinite(self.worst):
+            return (f"The log has no motion near {self.crossover:.2g} Hz, where the new loop is decided on: record ten "
+                    "quick steps of 20 to 60 % of the travel.")  # fmt: skip
+        found = (f"At {self.hertz:.2g} Hz the model misses {100.0 * self.missed:.2g} % of the plate's response; "
+                 f"the loop bears {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
+        if self.enough:
+            return f"{found}."
+        return (f"{found} (|Delta T| {self.worst:.2g}, at most {MOST:g}). Log faster, at each tick of the ECU, and "
+                "record more quick steps with rests between them.")  # fmt: skip
+
+
+def borne(
+    parts: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], noise: float, plant: TransferFunction, ecu: Ecu,
+    gains: Gains, present: Gains | None = None,
+) -> Borne:  # fmt: skip
+    """Of gains, by the motion measured and predicted.
+
+    Args:
+        parts: instants (s), measured and predicted position (rad) of each trace, shape (n,) each; NaN where none is.
+        noise: standard deviation of one sample, rad.
+        plant, ecu: the nominal loop.
+        gains: to be judged.
+        present: of the ECU that was in the model; None where the logged duty drove it.
+    """
+    under = OpenLoop.of(plants=plant, ecu=ecu)
+    omega = np.angle(under.z[:-1]) / ecu.period
+    response = np.ravel(under.response)[:-1]
+    loop = np.ravel(controller(gains, ecu, under.z[:-1])) * response
+    above = np.flatnonzero(np.abs(loop) >= 1.0)
+    crossover = float(omega[above[-1]] if above.size else omega[0]) / (2.0 * np.pi)
+    hertz, missed = _missed(parts, noise)
+    near = (hertz >= crossover / _NEAR) & (hertz <= crossover * _NEAR) & np.isfinite(missed)
+    if not (near & (np.abs(np.log(np.maximum(hertz, 1e-9) / crossover)) <= np.log(_AT))).any():
+        return Borne(float("nan"), float("nan"), float("nan"), crossover)
+    hertz, missed = hertz[near], missed[near]
+    at = 2.0 * np.pi * hertz
+    if present is not None:
+        there = np.ravel(controller(present, ecu, under.z[:-1])) * response
+        missed = missed * np.interp(at, omega, np.abs(1.0 + there))
+    product = missed * np.interp(at, omega, np.abs(loop / (1.0 + loop)))
+    k = int(np.argmax(product))
+    return Borne(float(product[k]), float(missed[k]), float(hertz[k]), crossover)
+
+
+def _missed(parts: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies, Hz, and Delta there; NaN where the motion does not rise above the noise."""
+    from scipy.signal import welch
+
+    error, motion, hertz, weight, floor = 0.0, 0.0, np.zeros(0), 0.0, 0.0
+    step = None
+    for time, measured, predicted in parts:
+        there = np.isfinite(measured) & np.isfinite(predicted)
+        step = float(np.median(np.diff(time))) if step is None else step
+        size = round(_SEGMENT / step)
+        even = np.arange(time[there][0], time[there][-1], step)
+        if even.size < size:
+            continue
+        y, left = (np.interp(even, time[there], each[there]) for each in (predicted, measured - predicted))
+        hertz, power = welch(left, 1.0 / step, nperseg=size)
+        error, motion = error + even.size * power, motion + even.size * welch(y, 1.0 / step, nperseg=size)[1]
+        weight, floor = weight + even.size, 2.0 * step * noise**2
+    if not weight:
+        return hertz, np.full(hertz.shape, np.nan)
+    error, motion = np.asarray(error) / weight, np.asarray(motion) / weight
+    seen = motion > _SEEN * floor
+    with np.errstate(divide="ignore", invalid="ignore"):
+        missed = np.sqrt(np.maximum(error - floor, 0.0) / motion)
+    return hertz, np.where(seen & (hertz > 0.0), missed, np.nan)
