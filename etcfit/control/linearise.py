@@ -141,7 +141,7 @@ class MotorConstants:
 def motor_constants(
     fitted: Fitted, lower: float, upper: float, share: float = MIDDLE, settings: SlidingSettings = SlidingSettings()
 ) -> MotorConstants:
-    """The constants of a model with any effects: kS and kV as `pid.sliding.sliding_of` has friction and rate, the mean
+    """The constants of a model with any effects: kS and kV as `pid.feedforward.sliding_of` has friction and rate, mean
     of both ways over the travel; kA = R_a / (L_a b0) about a share of it.
     """
     types, gear = fitted.free_parameters.layout.types, fitted.config.gear_ratio

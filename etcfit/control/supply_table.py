@@ -86,26 +86,22 @@ class SupplyTable:
 
 def supply_table(task: Task, gains: Gains) -> SupplyTable:
     """The table of some gains, tried at both ends of the supply beside the gains without a table."""
-    fixed = at_corners(task.loop, task.settings.conditions)
-    ends = tuple(
-        AtSupply(supply, _worst(task, fixed, gains, supply), _worst(task, _knowing(task, fixed, supply), gains, supply))
-        for supply in dict.fromkeys(task.settings.conditions.supply)
-    )
-    return SupplyTable(task.settings.schedule.supplies, ends, over_position(task, gains))
+    ranges = task.settings.conditions
+    fixed = at_corners(task.loop, ranges)
+    ends = []
+    for supply in dict.fromkeys(ranges.supply):
+        # an ECU that divides by the battery voltage needs no table
+        knowing = fixed
+        if not task.ecu.compensated:
+            knowing = at_corners(task.loop.under(reckoning_with(task.ecu, supply)), ranges)
+        ends.append(AtSupply(supply, *(_worst(task, loop, gains, supply) for loop in (fixed, knowing))))
+    return SupplyTable(task.settings.schedule.supplies, tuple(ends), over_position(task, gains))
 
 
 def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
     """The ECU as it is where it reckons with another supply (V): what it has in % of duty means other volts."""
     more = supply / ecu.supply
     return ecu._replace(supply=supply, pwm=more * ecu.pwm, slew=more * ecu.slew)
-
-
-def _knowing(task: Task, fixed: Loop, supply: float) -> Loop:
-    """The nominal model at every corner, under an ECU with the table's gains, and feed-forward, of a supply (V): the
-    fixed ones where the ECU divides by the battery voltage itself."""
-    if task.ecu.compensated:
-        return fixed
-    return at_corners(task.loop.under(reckoning_with(task.ecu, supply)), task.settings.conditions)
 
 
 def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:

@@ -78,7 +78,7 @@ class FreeRun:
         free, traces = problem.free_run(x), problem.batch.traces
         left = [(t.data - y) / t.sigma for t, y in zip(traces, free, strict=True)]
         channels = [r[np.isfinite(r[:, m]), m] for r in left for m in range(r.shape[1])]
-        beside = problem.beside(held_out, x) if held_out else None
+        beside = problem.for_traces(held_out, x) if held_out else None
         error = None if beside is None else pooled(rows(held_out, beside.free_run(x)))
         samples = float(sum(c.size for c in channels))
         return cls(effects, problem, x, free_run_cost(problem, x), independent(channels), samples, error)

@@ -54,7 +54,7 @@ def _weigh(
         return b, b.weighted(weights.free_running(b))
 
     problem, weighted = one(problem)
-    return Weighed(problem, weighted, one(problem.beside(held_out, x)) if held_out else None)
+    return Weighed(problem, weighted, one(problem.for_traces(held_out, x)) if held_out else None)
 
 
 def start(result: FitResult, settings: DiagnosisSettings) -> CandidateModel:

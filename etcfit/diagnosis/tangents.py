@@ -18,7 +18,7 @@ from ..model.parameters import AbstractDomain, NonNegative, declared
 from ..problem import residual_kernels
 from ..problem.cores import side_by_side
 from ..problem.free_parameters import Form
-from ..problem.input_perturbation import added_by, added_late, responses, where_asked
+from ..problem.input_perturbation import added_by, added_late, evaluation_points, responses
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, residual
 from .candidate_model import CandidateModel
@@ -275,7 +275,7 @@ def tangents_along_path(
     """
     form, padded = problem.layout.form, problem.layout.padded(x)
     seen = np.asarray(weighted.slots.weight) > 0.0
-    where = where_asked(form, padded, weighted)
+    where = evaluation_points(form, padded, weighted)
 
     def columns(few: Sequence[_Direction]) -> list[np.ndarray]:
         besides = tuple((added_late if only_delays(way.effect) else added_by)(*way, where) for way in few)

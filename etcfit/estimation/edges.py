@@ -84,7 +84,7 @@ def with_edges_in_step(
     alike = {test: c for test, c in shared.items() if c is not None and c.agreement >= AGREEMENT}
     if not any(common.chance <= CHANCE for common in alike.values()):
         return None
-    places |= edge_places(problem.beside(tuple(held_out), x), x) if held_out else {}
+    places |= edge_places(problem.for_traces(tuple(held_out), x), x) if held_out else {}
     turned = tuple(
         replace(m, edge_turn=turns(m, places.get(m.file, ()), alike[m.test].phase)) if m.test in alike else m
         for m in rig.measurements

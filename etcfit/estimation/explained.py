@@ -190,6 +190,6 @@ def _errors(problem: EstimationProblem, x: np.ndarray, trace: Trace, factors: np
     signal = trace.input
     assert signal is not None, f"{trace.measurement.file} is not driven: it has no drive to scale"
     scaled = tuple(replace(trace, input=replace(signal, value=factor * signal.value)) for factor in factors)
-    beside = problem.beside(scaled, x)
+    beside = problem.for_traces(scaled, x)
     free = beside.free_run(x)
     return [pooled(rows((one,), (model,))) for one, model in zip(beside.batch.traces, free, strict=True)]

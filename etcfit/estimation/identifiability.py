@@ -81,9 +81,27 @@ def analyse(
         directions.append(_direction(layout.free, vectors[:, k], sd[k], settings))
     # by eigenvectors: an inverse would drown the null directions in rounding
     relative = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
-    lost = tuple(s for s, c in zip(layout.free, np.diag(relative), strict=True) if c**0.5 > settings.unknown)
+    unsure = np.diag(relative) > settings.unknown**2
+    if null.any():
+        straying = np.sum(vectors[:, null] ** 2 / (values[null] + 1.0 / WIDE**2), axis=1)
+        unsure |= _scaled(layout.relative_size(x), np.diag(relative), straying, settings.unknown)
+    lost = tuple(s for s, is_lost in zip(layout.free, unsure, strict=True) if is_lost)
     covariance = relative * np.outer(reach, reach)
     return Identifiability(layout.free, np.sqrt(values[::-1]), tuple(directions), covariance, lost)
+
+
+def _scaled(size: np.ndarray, variance: np.ndarray, straying: np.ndarray, unknown: float) -> np.ndarray:
+    """Whether parameters are known up to a scale alone: other than 0 without what strays along null directions, which
+    moves them by much of their own size. Their own reach would call that a small error.
+
+    Args:
+        size: of the parameters in reaches, shape (P,).
+        variance: of the parameters, reaches^2.
+        straying: the part of it along null directions.
+        unknown: share of its size up to which a parameter counts as known.
+    """
+    rest = np.maximum(variance - straying, 0.0)
+    return (straying > (unknown * size) ** 2) & (size**2 > 4.0 * rest)
 
 
 def _direction(symbols: tuple[str, ...], vector: np.ndarray, sd: float, settings: IdentifiabilitySettings) -> Direction:

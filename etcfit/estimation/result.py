@@ -334,7 +334,7 @@ class _Predictions(NamedTuple):
 
 def _predictions(optimum: Optimum) -> _Predictions:
     problem, held_out, x = optimum.problem, optimum.held_out, optimum.x
-    holdout = problem.beside(held_out, x) if held_out else None
+    holdout = problem.for_traces(held_out, x) if held_out else None
     predicted: dict[str, np.ndarray] = {}
     for part in filter(None, (problem, holdout)):
         model = part.free_run(x)

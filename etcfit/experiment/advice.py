@@ -238,7 +238,7 @@ def _planned(problem: EstimationProblem, x: np.ndarray, setting: Setting, judge:
 def informations_of_others(problem: EstimationProblem, traces: Sequence[Trace], x: np.ndarray) -> Iterator[np.ndarray]:
     """J_k^T J_k of other traces, shape (P, P) each, batched in the shape of the problem so that what was compiled for
     it serves again."""
-    most = problem.shape[1]
+    most = problem.batch.steps.dt.shape[1]
     for some in (tuple(traces[k : k + most]) for k in range(0, len(traces), most)):
-        other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.shape).refined(x)
+        other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.room).refined(x)
         yield from informations(replace(other, jitter=problem.jitter), x)

@@ -160,7 +160,7 @@ def plan_campaign(
 
     every = candidates(setting, settings, {trace.test.name for trace in fitted}, tuple(without))
     models = _models(rig, at, known, x, judge, settings)
-    seen = forecasts(every, setting, known, models, problem.shape, settings)
+    seen = forecasts(every, setting, known, models, problem.room, settings)
     bad = [passed(c, f, setting, settings) for c, f in zip(every, seen, strict=True)]
     left = list(_largest(every, bad))
     if not left:

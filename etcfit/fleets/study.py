@@ -74,7 +74,7 @@ def study(
     found, odd = without_odd(stack, units, config.shared, settings)
     shrunk = shrink(stacked(robust(units, MOST_WIDENED_TO_SHRINK)), found)
     charts = _charts(stack, found)
-    in_order = {symbol: _over_all(each, stack.units) for symbol, each in charts.items()}
+    in_order = {symbol: _in_order(each, stack.units) for symbol, each in charts.items()}
     model = units_as_models(rig, units, shrunk)
     figures = measured(model)
     ordinary = np.flatnonzero(~np.isin(model.units, [unit.unit for unit in odd]))
@@ -88,7 +88,7 @@ def study(
         effects=effects_in(stack, rig.effects, settings.effect_rate),
         charts=charts,
         drifts=drifts(in_order, settings.drift_level),
-        capability=_capable(config, found, figures, ordinary, settings),
+        capability=_capable(config, found, {name: each.value[ordinary] for name, each in figures.items()}, settings),
         gauge=_gauges(config, stack.units, in_order),
         model=model,
         figures=figures,
@@ -138,7 +138,7 @@ def _charts(stack: Stack, found: Population) -> dict[str, Chart]:
     return out
 
 
-def _over_all(chart: Chart, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _in_order(chart: Chart, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Value and standard error for every unit, NaN where its own data do not tell."""
     value, stderr = np.full(len(units), np.nan), np.full(len(units), np.nan)
     told = np.isin(units, chart.units)
@@ -147,19 +147,15 @@ def _over_all(chart: Chart, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndar
 
 
 def _capable(
-    config: FleetConfig,
-    found: Population,
-    figures: Mapping[str, FigureResult],
-    ordinary: np.ndarray,
-    settings: FleetSettings,
+    config: FleetConfig, found: Population, figures: Mapping[str, np.ndarray], settings: FleetSettings
 ) -> dict[str, Capability]:
+    """What has limits, of symbols that differ and of figures of the ordinary units."""
     out = {}
     for name, limit in config.limits.items():
         if name in found.symbols and not found.shared[found.symbols.index(name)]:
             line = Line.from_population(found, name)
-        elif name in figures and np.isfinite(figures[name].value).sum() > 1:
-            value = figures[name].value[ordinary]
-            line = Line.from_values(value, np.zeros_like(value), settings)
+        elif name in figures and np.isfinite(figures[name]).sum() > 1:
+            line = Line.from_values(figures[name], np.zeros_like(figures[name]), settings)
         else:
             continue
         out[name] = capability(line, limit.low, limit.high, settings.population.level)

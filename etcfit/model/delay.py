@@ -38,12 +38,12 @@ class Earlier(NamedTuple):
         """What a straight line has there, by its values at that entry and the next."""
         return first + self.share * (then - first)
 
-    def of(self, signal: Float[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+    def delayed(self, signal: Float[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
         """The signal there, linear between entries."""
         return self.between(_taken(signal, self.row), _taken(signal, self.row + 1))
 
     def rate(self, signal: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
-        """Minus the derivative of `of` in the delay, 1/s."""
+        """Minus the derivative of `delayed` in the delay, 1/s."""
         return self.slope(_taken(signal, self.row), _taken(signal, self.row + 1))
 
     def slope(self, first: Float[np.ndarray, "T L"], then: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
@@ -70,13 +70,13 @@ class Between(NamedTuple):
     share: Float[AnyArray, "T L"]
     next_share: Float[AnyArray, "T L"]
 
-    def of(self, signal: Float[AnyArray, "T L"], xp: Any = jnp) -> Float[AnyArray, "T L"]:
+    def delayed(self, signal: Float[AnyArray, "T L"], xp: Any = jnp) -> Float[AnyArray, "T L"]:
         """The signal there."""
         s, (y0, y1, v0, v1) = self.s, self._ends(signal, xp)
         return y0 + s**2 * (3.0 - 2.0 * s) * (y1 - y0) + s * (1.0 - s) * ((1.0 - s) * v0 - s * v1) * self.span
 
     def rate(self, signal: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
-        """Minus the derivative of `of` in the lateness, 1/s."""
+        """Minus the derivative of `delayed` in the lateness, 1/s."""
         s, (y0, y1, v0, v1) = self.s, self._ends(signal, np)
         bend = (1.0 - s) * (1.0 - 3.0 * s) * v0 + s * (3.0 * s - 2.0) * v1
         return self.moves * np.where(self.span > 0.0, 6.0 * s * (1.0 - s) * _over(y1 - y0, self.span) + bend, 0.0)
@@ -103,7 +103,7 @@ class LateInput(NamedTuple):
     lead: Float[AnyArray, "T L"]
     dt: Float[AnyArray, "T L"]
 
-    def of(
+    def acting(
         self, begin: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], xp: Any = jnp
     ) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
         """What acts at begin and end of each step; before a trace began its first level acted."""
@@ -118,7 +118,7 @@ class LateInput(NamedTuple):
     def rates(
         self, begin: Float[np.ndarray, "T L"], end: Float[np.ndarray, "T L"]
     ) -> tuple[Float[np.ndarray, "T L"], Float[np.ndarray, "T L"]]:
-        """Minus the derivative of `of` in the delay, 1/s."""
+        """Minus the derivative of `acting` in the delay, 1/s."""
         (first0, then0), (first1, then1) = (
             tuple(_taken(column, at.row + 1) for column in (begin, end)) for at in (self.begins, self.ends)
         )
@@ -202,7 +202,7 @@ def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: S
     """
     # the search along the batch costs as much as simulating it
     return jax.lax.cond(
-        delay > 0.0, lambda signal: earlier(steps, resets, delay).of(signal), lambda signal: signal, signal
+        delay > 0.0, lambda signal: earlier(steps, resets, delay).delayed(signal), lambda signal: signal, signal
     )
 
 
@@ -263,7 +263,7 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
         steps, resets: the batch.
         late: s, of either sign; shape (T, L), or one for all.
     """
-    return between(steps, resets, late).of(signal)
+    return between(steps, resets, late).delayed(signal)
 
 
 def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: LateInput | None = None) -> LateInput:
@@ -285,7 +285,7 @@ def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
 
     def acting(logged: Acting) -> Acting:
         late = late_input(steps, resets, delay)
-        return Acting(*late.of(*logged[:2]), *late.of(*logged[2:]))
+        return Acting(*late.acting(*logged[:2]), *late.acting(*logged[2:]))
 
     return steps._replace(**jax.lax.cond(delay > 0.0, acting, lambda logged: logged, steps.levels)._asdict())
 

@@ -1,8 +1,8 @@
 """What an effect that is not in the model would add to it along the path that the model takes, to first order.
 
 An amplitude a that is off changes no path. So what the effect does to every step is known beforehand: its contribution,
-per unit of a, at the states and inputs at which a step asks the effects of the model. As a `Besides` of that step it
-moves the path as the effect would, and the step's own tangent is all that has to be differentiated.
+per unit of a, at the states and inputs at which a step evaluates the effects of the model. As a `Besides` of that step
+it moves the path as the effect would, and the step's own tangent is all that has to be differentiated.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from .throttle import Throttle
 _KNOWN = ("torque", "drive", "voltage", "friction", "position", "current", "dz")
 
 
-class Asked(NamedTuple):
-    """Where a stage of a step asks the effects.
+class StageInputs(NamedTuple):
+    """Where a stage of a step evaluates the effects.
 
     Args:
         x: the state that the stage guesses.
@@ -38,12 +38,12 @@ class Asked(NamedTuple):
     du: Inputs
 
 
-class StepAsked(NamedTuple):
-    """Where one step asks the effects: in its two stages, and at its end for what is read; and what the sensors of
+class StepInputs(NamedTuple):
+    """Where one step evaluates the effects: in its two stages, and at its end for what is read; and what the sensors of
     position (rad) and current (A) show there."""
 
-    early: Asked
-    late: Asked
+    early: StageInputs
+    late: StageInputs
     end: State
     read: Inputs
     position: Scalar
@@ -72,34 +72,34 @@ def only_delays(effect: type[AbstractEffect]) -> bool:
     here, u = State(1.0, 0.1, 1.0), Inputs(1.0, 0.0, 1.0, 1.0, 0.0, 16.0, 0.0, 1.5, motor=1.0, external=1.0)
     try:
         added, nothing = effect(**values)(here, effect.z0, u), Contribution()
-    except TypeError:  # an effect of the rig is not asked in the throttle
+    except TypeError:  # the throttle does not evaluate an effect of the rig
         return False
     return all(
         name.endswith("_delay") or getattr(added, name) is getattr(nothing, name) for name in Contribution._fields
     )
 
 
-def asked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepAsked:
-    """Where one step asks the effects; arguments as of `step_between_ticks`, for no ECU's model is asked."""
+def step_inputs(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepInputs:
+    """Where one step evaluates the effects; arguments as of `step_between_ticks`, without an ECU in the model."""
     taken = stages(throttle, x, z, s)
     acting = taken.contact.acting(s)
 
-    def stage(guess: State, z: tuple[Scalar, ...], fraction: float, end: State) -> Asked:
+    def stage(guess: State, z: tuple[Scalar, ...], fraction: float, end: State) -> StageInputs:
         way = State(*(to - start for to, start in zip(end, guess, strict=True)))
         u = acting.inputs(fraction)
         here, along = jax.jvp(lambda x: throttle.informed(x, z, u), (guess,), (way,))
-        return Asked(guess, here, way, along)
+        return StageInputs(guess, here, way, along)
 
     end = taken.contact.clip(x, taken.second.x)
     early = stage(x, taken.z_early, GAMMA, taken.first.x)
     late = stage(taken.first.x, taken.z_late, 1.0, taken.second.x)
     u = s.inputs(1.0)
     shown = throttle.observe(end, taken.z2, u)
-    return StepAsked(early, late, end, throttle.informed(end, taken.z2, u), shown["position"], shown["current"])
+    return StepInputs(early, late, end, throttle.informed(end, taken.z2, u), shown["position"], shown["current"])
 
 
-def asked_along(throttle: Throttle, path: Any, steps: Step, resets: Reset) -> StepAsked:
-    """Where every step of a batch asks the effects; entries of shape (T, L).
+def step_inputs_along(throttle: Throttle, path: Any, steps: Step, resets: Reset) -> StepInputs:
+    """Where every step of a batch evaluates the effects; entries of shape (T, L).
 
     Args:
         throttle: the model.
@@ -108,9 +108,9 @@ def asked_along(throttle: Throttle, path: Any, steps: Step, resets: Reset) -> St
     """
     x, z = jax.tree.map(lambda leaf: jnp.concatenate((jnp.zeros_like(leaf[:1]), leaf[:-1])), path)
 
-    def one(x: State, z: tuple[Scalar, ...], s: Step, reset: Reset) -> StepAsked:
+    def one(x: State, z: tuple[Scalar, ...], s: Step, reset: Reset) -> StepInputs:
         at, memories = begun(throttle, x, z, reset)
-        return asked(throttle, at, memories, s)
+        return step_inputs(throttle, at, memories, s)
 
     return jax.vmap(jax.vmap(one))(x, z, steps, resets)
 
@@ -119,7 +119,7 @@ def added(
     effect: type[AbstractEffect],
     values: Mapping[str, Scalar],
     ways: Mapping[str, Scalar],
-    along: StepAsked,
+    along: StepInputs,
     steps: Step,
     resets: Reset,
 ) -> StepBesides:
@@ -145,7 +145,7 @@ def added_at(
     values: Mapping[str, Scalar],
     ways: Mapping[str, Scalar],
     carried: Any,
-    entry: tuple[StepAsked, Step, Reset],
+    entry: tuple[StepInputs, Step, Reset],
 ) -> tuple[Any, StepBesides]:
     """The same of one step.
 
@@ -162,7 +162,7 @@ def added_at(
         mine = effect(**values)
         early, late, end = _memories(mine, along, s, reset, z)
 
-        def stage(where: Asked, z: tuple[Scalar, ...]) -> Besides:
+        def stage(where: StageInputs, z: tuple[Scalar, ...]) -> Besides:
             here, slope = jax.jvp(
                 lambda x, u: _besides(mine(x, z, u), mine.loaded), (where.x, where.u), (where.dx, where.du)
             )
@@ -183,7 +183,7 @@ def _besides(c: Contribution, loaded: bool) -> Besides:
     return jax.tree.map(lambda each: jnp.asarray(each, float), acts)
 
 
-def _memories(effect: AbstractEffect, along: StepAsked, s: Step, reset: Reset, z: Any) -> Any:
+def _memories(effect: AbstractEffect, along: StepInputs, s: Step, reset: Reset, z: Any) -> Any:
     """An effect's own memories where the first and the second stage ask it, and at the end of the step; () each for one
     that has none."""
     if not effect.z0:

@@ -25,7 +25,7 @@ from jaxtyping import Bool
 
 from .effects import Besides, Contribution, Inputs, State
 from .parameters import AnyArray, Scalar
-from .tangents import forward, instantiated, once
+from .tangents import forward, fusion_barrier, instantiated
 from .throttle import Throttle
 
 StatePath = tuple[State, tuple[Scalar, ...]]  # states and memories; along a batch of shape (T, L) each
@@ -400,7 +400,7 @@ def _stage(
     held = contact.restrains(omega)
     free = jnp.where(slips & ~held, s.mobile, 0.0)
     omega = jnp.where(held, 0.0, omega)
-    x = once(State(at + per_speed * omega, base.theta + a * omega, omega))
+    x = fusion_barrier(State(at + per_speed * omega, base.theta + a * omega, omega))
     return _Stage(x, free, torque, voltage, *here[2:], per_speed, mass, share)
 
 
@@ -418,7 +418,7 @@ def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step, lon
         s: the step.
         longer: tangent of its length over the length; None where that is fixed.
     """
-    a, x, d = GAMMA * s.dt, stage.x, once(d)
+    a, x, d = GAMMA * s.dt, stage.x, fusion_barrier(d)
     if longer is not None:  # what a stage adds to what it set out from grows with its length
         dbase = State(
             dbase.i + longer * (x.i - base.i),
@@ -431,8 +431,8 @@ def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step, lon
     at = s.circuit * at / stage.share
     torque = d.torque + stage.torque.i * at + stage.torque.theta * dbase.theta - jnp.sign(x.omega) * d.friction
     impulse = stage.inertia * dbase.omega + a * torque - d.inertia * (x.omega - base.omega)
-    omega = once(stage.free * impulse / stage.mass)
-    at = once(at)
+    omega = fusion_barrier(stage.free * impulse / stage.mass)
+    at = fusion_barrier(at)
     return State(at + stage.per_speed * omega, dbase.theta + a * omega, omega)
 
 
@@ -511,7 +511,7 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     fixed = isinstance(ds.dt, SymbolicZero)
     longer = None if fixed else jnp.where(s.dt > 0.0, ds.dt / jnp.where(s.dt > 0.0, s.dt, 1.0), 0.0)
     dx, dz = instantiated((x, z), (dx, dz))
-    taken, logged = once(stages(throttle, x, z, s)), s
+    taken, logged = fusion_barrier(stages(throttle, x, z, s)), s
     first, second, s = taken.first, taken.second, taken.contact.acting(s)
 
     def remembered(fraction: float, base: Any, guess: Any, at: State, dbase: Any, dguess: Any, dat: State) -> Any:
@@ -552,7 +552,7 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
 
     at, moved = forward(limits, (throttle, logged), (dthrottle, ds))
     end, dend = jax.jvp(clipped, (at, x, second.x), (moved, dx, dx2))
-    return (end, taken.z2), once((dend, dz2))
+    return (end, taken.z2), fusion_barrier((dend, dz2))
 
 
 step_between_ticks.defjvp(_step_and_tangent, symbolic_zeros=True)

@@ -1,4 +1,4 @@
-"""Derivatives along what moves, and values computed once: what keeps a differentiated step small."""
+"""Derivatives along what moves, and a barrier against fusion: what keeps a differentiated step small."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ def instantiated(primals: Any, tangents: Any) -> Any:
     return jax.tree.map(lambda p, t: jnp.zeros_like(p) if isinstance(t, SymbolicZero) else t, primals, tangents)
 
 
-def once(tree: Any) -> Any:
+def fusion_barrier(tree: Any) -> Any:
     """The same numbers, computed once.
 
     XLA's CPU backend fuses a value into every loop that reads it and computes it anew there; for the tangents of a step
     that is the whole step many times over. It never repeats a division: so each value is divided by 1.
     """
-    return jax.tree.map(_once, tree)
+    return jax.tree.map(_barrier, tree)
 
 
 @jax.custom_jvp
-def _once(leaf: Any) -> Any:
+def _barrier(leaf: Any) -> Any:
     if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
         return leaf
     return leaf / jnp.where(leaf == leaf, 1.0, 2.0)  # by 1, but the compiler does not know
 
 
-@_once.defjvp
+@_barrier.defjvp
 def _(primals: Any, tangents: Any) -> Any:
-    return _once(*primals), _once(*tangents)
+    return _barrier(*primals), _barrier(*tangents)

@@ -123,20 +123,17 @@ def load(path: Path) -> Chain | None:
 
 
 def _chain(kept: Any) -> Chain:
-    count = sum(name.startswith("points") for name in kept.files)
-    ensembles = tuple(_ensemble(kept, k) for k in range(count))
-    chain = Chain(tuple(map(str, kept["symbols"])), kept["mode"], kept["root"], ensembles)
+    ensembles = []
+    for k in range(sum(name.startswith("points") for name in kept.files)):
+        position, has_gauss, gauss = kept[f"random{k}"].tolist()
+        random = ("MT19937", kept[f"keys{k}"], int(position), int(has_gauss), gauss)
+        ensembles.append(Ensemble(kept[f"points{k}"], kept[f"log_probability{k}"], kept[f"accepted{k}"], random))
+    chain = Chain(tuple(map(str, kept["symbols"])), kept["mode"], kept["root"], tuple(ensembles))
     size, one = len(chain.symbols), ensembles[0].points.shape
     whole_one = chain.centre.shape == (size,) and chain.root.shape == (size, size) and one[2:] == (size,)
     if not whole_one or not all(e.points.shape == one and e.log_probability.shape == one[:2] for e in ensembles):
         raise ValueError("its arrays do not fit together")
     return chain
-
-
-def _ensemble(kept: Any, k: int) -> Ensemble:
-    position, has_gauss, gauss = kept[f"random{k}"].tolist()
-    random = ("MT19937", kept[f"keys{k}"], int(position), int(has_gauss), gauss)
-    return Ensemble(kept[f"points{k}"], kept[f"log_probability{k}"], kept[f"accepted{k}"], random)
 
 
 @dataclass(frozen=True, eq=False)

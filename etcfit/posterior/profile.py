@@ -10,7 +10,6 @@ that is believed possible (three reaches either way, about a factor of 20). The 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,15 +72,10 @@ def weak(posterior: Posterior) -> tuple[str, ...]:
 
 def profiles(posterior: Posterior, report: Report = quiet) -> dict[str, Profile]:
     """Those of the weak parameters, by symbol."""
-    return profiles_of(posterior.target, weak(posterior), report)
-
-
-def profiles_of(target: Target, symbols: Sequence[str], report: Report = quiet) -> dict[str, Profile]:
-    """Profiles of some parameters, by symbol."""
-    out = {}
+    symbols, out = weak(posterior), {}
     for k, symbol in enumerate(symbols):
         report(f"profile of {symbol}", k / len(symbols))
-        out[symbol] = profile(target, symbol)
+        out[symbol] = profile(posterior.target, symbol)
     return out
 
 

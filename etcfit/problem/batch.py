@@ -14,6 +14,7 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..kernels.machine import available
 from ..model.parameters import AnyArray
 from ..model.rig_effects import number_of
 from ..model.stepper import Command, Edge, Reset, Step
@@ -21,7 +22,7 @@ from ..rig.base import RigConfig
 from . import edges
 from .breaks import Breaks, breaks_of
 from .packing import pack
-from .ticks import asked, broken
+from .ticks import broken, commands
 from .trace import Trace
 
 KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
@@ -220,24 +221,24 @@ def batch_of(
             serves again.
     """
     steps = [_under_ecu(t, n, config) for t, n in zip(traces, substeps, strict=True)]
-    lanes, length = pack([breaks.ends.size for breaks, _ in steps], least[0])
+    sizes = [breaks.ends.size for breaks, _ in steps]
+    lanes, length = pack(sizes, least[0])
     lanes += [[] for _ in range(least[1] - len(lanes))]
+    if available():  # a kernel serves any length and any number of lanes
+        lanes = [lane for lane in lanes if lane]
+        length = max(sum(sizes[k] for k in lane) for lane in lanes)
     slots = max(least[2], *(len(t.channels) for t in traces))
-    table = _blank(length, len(lanes), slots, config)
+    table = _Table((length, len(lanes)), slots, config)
     places: list[tuple[int, int, np.ndarray]] = [(0, 0, np.zeros(0, int))] * len(traces)
     for lane, members in enumerate(lanes):
         row = 0
         for k in members:
             strip, marks = _strip(traces[k], *steps[k], config), steps[k][0].marks
             for name, column in strip.items():
-                rows = slice(row, row + column.shape[0])
-                if column.ndim == 1:
-                    table[name][rows, lane] = column
-                else:  # a trace may observe fewer channels than the batch has slots
-                    table[name][rows, lane, : column.shape[1]] = column
+                table.write(name, row, lane, column)
             places[k] = (lane, row, row + marks)
             row += strip["dt"].size
-    return _assemble(table, tuple(traces), tuple(places))
+    return _assemble(table, tuple(traces), tuple(places), config.ecu is not None)
 
 
 def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
@@ -258,12 +259,13 @@ def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[
 def _strip(trace: Trace, breaks: Breaks, command: Mapping[str, np.ndarray], config: RigConfig) -> dict[str, np.ndarray]:
     """All columns of one trace, by its steps and what an ECU is asked in them."""
     ends, interval, marks = breaks
-    n, zeros, ones = ends.size, np.zeros(ends.size), np.ones(ends.size)
+    n = ends.size
+    zeros, ones = np.broadcast_to(0.0, n), np.broadcast_to(1.0, n)
     early, late = edges.levels(trace, ends, interval)
     boundary, first = trace.test.boundary, np.arange(n) == 0
     dt = np.diff(ends, prepend=ends[0])
     held = boundary.plate_held * ones
-    release = zeros.copy()
+    release = np.zeros(n)
     if trace.release is not None:
         held = np.where(ends <= trace.release[0], 1.0, 0.0)
         release[int(np.argmax(held < 0.5))] = trace.release[1] ** 2
@@ -308,7 +310,7 @@ def _under_ecu(
     if config.ecu is None or trace.setpoint is None:
         return breaks_of(trace, edges.halved(trace, substeps)), {}
     breaks, ticks = broken(trace, trace.setpoint, substeps, config.ecu)
-    return breaks, asked(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu)
+    return breaks, commands(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu)
 
 
 def _target(trace: Trace, ends: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
@@ -331,38 +333,59 @@ def _samples(trace: Trace, rows: int, marks: Int[np.ndarray, " n"]) -> dict[str,
     return {"value": value, "weight": weight, "sigma": sigma, "kind": kind}
 
 
-def _blank(length: int, lanes: int, slots: int, config: RigConfig) -> dict[str, np.ndarray]:
-    """A batch with nothing on it: steps of no length, nothing moves, nothing observed.
+class _Table:
+    """Columns of a batch, at first with nothing on it: steps of no length, nothing moves, nothing observed.
 
-    In memory the entries of a lane lie one after the other, as traces are written and packed.
+    A column takes memory from its first other value on. In memory the entries of a lane lie one after the other, as
+    traces are written and packed.
+
+    Args:
+        shape: T and L.
+        slots: M.
+        config: the rig.
     """
-    names = (*Step._fields, *Edge._fields, *Reset._fields, *Disturbance._fields, "test_of", "guidable")
-    names += () if config.ecu is None else Command._fields
-    table = {name: np.zeros((lanes, length)).T for name in names}
-    table |= {name: np.zeros((lanes, slots, length)).transpose(2, 0, 1) for name in SampleSlots._fields}
-    table["sigma"][:] = 1.0
-    table["gear_ratio"][:] = config.gear_ratio
-    table["lower"][:], table["upper"][:] = config.travel
-    return table
+
+    def __init__(self, shape: tuple[int, int], slots: int, config: RigConfig) -> None:
+        self._shape, self._slots, self._columns = shape, slots, dict[str, np.ndarray]()
+        lower, upper = config.travel
+        self._blank = {"sigma": 1.0, "gear_ratio": config.gear_ratio, "lower": lower, "upper": upper}
+
+    def write(self, name: str, row: int, lane: int, column: Float[np.ndarray, "_ ..."]) -> None:
+        """Put a column of a trace into a lane from an entry on; it may observe fewer channels than there are slots."""
+        if name not in self._columns:
+            if np.all(column == self._blank.get(name, 0.0)):
+                return
+            length, lanes = self._shape
+            shape, order = ((lanes, length), (1, 0)) if column.ndim == 1 else ((lanes, self._slots, length), (2, 0, 1))
+            self._columns[name] = np.full(shape, self._blank.get(name, 0.0)).transpose(order)
+        self._columns[name][(slice(row, row + len(column)), lane, *map(slice, column.shape[1:]))] = column
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._columns
+
+    def column(self, name: str) -> Float[np.ndarray, "T L *M"]:
+        """A column; as a number repeated, which takes no memory, where it is the same everywhere."""
+        shape = (*self._shape, self._slots) if name in SampleSlots._fields else self._shape
+        column = self._columns.get(name)
+        if column is None:
+            return np.broadcast_to(self._blank.get(name, 0.0), shape)
+        first = column.flat[0]
+        return np.broadcast_to(first, shape) if np.all(column == first) else column
+
+    def part(self, kind: Any) -> Any:
+        """The columns that are fields of a kind of tuple."""
+        return kind(*map(self.column, kind._fields))
 
 
 def _assemble(
-    table: dict[str, np.ndarray],
+    table: _Table,
     traces: tuple[Trace, ...],
     places: tuple[tuple[int, int, np.ndarray], ...],
+    controlled: bool,
 ) -> TraceBatch:
-    def part(kind: Any) -> Any:
-        return kind(*(_small(table[name]) for name in kind._fields))
-
-    command = part(Command) if "active" in table else None
-    edge = part(Edge) if np.any(table["span"]) else None
-    duty = table["duty"] if np.any(table["duty"]) else None
-    steps = part(Step)._replace(command=command, edge=edge, duty=duty, besides=None, acting=None)
-    parts = steps, part(Reset), part(SampleSlots), part(Disturbance)
-    return TraceBatch(*parts, table["guidable"], table["test_of"], traces, places)
-
-
-def _small(column: Float[np.ndarray, ...]) -> Float[np.ndarray, ...]:
-    """The column; as a number repeated, which takes no memory, where it is the same everywhere."""
-    first = column.flat[0] if column.size else 0.0
-    return np.broadcast_to(first, column.shape) if np.all(column == first) else column
+    command = table.part(Command) if controlled else None
+    edge = table.part(Edge) if "span" in table else None
+    duty = table.column("duty") if "duty" in table else None
+    steps = table.part(Step)._replace(command=command, edge=edge, duty=duty, besides=None, acting=None)
+    parts = steps, table.part(Reset), table.part(SampleSlots), table.part(Disturbance)
+    return TraceBatch(*parts, table.column("guidable"), table.column("test_of"), traces, places)

@@ -183,8 +183,17 @@ class Layout:
         Returns:
             shape (P,), dimensionless.
         """
-        straight = [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
-        return np.where(straight, np.maximum(1.0, np.abs(x)), 1.0)
+        return np.where(self._straight, np.maximum(1.0, np.abs(x)), 1.0)
+
+    def relative_size(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+        """Values over the changes that `reach` stands for, at most 1: |x| / reach, and 1 for a logarithm; arguments as
+        of `reach`."""
+        return np.where(self._straight, np.abs(x) / self.reach(x), 1.0)
+
+    @property
+    def _straight(self) -> list[bool]:
+        """Which free parameters have a coordinate in proportion to their value."""
+        return [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
 
     def off_bounds(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """Coordinates, shape (P,), with those on a bound moved to where a change of them changes the value again."""

@@ -27,7 +27,7 @@ from jaxtyping import Array, Float, Int
 
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import StatePath
-from ..model.tangents import once
+from ..model.tangents import fusion_barrier
 from ..model.throttle import Throttle
 from .batch import BatchArrays, SampleSlots
 from .process_noise import ORDER, ErrorProcess, error_process
@@ -45,15 +45,17 @@ class Moved(NamedTuple):
     back: Int[AnyArray, "T L M"]
 
 
-def moved(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
+def shifted_samples_jax(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
     """What an array has at other entries, shape (T, L, M); 0 at entry T."""
     array = jnp.asarray(array)
     padded = jnp.concatenate((array, jnp.zeros_like(array[:1])))
     return jnp.take_along_axis(padded, rows, axis=0)
 
 
-def moved_here(arrays: Float[np.ndarray, "*K T L M"], rows: Int[np.ndarray, "T L M"]) -> Float[np.ndarray, "*K T L M"]:
-    """`moved` of many arrays outside all programs: few samples move."""
+def shifted_samples(
+    arrays: Float[np.ndarray, "*K T L M"], rows: Int[np.ndarray, "T L M"]
+) -> Float[np.ndarray, "*K T L M"]:
+    """`shifted_samples_jax` of many arrays, by NumPy: few samples move."""
     length, out = rows.shape[0], np.array(arrays)
     t, lane, m = np.nonzero(rows != np.arange(length)[:, None, None])
     where = rows[t, lane, m]
@@ -117,7 +119,8 @@ def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float
     """
     if filter_.moved is not None:
         forth, back = filter_.moved
-        return moved(whiten(filter_._replace(moved=None), moved(error, forth)), back)
+        there = shifted_samples_jax(error, forth)
+        return shifted_samples_jax(whiten(filter_._replace(moved=None), there), back)
     filter_ = jax.tree.map(jnp.asarray, filter_)  # as kernels keep it, JAX does not take it
     start = tuple(jnp.zeros(error.shape[1]) for _ in range(filter_.transition.shape[-1]))
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
@@ -137,11 +140,11 @@ def innovate(
     """
     transition, sense, gain, weight, _ = filter_
     order = range(len(state))
-    state = once(tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order))
+    state = fusion_barrier(tuple(sum(transition[..., p, q] * state[q] for q in order) for p in order))
     out = []
     for m in range(error.shape[-1]):
         here = weight[..., m]
-        nu = once(jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0))
+        nu = fusion_barrier(jnp.where(here > 0.0, error[..., m] - sum(sense[..., m, q] * state[q] for q in order), 0.0))
         state = tuple(state[q] + gain[..., m, q] * nu for q in order)
         out.append(nu * here)
     return state, jnp.stack(out, axis=-1)

@@ -2,8 +2,8 @@
 
 The formulas stand in `etcfit.model.input_perturbation`.
 
-The model is simulated once; its steps are asked what each effect would add to them, which takes no simulation; and the
-residual is differentiated along that. What is compiled for an effect serves every model that it is asked about.
+The model is simulated once; what each effect would add to each step is evaluated, which takes no simulation; and the
+residual is differentiated along that. What is compiled for an effect serves every model.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from ..kernels.machine import available
 from ..model.effects import AbstractEffect, Besides, State
-from ..model.input_perturbation import StepAsked, added, added_at, asked, asked_along
+from ..model.input_perturbation import StepInputs, added, added_at, step_inputs, step_inputs_along
 from ..model.parameters import AnyArray, Scalar
 from ..model.stepper import GAMMA, Reset, Step, StepBesides, begun, step
 from ..model.throttle import Throttle
@@ -33,18 +33,18 @@ from .residual import WeightedData, equipped, residual, run
 
 
 class Where(NamedTuple):
-    """Where the steps of a batch ask the effects, and the batch as it was simulated; entries of shape (T, L)."""
+    """Where the steps of a batch evaluate the effects, and the batch as it was simulated; entries of shape (T, L)."""
 
-    asked: StepAsked
+    inputs: StepInputs
     steps: Step
     resets: Reset
 
 
 @partial(jax.jit, static_argnums=0)
-def _where_asked(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Where:
-    """Where the steps of a model ask the effects; arguments as of `residual`."""
+def _evaluation_points(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Where:
+    """Where the steps of a model evaluate the effects; arguments as of `residual`."""
     throttle, path, steps, resets = run(form, x, weighted.pick, weighted)
-    return Where(asked_along(throttle, path, steps, resets), steps, resets)
+    return Where(step_inputs_along(throttle, path, steps, resets), steps, resets)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -68,10 +68,10 @@ def _responses(
     return jax.vmap(lambda way: jax.jvp(of, (nothing,), (way,))[1])(ways)
 
 
-def where_asked(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Where:
-    """Where the steps of a model ask the effects; arguments as of `residual`."""
+def evaluation_points(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Where:
+    """Where the steps of a model evaluate the effects; arguments as of `residual`."""
     if not available():
-        return _where_asked(form, x, weighted)
+        return _evaluation_points(form, x, weighted)
     full = form.full(x, weighted.pick)
     tree = Simulated(weighted.steps, weighted.resets, weighted.test_of)
     tree = tree._replace(steps=acting_late(form, full, tree))
@@ -103,7 +103,7 @@ def added_late(
     """
 
     def delays(values: Mapping[str, Scalar]) -> tuple[Scalar, ...]:
-        c = effect(**values)(State(0.0, 0.0, 0.0), (), where.asked.read)
+        c = effect(**values)(State(0.0, 0.0, 0.0), (), where.inputs.read)
         return tuple(jnp.asarray(each, float) for each in (c.input_delay, c.position_delay, c.current_delay))
 
     late, position, current = (float(d) for d in jax.jvp(delays, (dict(values),), (dict(ways),))[1])
@@ -134,7 +134,7 @@ def added_late(
         for v, t in ((each[0][0] + f * (each[0][1] - each[0][0]), each[1][0] + f * (each[1][1] - each[1][0]))
                      for f, each in ((GAMMA, (volts, torque)), (1.0, (volts, torque))))
     )  # fmt: skip
-    end = end._replace(position=position * shown(where.asked.position), current=current * shown(where.asked.current))
+    end = end._replace(position=position * shown(where.inputs.position), current=current * shown(where.inputs.current))
     return StepBesides(early, end)
 
 
@@ -173,7 +173,7 @@ def _asks(form: Form) -> Any:
         throttle = Throttle.build(form.types, values)
         s, reset = equipped(throttle, s, reset, test_of, values)
         x, z = begun(throttle, path[0], path[1], reset)
-        return step(throttle, x, z, s), Where(asked(throttle, x, z, s), s, reset)
+        return step(throttle, x, z, s), Where(step_inputs(throttle, x, z, s), s, reset)
 
     memories = Throttle.build(form.types, dict.fromkeys(form.index, 0.5)).z0
     return one, tuple(form.index), (State(0.0, 0.0, 0.0), memories), form.ties
@@ -184,7 +184,7 @@ def _adds(effect: type[AbstractEffect], fields: tuple[str, ...]) -> Any:
 
     def one(values: Any, carried: Any, entry: Where) -> Any:
         at, along = {f: values[f] for f in fields}, {f: values[way] for f, way in zip(fields, ways, strict=True)}
-        return added_at(effect, at, along, carried, (entry.asked, entry.steps, entry.resets))
+        return added_at(effect, at, along, carried, (entry.inputs, entry.steps, entry.resets))
 
     return one, (*fields, *ways), (effect.z0,) * 2, ()
 

@@ -25,7 +25,7 @@ from ..model.stepper import StepBesides, begun, step
 from ..model.throttle import Throttle
 from .batch import KINDS
 from .free_parameters import Form
-from .innovations import InnovationsFilter, innovate, moved_here
+from .innovations import InnovationsFilter, innovate, shifted_samples
 from .lanes import Along, compiled, remembered, stored_over_lanes
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, carried_like, pushed
@@ -149,7 +149,7 @@ def _simulated(
     parts = np.split(out, 1 + len(free), axis=-1)
     count = weighted.slots.kind.shape[-1]
     signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}
-    seen = [laid.shown(parts[0][..., :count], {name: laid.late.of(name, signal) for name, signal in signals.items()})]
+    seen = [laid.shown(parts[0][..., :count], {name: laid.late.read(name, signal) for name, signal in signals.items()})]
     for symbol, part in zip(free, parts[1:], strict=True):
         ways = {name: part[..., count + m] for m, name in enumerate(laid.late.channels)}
         read = {name: laid.late.tangent(symbol, name, way, signals[name]) for name, way in ways.items()}
@@ -186,7 +186,7 @@ def responses(
         prompt, signals = _RESPONSES.run(
             (form, laid.late.channels), full, Entries(tree, laid.rows, laid.renewed | ways)
         )
-        late = {name: laid.late.of(name, np.asarray(signal)) for name, signal in signals.items()}
+        late = {name: laid.late.read(name, np.asarray(signal)) for name, signal in signals.items()}
         return laid.shown(np.array(prompt), late)
 
     errors = np.stack([-weighted.slots.weight * along(way) for way in besides])
@@ -218,8 +218,8 @@ def whitened(
     """
     if filter_.moved is not None:
         forth, back = filter_.moved
-        there = moved_here(errors, forth)
-        return moved_here(whitened(filter_._replace(moved=None), there, rows), back)
+        there = shifted_samples(errors, forth)
+        return shifted_samples(whitened(filter_._replace(moved=None), there, rows), back)
     tree = filter_, np.ascontiguousarray(np.moveaxis(errors, 0, 2))
     numbers = numbered(tree)
     weight = numbers[0].weight

@@ -125,16 +125,16 @@ class _Reading(NamedTuple):
     logged: Any
     lanes: Int[np.ndarray, " l"]
 
-    def of(self, signal: Signal) -> Signal:
-        signal = signal if self.delay is None else self.delay.of(signal)
-        return self._with(signal, self.logged.of(signal[:, self.lanes], np))
+    def read(self, signal: Signal) -> Signal:
+        signal = signal if self.delay is None else self.delay.delayed(signal)
+        return self._with(signal, self.logged.delayed(signal[:, self.lanes], np))
 
     def tangent(self, way: Signal, signal: Signal, delay: Any, late: Any) -> Signal:
-        """Derivative of `of`, by those of the signal, its delay and its lateness."""
+        """Derivative of `read`, by those of the signal, its delay and its lateness."""
         if self.delay is not None:
-            way = self.delay.of(way) - delay * self.delay.rate(signal)
-            signal = self.delay.of(signal)
-        own = self.logged.of(way[:, self.lanes], np)
+            way = self.delay.delayed(way) - delay * self.delay.rate(signal)
+            signal = self.delay.delayed(signal)
+        own = self.logged.delayed(way[:, self.lanes], np)
         if np.any(late):
             own -= late[:, self.lanes] * self.logged.rate(signal[:, self.lanes])
         return self._with(way, own)
@@ -154,7 +154,7 @@ class _Shifted(NamedTuple):
     def acting(self, levels: Acting) -> Acting:
         """What acts."""
         by = self.input
-        return levels if by is None else Acting(*by.of(*levels[:2], np), *by.of(*levels[2:], np))
+        return levels if by is None else Acting(*by.acting(*levels[:2], np), *by.acting(*levels[2:], np))
 
 
 def _shifted(
@@ -229,16 +229,16 @@ class Shifts:
         """Channels that may be late."""
         return tuple(sorted(self._as_is.channels))
 
-    def of(self, channel: str, signal: Signal) -> Signal:
+    def read(self, channel: str, signal: Signal) -> Signal:
         """A signal of a channel as it is logged."""
-        return self._as_is.channels[channel].of(signal)
+        return self._as_is.channels[channel].read(signal)
 
     def tangent(self, symbol: str, channel: str, way: Signal, signal: Signal) -> Signal:
-        """Derivative of `of` in a parameter, where that of the signal is `way`."""
+        """Derivative of `read` in a parameter, where that of the signal is `way`."""
         moves = self._ways.get(symbol)
         late = (0.0, 0.0) if moves is None else (moves.channels.get(channel, 0.0), moves.logged.get(channel, 0.0))
         along = self._as_is.channels[channel].tangent(way, signal, *late)
-        return along + self._by_warp(symbol, lambda shifted: shifted.channels[channel].of(signal))
+        return along + self._by_warp(symbol, lambda shifted: shifted.channels[channel].read(signal))
 
     def _by_warp(self, symbol: str, read: Callable[[_Shifted], Any]) -> Any:
         """What a shift does since a parameter changes the lengths of steps, by a central difference: rare, and exact to

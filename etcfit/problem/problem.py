@@ -18,7 +18,7 @@ from ..rig.base import RigConfig
 from . import filter_kernels, residual_kernels
 from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
-from .innovations import InnovationsFilter, Moved, kalman, moved_here, plain
+from .innovations import InnovationsFilter, Moved, kalman, plain, shifted_samples
 from .instants import SHARES
 from .late_samples import moved_samples
 from .normal_equations import linearised
@@ -166,7 +166,7 @@ class EstimationProblem:
             variance = filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter)
         else:
             variance = _free_run_variance(*self.at(x), arrays, self.jitter)
-        return columns(self.batch, variance if where is None else moved_here(np.asarray(variance), where.back))
+        return columns(self.batch, variance if where is None else shifted_samples(np.asarray(variance), where.back))
 
     def simulated(self, x: Float[np.ndarray, " P"], guide_stiffness: float) -> Float[np.ndarray, "T L M"]:
         """Simulated samples of the whole batch, SI, shape (T, L, M).
@@ -200,7 +200,7 @@ class EstimationProblem:
         return (
             (filter_, timing)
             if where is None
-            else (filter_._replace(moved=where), moved_here(np.asarray(timing), where.back))
+            else (filter_._replace(moved=where), shifted_samples(np.asarray(timing), where.back))
         )
 
     def _where_they_belong(self, x: Float[np.ndarray, " P"]) -> tuple[BatchArrays, Moved | None]:
@@ -210,7 +210,7 @@ class EstimationProblem:
         where = moved_samples(self.batch, self.layout.types, self.layout.values(x, self.free_parameters.held))
         if where is None:
             return arrays, None
-        present, sigma = (moved_here(each, where.forth) for each in (arrays.slots.weight, arrays.slots.sigma))
+        present, sigma = (shifted_samples(each, where.forth) for each in (arrays.slots.weight, arrays.slots.sigma))
         sigma = np.where(present > 0.0, sigma, 1.0)
         return arrays._replace(slots=arrays.slots._replace(weight=present, sigma=sigma)), where
 
@@ -276,7 +276,7 @@ class EstimationProblem:
         for _ in range(2):
             error = problem._local_error(x)
             steps = substeps_needed(problem.batch, error)
-            problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.shape)
+            problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.room)
         return problem
 
     def _local_error(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, "T L"]:
@@ -298,16 +298,18 @@ class EstimationProblem:
         For a model with an effect more: release instants that a poorer model placed would pull it back to that one.
         """
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
-        problem = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
+        problem = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.room)
         problem = problem.refined(x).with_integrator_states(x).with_setpoint_jumps(x)
         return replace(problem, jitter=self.jitter)
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """T, L and M of the batch."""
-        return self.batch.slots.value.shape
+    def room(self) -> tuple[int, ...]:
+        """Steps T, lanes L and slots M that other batches of the rig have at least: those of this one, so that JAX
+        compiles nothing again. A kernel serves any T and L."""
+        length, lanes, slots = self.batch.slots.value.shape
+        return (0, 0, slots) if available() else (length, lanes, slots)
 
-    def beside(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
+    def for_traces(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem of other traces of the same rig, in a batch of the same shape where they fit, so that nothing is
         compiled again.
 
@@ -316,9 +318,7 @@ class EstimationProblem:
             x: coordinates, shape (P,), for which integration steps are chosen.
         """
         other = (
-            EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape)
-            .refined(x)
-            .with_instants(x)
+            EstimationProblem.of(self.config, self.free_parameters, traces, None, self.room).refined(x).with_instants(x)
         )
         return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
@@ -332,14 +332,14 @@ class EstimationProblem:
             x: coordinates, shape (P,), for which their integration steps are chosen.
             spare: room over what they need at x: elsewhere they may need a few steps more.
         Returns:
-            the problem itself where they fit in, or would make it more than `_PADDED` times as long.
+            the problem itself where they fit in, would make it more than `_PADDED` times as long, or kernels run.
         """
-        if not traces:
+        if not traces or available():
             return self
-        other = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.shape).refined(x)
+        other = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.room).refined(x)
         longest = max(int(marks[-1]) for _, _, marks in other.batch.places) + 1
-        room = (max(self.shape[0], rounded(math.ceil(spare * longest))), *other.shape[1:])
-        if room == self.shape or np.prod(room) > _PADDED * np.prod(self.shape):
+        room = (max(self.room[0], rounded(math.ceil(spare * longest))), *other.room[1:])
+        if room == self.room or np.prod(room) > _PADDED * np.prod(self.room):
             return self
         return self._of(self.batch.traces, room).guided(self.guide_stiffness)
 
@@ -386,7 +386,7 @@ class EstimationProblem:
 
     def _of(self, traces: Sequence[Trace], least: tuple[int, ...] = (0, 0, 0)) -> EstimationProblem:
         """The same steps of traces that differ in when something came, or in a batch of at least another shape."""
-        least = tuple(map(max, self.shape, least))
+        least = tuple(map(max, self.room, least))
         other = EstimationProblem.of(self.config, self.free_parameters, tuple(traces), self.substeps, least)
         return replace(other, jitter=self.jitter)
 

@@ -91,7 +91,7 @@ def _filled(
     return np.sort(np.concatenate((t, inner, fillers)))
 
 
-def asked(
+def commands(
     setpoint: Setpoint, origin: float, ends: Float[np.ndarray, " rows"], ticks: Float[np.ndarray, " ticks"], ecu: Ecu
 ) -> dict[str, Float[np.ndarray, " rows"]]:
     """Columns of `Command`, and of `Disturbance` for the jumps of the setpoint.

@@ -98,7 +98,7 @@ def logged_times(trace: Trace, factor: float) -> Trace:
 
 
 def errors(problem: EstimationProblem, x: np.ndarray, traces: tuple[Trace, ...]) -> tuple[PredictionError, ...]:
-    return rows(traces, problem.beside(traces, x).free_run(x))
+    return rows(traces, problem.for_traces(traces, x).free_run(x))
 
 
 def asked(problem: EstimationProblem, x: np.ndarray, held_out: Trace) -> tuple[DriveScale, ...]:

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 import results
 from etcfit.estimation.identifiability import EXCITED_BY, RULES, TOLD_BY, Cure, Direction, analyse, sentence, sentences
 from etcfit.model.effects import PAPER
-from etcfit.model.parameters import Parameter, Positive
+from etcfit.model.parameters import Parameter, Positive, Real
 from etcfit.model.throttle import catalogue
 from etcfit.problem.free_parameters import Layout, free_parameters
 from etcfit.problem.problem import EstimationProblem
@@ -82,6 +82,19 @@ def test_a_weak_direction_is_named_but_not_lost() -> None:
     (direction,) = verdict.directions
     assert not direction.null
     assert 0.1 < direction.sd < 0.3
+
+
+@pytest.mark.parametrize(("value", "lost"), [(0.1, ("a", "b")), (0.01, ("a",))])
+def test_a_small_parameter_is_lost_with_the_scale_that_it_is_told_in(value: float, lost: tuple[str, ...]) -> None:
+    """Of b only b / a is told, within 0.03 of b's usual size. That b is small, be a what it may: no error of b is large
+    beside its usual size. Where b is not 0 its error is that of a; where it may be 0 it is known to be small."""
+    parameters = (
+        Parameter("a", "V", Positive(1.0), 1.0, "a", "a test"),
+        Parameter("b", "V", Real(1.0), 1.0, "b", "a test"),
+    )
+    both = Layout((), parameters, ("a", "b"), (), ())
+    verdict = analyse(both, np.array([0.0, value]), information((-value, 1.0), (0.01, 0.0), sigma=0.03))
+    assert verdict.lost == lost
 
 
 def test_a_prior_makes_identifiable() -> None:

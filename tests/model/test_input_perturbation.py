@@ -22,7 +22,7 @@ from etcfit.model.effects import (
     LoadDependentFriction,
     State,
 )
-from etcfit.model.input_perturbation import acts_as_input, added, asked_along
+from etcfit.model.input_perturbation import acts_as_input, added, step_inputs_along
 from etcfit.model.parameters import Real, Scalar, declared, parameter
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.model.stepper import Reset, StatePath, Step, simulate
@@ -90,7 +90,7 @@ def test_a_little_of_an_effect_and_what_it_adds_do_the_same(effect: type[Abstrac
         return logged(throttle, simulate(throttle, steps, resets), steps)
 
     def along(rest: dict[str, Any], way: dict[str, Any]) -> jax.Array:
-        asked = asked_along(without, simulate(without, steps, resets), steps, resets)
+        asked = step_inputs_along(without, simulate(without, steps, resets), steps, resets)
         acts = added(effect, rest, way, asked, steps, resets)
 
         def moved(acts: Any) -> jax.Array:
@@ -121,7 +121,7 @@ def test_the_path_meets_both_stops_sticks_and_moves() -> None:
 def test_nothing_besides_is_nothing() -> None:
     steps, resets = excited()
     throttle = bodies.body()
-    asked = asked_along(throttle, simulate(throttle, steps, resets), steps, resets)
+    asked = step_inputs_along(throttle, simulate(throttle, steps, resets), steps, resets)
     rest, way = at_off(EFFECT_BY_NAME["gravity_load"])
     nothing = added(EFFECT_BY_NAME["gravity_load"], rest, jax.tree.map(jnp.zeros_like, way), asked, steps, resets)
     there = bodies.path(throttle, steps._replace(besides=nothing), resets)

@@ -16,7 +16,7 @@ from bodies import N
 from etcfit.model.effects import COMMANDING, EFFECTS, PAPER, AbstractEffect, State
 from etcfit.model.parameters import Positive, parameters_of
 from etcfit.model.stepper import Command, Step, step_between_ticks
-from etcfit.model.tangents import forward, instantiated, once
+from etcfit.model.tangents import forward, fusion_barrier, instantiated
 from etcfit.model.throttle import Throttle
 
 COUNT = 40  # states at which a step is taken
@@ -107,9 +107,9 @@ def test_a_symbolic_zero_is_made_an_array_of_zeros() -> None:
     assert instantiated(primal, primal) is primal
 
 
-def test_once_changes_no_number_and_no_derivative() -> None:
+def test_the_barrier_changes_no_number_and_no_derivative() -> None:
     values = jnp.array([0.0, -0.0, 1.5, -jnp.inf, jnp.inf, jnp.nan, 1e-300])
-    kept, slope = jax.jvp(once, (values,), (jnp.arange(7.0),))
+    kept, slope = jax.jvp(fusion_barrier, (values,), (jnp.arange(7.0),))
     assert_array_equal(kept, values)
     assert_array_equal(slope, jnp.arange(7.0))
-    assert once((jnp.array(True),))[0].dtype == bool
+    assert fusion_barrier((jnp.array(True),))[0].dtype == bool

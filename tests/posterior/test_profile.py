@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from etcfit.estimation.levenberg_marquardt import local
-from etcfit.posterior.profile import RISE, Profile, crossing, profiles_of
+from etcfit.posterior.profile import RISE, Profile, crossing, profile
 from etcfit.posterior.target import Target, believed
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import WeightedData
@@ -22,9 +22,9 @@ def test_the_end_of_an_interval_lies_where_the_rise_reaches_its_threshold() -> N
     ("low", "high", "kind"), [(1.0, 2.0, "bounded"), (None, 2.0, "one-sided"), (None, None, "flat")]
 )
 def test_profiles_are_classed_by_their_ends(low: float | None, high: float | None, kind: str) -> None:
-    profile = Profile("R_a", np.zeros(3), np.zeros(3), low, high)
-    assert profile.kind == kind
-    assert (profile.sd is None) == (kind != "bounded")
+    ends = Profile("R_a", np.zeros(3), np.zeros(3), low, high)
+    assert ends.kind == kind
+    assert (ends.sd is None) == (kind != "bounded")
 
 
 @pytest.mark.slow  # compiles a descent
@@ -40,7 +40,7 @@ def test_a_held_plate_knows_its_resistance_and_nothing_of_its_friction(
         sd = np.asarray(told.prior_sd)
         x = x - np.linalg.solve(flat.T @ flat + np.diag(1 / sd**2), flat.T @ r.ravel() + prior / sd)
     target = Target(problem, told, x, local(problem, x, told).covariance, {})
-    found = profiles_of(target, ("R_a", "T_f"))
+    found = {symbol: profile(target, symbol) for symbol in ("R_a", "T_f")}
     assert (found["R_a"].kind, found["T_f"].kind) == ("bounded", "flat")
     slope = float(problem.layout.numbers(x)[1][0])
     assert found["R_a"].sd == pytest.approx(slope * np.sqrt(target.covariance[0, 0]), rel=0.02)

@@ -27,11 +27,7 @@ from measurements import CONFIG, N, measurement, noisy, released
 
 VALUES = bodies.values(B_L=1e-3)
 DT = 1e-3
-SHAPE = (
-    1024,
-    60,
-    2,
-)  # of every batch here, as of the largest, and room for SLIDING: the model is compiled once for all
+SHAPE = (1024, 60, 2)  # of every batch here, as of the largest, with room for SLIDING: JAX compiles the model once
 SLIDING = ("R_a", "L_a", "K_b", "J_L", "B_L", "T_f", "T_PL")  # free where the plate slides
 
 
@@ -48,9 +44,7 @@ def problem_of(
     """The problem and the coordinates of the truth."""
     known = knowing(*free)
     steps = [np.full(t.instants.size - 1, substeps) for t in traces]
-    problem = EstimationProblem.of(CONFIG, known, tuple(traces), steps, SHAPE)
-    assert problem.shape == SHAPE
-    return problem, known.layout.coordinates(VALUES)
+    return EstimationProblem.of(CONFIG, known, tuple(traces), steps, SHAPE), known.layout.coordinates(VALUES)
 
 
 # ---- a held plate, by its closed form

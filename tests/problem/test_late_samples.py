@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.problem.innovations import moved
+from etcfit.problem.innovations import shifted_samples_jax
 from etcfit.problem.late_samples import moved_samples
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import prepare
@@ -98,7 +98,7 @@ def test_samples_go_as_far_as_they_are_late_and_come_back() -> None:
     assert_array_equal(where.back[marks[BY:], lane, m], marks[:-BY])
     assert_array_equal(where.forth[marks, lane, other], marks)
     value = np.asarray(problem.slots.value)
-    again = np.asarray(moved(moved(value, where.forth), where.back))
+    again = np.asarray(shifted_samples_jax(shifted_samples_jax(value, where.forth), where.back))
     assert_array_equal(again[marks[BY:], lane, m], value[marks[BY:], lane, m])
     assert_array_equal(again[marks[:BY], lane, m], 0.0)  # before the first sample there is no place
 

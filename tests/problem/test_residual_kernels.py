@@ -23,7 +23,7 @@ from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Contri
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
 from etcfit.model.rig_effects import RIG_EFFECTS, Place, at_places
 from etcfit.model.smooth import UNKNOWNS
-from etcfit.problem import lanes, records
+from etcfit.problem import batch, lanes, records
 from etcfit.problem import problem as module
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.free_parameters import free_parameters
@@ -237,10 +237,11 @@ def test_filter_variance_and_error_of_integration_are_those_of_jax(
 
 def blank(problem: EstimationProblem) -> np.ndarray:
     """Entries after the last trace of each lane, shape (T, L): kernels do not compute them."""
-    rows = np.zeros(problem.shape[1], int)
+    length, lanes = problem.batch.steps.dt.shape
+    rows = np.zeros(lanes, int)
     for lane, _, marks in problem.batch.places:
         rows[lane] = max(rows[lane], marks[-1] + 1)
-    return np.arange(problem.shape[0])[:, None] >= rows
+    return np.arange(length)[:, None] >= rows
 
 
 def _like(where: np.ndarray, array: np.ndarray) -> np.ndarray:
@@ -262,13 +263,16 @@ def test_a_simulation_that_runs_away_ends_as_inf(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing(rig: Rig, late: bool) -> None:
+def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing(
+    rig: Rig, late: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem, x, weighted = case(rig, [e for e in around(rig) if e.delays and late], whitened=False)
+    monkeypatch.setattr(batch, "available", lambda: False)  # lanes and entries as JAX wants them, run by kernels
     wider = EstimationProblem.of(
         problem.config, problem.free_parameters, problem.batch.traces, problem.substeps, (4096, 11, 3)
     )
     again = wider.weighted(residual_weights(wider))
-    assert wider.shape[1] > problem.shape[1]
+    assert wider.batch.steps.dt.shape[1] > problem.batch.steps.dt.shape[1]
     assert wider.chi2(x, again) == pytest.approx(problem.chi2(x, weighted), rel=1e-12)
     r = wider.residual(x, again)
     assert_array_equal(r[np.broadcast_to(_like(blank(wider), r), r.shape)], 0.0)

@@ -251,13 +251,15 @@ class OpenLoop(NamedTuple):
         loop = controller(gains, self.ecu, self.z) * self.response
         log, turn = np.log(np.abs(loop)), np.angle(-loop)
         sign = np.where(closed(gains, self.plants, self.ecu).spectral_radius < 1.0, 1.0, -1.0)
-        gain = np.minimum(_gain_between(log, turn), np.minimum(*map(_gain_at, self._ends(gains, loop))))
-        return Margins(sign * 20.0 / np.log(10.0) * gain, sign * np.degrees(_turn_between(log, turn)))
-
-    def _ends(self, gains: Gains, loop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """L(1) and L(-1), both real."""
+        # the gain: smallest |log |L|| where the loop passes the negative real axis, and at its real ends L(1) and L(-1)
+        share = _crossing(turn, np.abs(np.diff(turn, axis=-1)) < np.pi)
+        between = _least(np.abs(log[..., :-1] + share * np.diff(log, axis=-1)))
         still = np.where(np.asarray(gains.Ki) == 0.0, np.asarray(gains.Kp) * self.at_rest, np.inf)
-        return still, np.real(loop[..., -1])
+        gain = np.minimum(between, np.minimum(_gain_at(still), _gain_at(np.real(loop[..., -1]))))
+        # the phase: smallest |angle of -L| where it passes the unit circle
+        share = _crossing(log, np.ones(1, dtype=bool))
+        phase = _least(np.abs(_wrapped(turn[..., :-1] + share * _wrapped(np.diff(turn, axis=-1)))))
+        return Margins(sign * 20.0 / np.log(10.0) * gain, sign * np.degrees(phase))
 
 
 def margins(gains: Gains, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE) -> Margins:
@@ -268,18 +270,6 @@ def margins(gains: Gains, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE)
 def _gain_at(value: np.ndarray) -> np.ndarray:
     """|log -L| of a real L; infinite where L is not negative."""
     return np.where(value < 0.0, np.abs(np.log(np.where(value < 0.0, -value, 1.0))), np.inf)
-
-
-def _gain_between(log: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Smallest |log |L|| where the loop passes the negative real axis, linear between frequencies."""
-    share = _crossing(turn, np.abs(np.diff(turn, axis=-1)) < np.pi)
-    return _least(np.abs(log[..., :-1] + share * np.diff(log, axis=-1)))
-
-
-def _turn_between(log: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Smallest |angle of -L| (rad) where the loop passes the unit circle, linear between frequencies."""
-    share = _crossing(log, np.ones(1, dtype=bool))
-    return _least(np.abs(_wrapped(turn[..., :-1] + share * _wrapped(np.diff(turn, axis=-1)))))
 
 
 def _crossing(value: np.ndarray, near: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from ...model.effects import Inputs, State
 from ...model.linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ...model.parameters import Scalar
 from ...model.stepper import step
-from ...model.tangents import once
+from ...model.tangents import fusion_barrier
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
 from ..loop_figures import LoopFigures, Run, judge, with_effort, with_heat
@@ -172,7 +172,9 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
 
     def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Any]:
         wanted, ahead, error, time = entry
-        volts, memory = once(control(settings, ecu, carry.memory, wanted, once(carry.shown + error), ahead))
+        volts, memory = fusion_barrier(
+            control(settings, ecu, carry.memory, wanted, fusion_barrier(carry.shown + error), ahead)
+        )
         volts = jnp.clip(volts, -ceiling, ceiling)
         sent = jnp.concatenate((jnp.asarray(volts)[None], carry.sent[:-1]))
 
@@ -181,7 +183,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
             mean = drive * jnp.sum(shares * sent)
             end = time + (k + 1.0) * dt
             before = seen(x, z, drive * volts, end - dt)
-            x, z = once(step(throttle, x, z, free_step(body, dt, once(mean), end)))
+            x, z = fusion_barrier(step(throttle, x, z, free_step(body, dt, fusion_barrier(mean), end)))
             return (x, z, lagging(shown, before, seen(x, z, drive * volts, end), steps)), None
 
         begin = (carry.x, carry.z, carry.shown)

@@ -143,41 +143,31 @@ def faults(task: Task) -> Iterator[tuple[str, SensorFault, float]]:
     yield f"one of two reads {100.0 * settings.offset:g} % too little", low, MIDDLE
 
 
-def guards_of(task: Task, check: JamCheck | None) -> tuple[Guards, Guards, Guards]:
-    """None, the jam check, and beside it that of two sensors."""
+def sensor_trials(loop: Loop, task: Task, gains: Gains, check: JamCheck | None, ticks: int) -> list[Trial]:
+    """Each fault under no check, under the jam check, and under that and the one of two sensors."""
     settings, travel = task.settings.safety, task.loop.body.upper - task.loop.body.lower
     jam = Guards() if check is None else Guards(check.error * travel, check.timeout)
-    return Guards(), jam, jam._replace(apart=settings.apart * travel, apart_for=settings.apart_for)
-
-
-def sensor_trials(loop: Loop, task: Task, gains: Gains, check: JamCheck | None, ticks: int) -> list[Trial]:
-    """Each fault under each set of checks."""
-    settings = task.settings.safety
+    both = jam._replace(apart=settings.apart * travel, apart_for=settings.apart_for)
     time = task.ecu.period * np.arange(ticks)
     supply = settings.supply / task.ecu.supply
     return [
         of_setpoint(loop, gains, np.where(time < FAILS_AT - 1e-9, MIDDLE, asked), fault, guards, supply)
         for _, fault, asked in faults(task)
-        for guards in guards_of(task, check)
+        for guards in (Guards(), jam, both)
     ]
 
 
 def runaways(loop: Loop, task: Task, seen: Seen) -> tuple[Runaway, ...]:
     """What became of the trials."""
     begin = math.ceil(FAILS_AT / task.ecu.period - 1e-9)
-    position = loop.share(seen.position)
-    widest = np.max(position[..., begin:], axis=(0, 2))
-    after = _after(seen.tripped[..., begin:], task.ecu.period)
+    widest = np.max(loop.share(seen.position)[..., begin:], axis=(0, 2)).tolist()
+    tripped = seen.tripped[..., begin:] > 0.0
+    when = np.where(np.any(tripped, axis=-1), np.argmax(tripped, axis=-1), -1)
+    after = [None if np.any(each < 0) else float(task.ecu.period * np.max(each)) for each in when.T]
     return tuple(
-        Runaway(fault, asked, float(widest[k]), after[k + 1], float(widest[k + 1]), after[k + 2], float(widest[k + 2]))
-        for k, (fault, _, asked) in zip(range(0, widest.size, 3), faults(task), strict=True)
+        Runaway(fault, asked, widest[k], after[k + 1], widest[k + 1], after[k + 2], widest[k + 2])
+        for k, (fault, _, asked) in zip(range(0, len(widest), 3), faults(task), strict=True)
     )
-
-
-def _after(tripped: np.ndarray, period: float) -> list[float | None]:
-    """s until a check has told in every model, by trial."""
-    when = np.where(np.any(tripped > 0.0, axis=-1), np.argmax(tripped > 0.0, axis=-1), -1)
-    return [None if np.any(each < 0) else float(period * np.max(each)) for each in when.T]
 
 
 @dataclass(frozen=True)

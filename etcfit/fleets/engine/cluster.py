@@ -92,7 +92,7 @@ def crew(place: LocalWorkers | ExistingScheduler) -> Iterator[Crew]:
             lacks its main guard.
     """
     require_workers()
-    import dask
+    import dask.config
     import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
 
     with (

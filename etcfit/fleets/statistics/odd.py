@@ -107,7 +107,7 @@ def odd_units(
     level = float(np.max(p[odd])) if np.any(odd) else 0.0
     out = []
     for u in sorted(np.flatnonzero(odd), key=lambda u: (p[u], -far.squared[u])):
-        z, drives = _scores(data, mean, omega + c * (not inside[u]), u, far.scale)
+        z, drives = _scores(data, mean, omega + c * (not inside[u]), int(u), far.scale)
         names = [name for name, tells in zip(data.stack.symbols, data.tells[u], strict=True) if tells]
         order = np.argsort(-np.abs(drives), kind="stable")
         strong = [k for k in order if abs(drives[k]) >= NAMED] or list(order[:1])
