@@ -78,7 +78,8 @@ def rounds(
     moved, outliers, about = np.inf, 0, x
     k = 0
     while True:
-        report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
+        before = f": the last one moved {moved:.2g} standard errors" if k else ""
+        report(f"whitening {k + 1}{before}", 0.5 + 0.4 * k / most)
         weighted = problem.weighted(problem.kalman(about))
         down = descend if k < settings.off_bound_rounds else minimise
         x, _ = down(problem, x, weighted, settings.tolerance, settings.steps)
