@@ -63,7 +63,7 @@ def _model(found: Any) -> list[str]:
                      f"{short(found.held_out_error)} % of the travel (rms)")  # fmt: skip
     chi2 = found.result.state.chi2_per_dof
     said = [f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
-    names = [NAMES[step.name] for step in found.steps if step.name != "present"]
+    names = [step.name.replace("_", "-") for step in found.steps if step.name != "present"]
     said += [f"Stability with the {name} gains: {each.says}" for name, each in zip(names, found.borne, strict=False)]
     if found.result.state.cautions and not found.doubts:
         said.append(
@@ -96,7 +96,7 @@ def _figures(found: Any) -> RenderableType:
             f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip
         rows.append((NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
                      short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance))  # fmt: skip
-    return filled(("step", "overshoot, %\nof the step", "settling\ns", "RMSE, %\nof travel", "gain\nmargin dB",
+    return filled(("step", "overshoot\n% of step", "settling\ns", "RMSE\n%", "gain\nmargin dB",
                    "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
 
 
@@ -112,8 +112,9 @@ def _next(found: Any) -> list[str]:
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
     half = found.steps[1]
     return [
-        "Type in the half-way gains first, engine off, and log the same moves again: a large step should overshoot by "
-        f"{_range(half.overshoot)} % of the step and {_settles(half.settling)} (95 % of the models that fit).",
+        "Type in the half-way gains first, engine off, and log the same moves again, with steps from 10 to 70 % of the "
+        f"travel and back, 0.5 s each. These should overshoot by {_range(half.overshoot)} % of the step and "
+        f"{_settles(half.settling)} (95 % of the models that fit).",
         "If it does, type in the proposed gains; if it does not, run tune again with that log and the half-way gains.",
     ]  # fmt: skip
 

@@ -113,7 +113,7 @@ def test_what_the_next_log_should_show_is_a_sentence_even_where_nothing_settles(
 def test_the_next_command_names_the_half_way_gains_and_spares_this_run(tuned: Tuned, tmp_path: Path) -> None:
     """The proposed gains are needed once the half-way ones are confirmed."""
     said = of_tune(tuned, tmp_path / "car", [Path("lap.csv")]).next
-    assert said.endswith(f"--out {tmp_path / 'car_next'}")
+    assert said.endswith(f"--out {tmp_path / 'NEXT_RUN'}")
     given = said.partition("--present ")[2].split()[0].split(",")
     assert [float(gain) for gain in given] == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
     alone = replace(tuned, steps=tuned.steps[-1:])

@@ -99,7 +99,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
         again = _again(found, map(str, files), "P,I,D", run)
         return Closing(f"Proposed gains: {words}.{doubt}",
                        f"say which gains are in the ECU now, for a half-way step: {again}", look)  # fmt: skip
-    again = _again(found, ["NEXT_LOG"], ",".join(gains), run.with_name(f"{run.name}_next"))
+    again = _again(found, ["NEXT_LOG"], ",".join(gains), run.with_name("NEXT_RUN"))
     return Closing(f"Half-way gains to try first: {words}.{doubt}",
                    "type them in, engine off, and log the same moves again. Are overshoot and settling as foretold "
                    f"(etcfit drive NEXT_LOG)? Then type in the proposed gains. If not: {again}", look)  # fmt: skip
