@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 import time
 from collections.abc import Mapping
@@ -57,7 +58,7 @@ def _worked(record: dict[str, Any], folder: Path, chosen: Case) -> None:
         record["check"]["found"] = [{key: getattr(found, key) for key in keys} for found in rig.findings]
         before = fit(rig)
     except MeasurementError as refused:
-        _refused(record, str(refused))
+        _refused(record, folder, str(refused))
         return
     record["chi2"]["before"] = _chi2(before)
     record["compromise"] = before.compromise is not None
@@ -71,12 +72,12 @@ def _worked(record: dict[str, Any], folder: Path, chosen: Case) -> None:
     _diagnosed(record, before, known(chosen))
 
 
-def _refused(record: dict[str, Any], message: str) -> None:
+def _refused(record: dict[str, Any], folder: Path, message: str) -> None:
     """Physics rules the data out, or they cannot be read: the kinds that the message names stand for names."""
     from etcfit.rig.checks import DETECTORS
 
     kinds = [detector.kind for detector in DETECTORS if f"{detector.kind}:" in message]
-    record["check"]["refused"] = message[:500]
+    record["check"]["refused"] = message.replace(f"{folder}{os.sep}", "")[:500]
     record["named"] = [_named(record, {"name": kind, "kind": kind, "before_any_fit": True}, 1.0, []) for kind in kinds]
 
 

@@ -15,6 +15,7 @@ from etcfit.car_log.log import Series
 from etcfit.control.loop_figures import LoopFigures, Run, judge, judge_each, with_effort
 from etcfit.control.pid import Gains
 from etcfit.control.pid.conditions import (
+    LEAD,
     Conditions,
     at_corners,
     corners,
@@ -73,7 +74,7 @@ def test_the_stretch_of_a_log_is_the_one_in_which_most_is_asked() -> None:
     value = 20.0 + 30.0 * np.where((time > 12.0) & (time < 15.0), np.sin(4.0 * np.pi * time), 0.0) + 90.0 * (time < 1.0)
     asked = of_log(Series(time, value), SETTINGS)
     assert asked.levels == ()
-    assert asked.duration == pytest.approx(SETTINGS.lead + SETTINGS.log)
+    assert asked.duration == pytest.approx(LEAD + SETTINGS.log)
     (stretch,) = asked.tracked
     shares = asked.at(np.linspace(stretch.begins, stretch.ends, 500))
     assert np.ptp(shares) == pytest.approx(0.5, abs=0.01)  # 20 +- 30 %, and nothing lies below the stop
