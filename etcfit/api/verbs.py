@@ -1,9 +1,11 @@
-"""The verbs of the command line as functions: each takes what the one before it returned, or a run folder.
+"""The commands of etcfit as Python functions, for scripts and notebooks: `etcfit.fit`, `etcfit.diagnose`, ...
 
     rig = read_folder(FOLDER);  fit(rig) -> diagnose -> sample, reduce, design -> report
 
-They compute and return; only `save`, `report`, `export` and `fetch` write files. Whatever is heavy is imported when
-a verb is called.
+Each takes what the one before it returned, or a run folder, and returns an object of this room. The command line does
+not call them, but for `plan` and `load`: its stages (`etcfit.stages`) share `work` with them. Most compute and return;
+`report`, `export`, `fetch`, `tune`, `fleet` and `sample` with a folder write files, as does `save` of what is returned.
+Whatever is heavy is imported when a function is called.
 """
 
 from __future__ import annotations

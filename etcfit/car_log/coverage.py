@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .log import DriveLog
-from .steps import changes, rests
+from .steps import pairs_with_quick_change, rests
 
 _SETTLES = 0.5  # s of a rest in which the plate may still move
 _DEFAULT = 3.0, 20.0  # per cent: between which a limp-home position lies
@@ -121,7 +121,7 @@ def moves_of(logs: Sequence[DriveLog]) -> Moves:
     """What these logs ask for together; one without a setpoint asks for nothing."""
     pieces = [piece for log in logs if log.setpoint is not None for piece in log.setpoint.pieces]
     found = [rests(piece) for piece in pieces if piece.time.size > 1]
-    steps = [(before.last, after.first) for each in found for before, after in changes(each)]
+    steps = [(before.last, after.first) for each in found for before, after in pairs_with_quick_change(each)]
     lasted = np.array([rest.end - rest.begin for each in found for rest in each])
     values = [piece.value for piece in pieces]
     reach = (min(float(v.min()) for v in values), max(float(v.max()) for v in values)) if values else None

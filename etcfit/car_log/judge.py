@@ -25,7 +25,7 @@ from .duty import DutyUse
 from .limit_cycle import LimitCycle
 from .log import DriveLog
 from .sensors import Sensors
-from .steps import Step, noise_of, quantum_of
+from .steps import Step, log_resolution, noise_sd
 from .tracking import Tracking
 
 _RATE = 50.0  # Hz: four samples within half of the settling that is good; assumed
@@ -72,7 +72,7 @@ def _of_rest(log: DriveLog, rested: float, cycle: LimitCycle | None) -> Judgemen
     """Whether it oscillates at rest, where the log would show that."""
     if cycle is not None:
         return CYCLE.judged(cycle.amplitude, f"{cycle.kind}, {cycle.period:.2g} s a period")
-    coarse = max(noise_of(log.position.value), 0.5 * quantum_of(log.position.value)) > CYCLE.limit
+    coarse = max(noise_sd(log.position.value), 0.5 * log_resolution(log.position.value)) > CYCLE.limit
     enough = log.setpoint is not None and rested >= _RESTED and not coarse
     why = "the sensor's noise or resolution hides it" if coarse else f"the setpoint rests for {rested:.2g} s only"
     return CYCLE.judged(0.0 if enough else None, "none seen", without=why)
@@ -91,7 +91,7 @@ def _of_steps(log: DriveLog, steps: Sequence[Step]) -> Iterator[Judgement]:
            "no step of 2 % or more between two rests of 0.3 s" if not large else
            f"a log of {1.0 / log.position.step:.0f} Hz is too slow, {_RATE:.0f} Hz are needed"
            if log.position.step > 1.0 / _RATE * 1.01 else "")  # fmt: skip
-    sd = noise_of(log.position.value)
+    sd = noise_sd(log.position.value)
 
     def worst(criterion: Criterion, figure: Callable[[Step], float], among: Sequence[Step], without: str) -> Judgement:
         if why or not among:

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from .log import Series
-from .steps import Rest, noise_of, quantum_of, rests
+from .steps import Rest, log_resolution, noise_sd, rests
 
 Kind = Literal["stick-slip", "instability", "unknown"]
 
@@ -111,7 +111,7 @@ def limit_cycle(position: Series, setpoint: Series, duty: Series | None = None) 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7), for what stops it. Differs from
     source: thresholds are ours, tuned on simulated logs (`benchmarks/good_enough.py`).
     """
-    quantum, step = quantum_of(position.value), position.step
+    quantum, step = log_resolution(position.value), position.step
     looked = [each for piece in setpoint.pieces if piece.time.size > 1 for rest in rests(piece)
               if (each := _held(position, step, rest, duty, quantum)) is not None]  # fmt: skip
     cycling = [each for each in looked if each.period is not None]
@@ -138,7 +138,7 @@ def _together(cycling: Sequence[_Held], seconds: float, position: Series, quantu
     period = middle([c.period for c in cycling if c.period is not None])
     duties = [c.duty for c in cycling if c.duty is not None]
     width = max(0.05 * period / position.step, 1.0)  # samples that are averaged
-    sd = noise_of(position.value) / np.sqrt(width) if period > _SMOOTH * position.step else 0.0
+    sd = noise_sd(position.value) / np.sqrt(width) if period > _SMOOTH * position.step else 0.0
     coarse = amplitude < max(_TOLD * sd, 2.0 * quantum) or period < _SAMPLES * position.step
     kind: Kind = "unknown" if coarse else "stick-slip" if still > _STILL else "instability"
     swing = float(np.median(duties)) if duties else None

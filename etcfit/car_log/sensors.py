@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .log import Series
-from .steps import noise_of
+from .steps import noise_sd
 from .tracking import longest
 
 _NEAR = 0.015  # of the span: samples so near to an end are at it
@@ -147,7 +147,7 @@ def two_sensors(
     inside = (first.time >= second.time[0]) & (first.time <= second.time[-1])
     time, one = first.time[inside], first.value[inside]
     two = np.interp(time, second.time, second.value)
-    if time.size < 20 or np.ptp(one) < 10.0 * noise_of(one) or np.ptp(one) == 0.0:
+    if time.size < 20 or np.ptp(one) < 10.0 * noise_sd(one) or np.ptp(one) == 0.0:
         return None
     blind, other = _blind(one, two), _blind(two, one)
     crossed = ""
@@ -196,7 +196,7 @@ def _blind(one: np.ndarray, two: np.ndarray) -> float:
 def _ends(time: np.ndarray, value: np.ndarray, opens: float) -> tuple[Ends, tuple[bool, bool]]:
     """Closed and open of a sensor, and whether the plate rests there."""
     low, high = np.quantile(value, [0.002, 0.998])
-    room = max(_NEAR * (high - low), 4.0 * noise_of(value))
+    room = max(_NEAR * (high - low), 4.0 * noise_sd(value))
     at = (value <= low + room), (value >= high - room)
     means = [float(np.median(value[part])) for part in at]
     dwelt = [longest(time, part) >= _DWELL for part in at]

@@ -1,4 +1,4 @@
-"""How fast the plate is moved."""
+"""The frequencies at which the plate is moved: spectrum of a logged position."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Every step of a setpoint, and how the plate answers it.
+"""Finds the steps of a setpoint in a log, and measures how the plate answers each: overshoot, settling, lag, error.
 
-A step is a change within 0.1 s between two rests of 0.3 s at least.
+A step is a change within 0.1 s between two rests of 0.3 s at least. What steps are found with serves the other files
+of this room too: `rests`, where a signal stands still; `noise_sd` and `log_resolution`, how exact a sensor is.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def rests(piece: Series) -> list[Rest]:
     value = np.interp(time, piece.time, piece.value)
     if not time.size:
         return []
-    still = still_of(piece)
+    still = rest_tolerance(piece)
     spans, begin, least, most = list[tuple[int, int]](), 0, value[0], value[0]
     for k, here in enumerate((*value.tolist(), np.inf)):  # the end ends a rest too
         least, most = min(least, here), max(most, here)
@@ -100,17 +101,17 @@ def rests(piece: Series) -> list[Rest]:
                  float(np.median(value[b - few : b]))) for a, b in spans]  # fmt: skip
 
 
-def still_of(setpoint: Series) -> float:
+def rest_tolerance(setpoint: Series) -> float:
     """How far a setpoint may move at rest, per cent of travel."""
-    return float(np.clip(_JITTER[0] * noise_of(setpoint.value), _STILL, _JITTER[1]))
+    return float(np.clip(_JITTER[0] * noise_sd(setpoint.value), _STILL, _JITTER[1]))
 
 
-def changes(found: Sequence[Rest]) -> list[tuple[Rest, Rest]]:
-    """Rests with a quick change of the setpoint between them."""
+def pairs_with_quick_change(found: Sequence[Rest]) -> list[tuple[Rest, Rest]]:
+    """Neighbouring rests between which the setpoint changes quickly: before and after it."""
     return [(a, b) for a, b in pairwise(found) if b.begin - a.end - _GRID <= _QUICK + 1e-9]
 
 
-def noise_of(value: np.ndarray) -> float:
+def noise_sd(value: np.ndarray) -> float:
     """Standard deviation of a sensor's noise, from the second differences' median, and of its resolution.
 
         median |y_k+1 - 2 y_k + y_k-1| / (0.6745 sqrt 6)
@@ -121,10 +122,10 @@ def noise_of(value: np.ndarray) -> float:
     if value.size < 4:
         return 0.0
     sd = float(np.median(np.abs(np.diff(value, 2))) / (0.6745 * np.sqrt(6.0)))
-    return max(sd, quantum_of(value) / np.sqrt(12.0))
+    return max(sd, log_resolution(value) / np.sqrt(12.0))
 
 
-def quantum_of(value: np.ndarray) -> float:
+def log_resolution(value: np.ndarray) -> float:
     """Resolution of a log: the least difference of two values, where a good many of them repeat; else 0."""
     levels = np.unique(np.round(value, 6))
     if levels.size < _LEVELS or levels.size > 0.5 * value.size:
@@ -139,12 +140,12 @@ def steps(position: Series, setpoint: Series) -> tuple[Step, ...]:
     Source: the paper, section 4.1. Differs from source: `band`, and that what is left is the mean of the tail, not its
     largest value, which noise makes larger.
     """
-    sd = noise_of(position.value)
+    sd = noise_sd(position.value)
     found = []
     for piece in setpoint.pieces:
         if piece.time.size > 1:
-            still = still_of(piece)  # once a piece: a long log has thousands of steps
-            found += [_step(position, setpoint, a, b, sd, still) for a, b in changes(rests(piece))]
+            still = rest_tolerance(piece)  # once a piece: a long log has thousands of steps
+            found += [_step(position, setpoint, a, b, sd, still) for a, b in pairs_with_quick_change(rests(piece))]
     return tuple(each for each in found if each is not None)
 
 

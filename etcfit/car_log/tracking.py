@@ -1,4 +1,4 @@
-"""How closely the plate follows."""
+"""How closely the plate follows its setpoint: errors over a whole log and in parts of the travel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the plate spends its time."""
+"""At which positions the plate spends its time: a histogram of a log."""
 
 from __future__ import annotations
 

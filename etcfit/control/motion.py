@@ -1,4 +1,4 @@
-"""Many plates under a constant voltage, or with open terminals: when each comes where, and where it comes to rest."""
+"""Simulates many plates under a constant voltage or with open terminals: when each reaches a place, where it rests."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ def _entered(before: Any, now: Any, bands: Bands) -> Any:
     return jnp.clip(share, 0.0, 1.0)
 
 
-def _moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
-    """Every model (D) in an experiment of its own."""
+def _simulate_motion(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
+    """Simulate every model (D) in an experiment of its own."""
     count, (dt, longest, rest) = what.angle.shape[0], watching
 
     def one(throttle: Throttle, x: State, z: Any, volts: Any, circuit: Any, time: Any) -> Any:
@@ -126,11 +126,11 @@ def _moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watch
     return Motion(end.first, end.stays, end.x.theta, (end.still >= rest).astype(float))
 
 
-_every = jax.jit(_moved)
+_every = jax.jit(_simulate_motion)
 
 
-def moved(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
-    """Every model (D) in an experiment of its own, side by side on every core; `body`: gear ratio and stops, rad."""
+def simulate_motion(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
+    """Simulate every model (D) in an experiment of its own, on every core; `body`: gear ratio and stops, rad."""
     count = np.shape(what.angle)[0]
     room = -(-count // CORES)  # models a core; the last one is repeated until each has as many
     whole = np.minimum(np.arange(room * CORES), count - 1)

@@ -20,7 +20,7 @@ from .findings import Diagnosis, Question, SetTried, Unexplained
 from .free_sets import FREE_SPREAD, searched_free
 from .model_discrepancy import formula_covariance, percent_off
 from .other_rig import Strange, explains_misfit, of_another_rig
-from .probabilities import SOMETHING_ELSE, UNSAID, doubted, said, with_proven_effect
+from .probabilities import SOMETHING_ELSE, UNSAID, doubted_effects, named_effects, with_proven_effect
 from .refit import start
 from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing
 from .score import score, tie_covariance
@@ -258,8 +258,8 @@ def _assembled(
     s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
     slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
-    doubts = () if s.far else doubted(progress.rounds, present)
-    added, doubts, asked, chance = said(progress.rounds, present, doubts, left is not None, settings, slow)
+    doubts = () if s.far else doubted_effects(progress.rounds, present)
+    added, doubts, asked, chance = named_effects(progress.rounds, present, doubts, left is not None, settings, slow)
     ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]
     stated = statements(proven, after.values, chance, progress.rounds, asked, settings)

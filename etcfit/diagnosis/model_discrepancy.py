@@ -10,7 +10,7 @@ from scipy import linalg, optimize
 from scipy.special import ndtri, stdtrit
 
 from ..estimation.identifiability import listed
-from ..estimation.levenberg_marquardt import local
+from ..estimation.levenberg_marquardt import linearise_at
 from ..model.parameters import parameters_of
 from ..model.smooth import AbstractSmooth
 from ..problem.free_parameters import effect_named
@@ -80,7 +80,7 @@ def formula_covariance(s: CandidateModel) -> np.ndarray:
     out = np.zeros((s.x.size, s.x.size))
     if s.far or not s.added:
         return out
-    here = local(s.problem, s.x, s.weighted)
+    here = linearise_at(s.problem, s.x, s.weighted)
     inverse, jacobian = here.covariance / here.unit, s.problem.linearise(s.x, s.weighted).jacobian
     for effect in (e for e in s.added if e.inexact):
         for moved in _stretches(s, jacobian, jacobian @ _doubled(s, effect)):

@@ -1,4 +1,12 @@
-"""How likely is each explanation: how much a name answers for, questions with answers, and what is worth a word."""
+"""Gives each effect a probability that it is really there, and decides which effects of the final model are named.
+
+    credit_by_round, doubted_effects    how far an effect explains what was missing where it acts
+    questions, probabilities            of every round: which effect explains the rest; over all rounds: what is there
+    named_effects                       effects stated by name, and those in doubt, which stay in the model unnamed
+    likely_hypotheses                   those with a probability that a page prints
+
+`course` calls it at the end of a diagnosis, with the reports of the rounds; `statements` and the pages print it.
+"""
 
 from __future__ import annotations
 
@@ -11,25 +19,25 @@ from ..problem.free_parameters import effect_named
 from .findings import Question, RoundReport, Whiteness
 from .settings import DiagnosisSettings
 
-# ---- What is probable enough for a word: one list for statements, terminal and pages
+# ---- What is probable enough to be printed: one list for statements, terminal and pages
 
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
 LEAST_CREDIT = 0.5  # share of what is missing where it acts that a name must explain, beside what may be something else
 
 
-_WORTH_A_WORD = 0.02
+_PRINTED_FROM = 0.02
 
 
-def likely(probabilities: Mapping[str, float | None]) -> list[tuple[str, float]]:
-    """Hypotheses with a probability worth a word, the likeliest first."""
-    worth = ((name, p) for name, p in probabilities.items() if p and p >= _WORTH_A_WORD)
+def likely_hypotheses(probabilities: Mapping[str, float | None]) -> list[tuple[str, float]]:
+    """Hypotheses probable enough to be printed, the likeliest first."""
+    worth = ((name, p) for name, p in probabilities.items() if p and p >= _PRINTED_FROM)
     return sorted(worth, key=lambda each: (each[1], each[0]), reverse=True)
 
 
-def in_words(probabilities: Mapping[str, float | None]) -> str:
-    """Those in one line, "" where there are none."""
-    return ", ".join(f"{name} {p:.2f}" for name, p in likely(probabilities))
+def likely_in_one_line(probabilities: Mapping[str, float | None]) -> str:
+    """The likely hypotheses in one line, "" where there are none."""
+    return ", ".join(f"{name} {p:.2f}" for name, p in likely_hypotheses(probabilities))
 
 
 # ---- How much of the misfit where it acts a name answers for, and how much is left for something else
@@ -52,16 +60,16 @@ UNSAID = "stays in the model and is not named: something else is likelier to exp
 _EVERYWHERE = Place()
 
 
-def credits(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float]:
-    """Of each round the most that the name which it added may be believed, from 0 to 1; 1 where nothing says how much
-    it explained: no later round, or a name that did not stay.
+def credit_by_round(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float]:
+    """For each round the largest probability that the effect it added may have, from 0 to 1; 1 where nothing says how
+    much it explained: there is no later round, or the effect did not stay.
     """
     return [_credit(k, rounds, added) for k in range(len(rounds))]
 
 
-def doubted(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
-    """Names that stay in the model and are not said, for something else is likelier."""
-    believed = zip(rounds, credits(rounds, added), strict=True)
+def doubted_effects(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
+    """Effects that stay in the model and are not named, for something else is likelier."""
+    believed = zip(rounds, credit_by_round(rounds, added), strict=True)
     return [str(each.added) for each, credit in believed if credit < LEAST_CREDIT]
 
 
@@ -133,8 +141,8 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 # T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be; what
 # was known before the data (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the
 # answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside the
-# catalogue; more, where a name answers for less than all that is missing where it acts (`credits`). The answers of a
-# question add up to one. Over rounds an effect is there unless none of them puts it there. How well they are
+# catalogue; more, where a name answers for less than all that is missing where it acts (`credit_by_round`). The answers
+# of a question add up to one. Over rounds an effect is there unless none of them puts it there. How well they are
 # calibrated: docs/validation/bank.md.
 #
 # Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
@@ -165,15 +173,15 @@ def questions(
         added: the effects that are in its final model and not in doubt.
         curve: whether a curve without a name was found.
         slow: whether a fitted test was logged so.
-        doubts: other effects of that model, which something else outdoes (`doubted`).
+        doubts: other effects of that model, which something else outdoes (`doubted_effects`).
     """
     gone = _withdrawn(rounds, added)
-    believed = [min(each, 1.0 - settings.lapse) for each in credits(rounds, {*added, *doubts})]
+    believed = [min(each, 1.0 - settings.lapse) for each in credit_by_round(rounds, {*added, *doubts})]
     asked = [
         Question(f"Round {k}: what explains what is left of the residual?", _answers(each, gone, most, settings))
         for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)
     ]
-    left = _left(rounds, bool(added), curve, doubts, settings)
+    left = _probability_of_unnamed_rest(rounds, bool(added), curve, doubts, settings)
     every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
     if not slow:
         return every
@@ -186,12 +194,12 @@ def questions(
     )
 
 
-class Said(NamedTuple):
-    """What is said of the effects in a model.
+class NamedEffects(NamedTuple):
+    """Which effects of a model are stated by name, and how sure each is.
 
     Args:
-        names: that are said, in the order found.
-        doubts: that are not: something else is likelier, or they are less likely than something that was missed.
+        names: that are stated, in the order found.
+        doubts: that are not stated: something else is likelier, or they are less likely than something that was missed.
         questions, probabilities: see the functions.
     """
 
@@ -201,28 +209,28 @@ class Said(NamedTuple):
     probabilities: Mapping[str, float]
 
 
-def said(
+def named_effects(
     rounds: Sequence[RoundReport],
     present: Sequence[str],
     doubts: Sequence[str],
     curve: bool,
     settings: DiagnosisSettings,
     slow: bool,
-) -> Said:
-    """Which names are said, and how sure.
+) -> NamedEffects:
+    """Decide which effects of the final model are stated by name, and how sure each is.
 
     Args:
         rounds, curve, settings, slow: as of `questions`.
         present: effects of the final model, in the order found.
-        doubts: those of them that something else outdoes (`doubted`).
+        doubts: those of them that something else outdoes (`doubted_effects`).
     """
     names = tuple(name for name in present if name not in doubts)
     asked = questions(rounds, names, curve, settings, slow, doubts)
     chance = probabilities(asked, rounds, names, curve, settings, doubts)
     unlikely = [name for name in names if chance.get(name, 1.0) < settings.missed]
     if unlikely:
-        return said(rounds, present, (*doubts, *unlikely), curve, settings, slow)
-    return Said(names, tuple(doubts), asked, chance)
+        return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow)
+    return NamedEffects(names, tuple(doubts), asked, chance)
 
 
 def probabilities(
@@ -233,7 +241,7 @@ def probabilities(
     settings: DiagnosisSettings,
     doubts: Collection[str] = (),
 ) -> Mapping[str, float]:
-    """Of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
+    """The probability of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
     They are those of statements that do not exclude each other: two effects may both be there. "nothing" says that
     nothing is missing which these data show: what is too faint for them is not denied.
@@ -259,7 +267,7 @@ def probabilities(
 
 
 def with_proven_effect(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
-    """The same where something else was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
+    """`found` with an effect that was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
     return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
 
 
@@ -268,10 +276,10 @@ def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str
     return {each.added for each in rounds if each.added is not None} - set(added)
 
 
-def _left(
+def _probability_of_unnamed_rest(
     rounds: Sequence[RoundReport], named: bool, curve: bool, doubts: Collection[str], settings: DiagnosisSettings
 ) -> float:
-    """Probability that something is left which has no name."""
+    """Probability that something without a name is left at the end."""
     noise, unread = rounds[-1].evidence.white and not doubts, not rounds[-1].candidates and not doubts
     if curve or not (named or noise):
         return 1.0 - settings.lapse
@@ -285,7 +293,7 @@ def _left(
 def _answers(
     each: RoundReport, withdrawn: Collection[str], most: float, settings: DiagnosisSettings
 ) -> Mapping[str, float]:
-    """Of the effects refitted in one round, "nothing" and "something else": they add up to one.
+    """Probabilities of the effects refitted in one round, "nothing" and "something else": they add up to one.
 
     Effects and "nothing" get no more than `most`. Effects that the held-out traces contradict get nothing, as those
     that are not worth their parameters get no more than `missed` all together. One that was taken away again leaves

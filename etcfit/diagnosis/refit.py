@@ -9,7 +9,7 @@ import numpy as np
 
 from ..estimation.free_run import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
-from ..estimation.levenberg_marquardt import approach, descend
+from ..estimation.levenberg_marquardt import descend, descend_in_stages
 from ..estimation.result import FitResult, Optimum, Termination
 from ..estimation.rounds import rounds
 from ..problem import weights
@@ -114,7 +114,7 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
     tolerance = REFIT_TOLERANCE
-    ways = [lambda: descend(problem, s.x, weighted, tolerance), lambda: approach(problem, s.x, tolerance)]
+    ways = [lambda: descend(problem, s.x, weighted, tolerance), lambda: descend_in_stages(problem, s.x, tolerance)]
     ends = concurrently(lambda way: way()[0], ways if s.far else ways[:1])
     x = min(ends, key=lambda end: problem.chi2(end, weighted)) if s.far else ends[0]
     limit = NEAR_CHI2_PER_DOF if s.far else MISFIT

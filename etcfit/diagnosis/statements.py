@@ -12,7 +12,7 @@ from ..problem.prediction_error import pooled
 from .composition import Effect
 from .exchange import Found
 from .findings import Question, RigMistake, RoundReport, Statement, Tie, Unexplained
-from .probabilities import SOMETHING_ELSE, in_words, likely
+from .probabilities import SOMETHING_ELSE, likely_hypotheses, likely_in_one_line
 from .score import clearly_worse
 from .settings import DiagnosisSettings
 
@@ -83,7 +83,7 @@ def statement(
     effect: Effect, named: Named, probability: float, answers: Mapping[str, float], settings: DiagnosisSettings
 ) -> Statement:
     """On one effect; it is acted on where it is at least as probable as `suspicion` asks."""
-    instead = dict(likely({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
+    instead = dict(likely_hypotheses({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion
     if not named.mend:
         said = f"{_LACKED[word]} {named.called} ({probability:.2f})."
@@ -96,7 +96,7 @@ def statement(
 
 def _to_measure(instead: Mapping[str, float], told_by: str) -> str:
     """What else could be, and which measurement would tell."""
-    others = in_words(instead)
+    others = likely_in_one_line(instead)
     return f"{f' What else could be: {others}.' if others else ''} What would tell: {told_by}."
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..estimation.free_run import guide_stiffness_of
 from ..estimation.identifiability import listed
 from ..estimation.joint_fit import Report
-from ..estimation.levenberg_marquardt import believed
+from ..estimation.levenberg_marquardt import prior_information
 from ..estimation.result import FitResult
 from ..model.effects import fraction
 from ..model.smooth import UNKNOWNS, AbstractSmooth
@@ -305,7 +305,7 @@ def _words(found: Sequence[Discrepancy]) -> str:
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDiscrepancy:
     lean = s.lean()
     r, jacobian = fitted_samples(lean.problem, lean.x, lean.weighted)
-    priors = believed(lean.problem.layout, lean.x, lean.weighted.prior_sd)
+    priors = prior_information(lean.problem.layout, lean.x, lean.weighted.prior_sd)
     scales, effects = [variants(e)[0] for e in smooth], {e.name: e for e in smooth}
     each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
     seen = np.asarray(lean.weighted.slots.weight) > 0.0

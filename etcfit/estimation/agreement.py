@@ -28,7 +28,7 @@ from .contradiction import (
     split_off,
     tests_of,
 )
-from .levenberg_marquardt import believed
+from .levenberg_marquardt import prior_information
 from .settings import FitSettings
 from .statement import Piece, Split, Statement, inflations_of, prior, statement
 
@@ -340,7 +340,7 @@ class _FittedData:
 
     def believed(self, here: Subset) -> Statement:
         """The priors: those given, and `WIDE` about wherever the fit went."""
-        return prior(believed(self.problem.layout, self.x, self.weighted.prior_sd), here.belief)
+        return prior(prior_information(self.problem.layout, self.x, self.weighted.prior_sd), here.belief)
 
     def refitted(self, x: np.ndarray, tests: tuple[str, ...]) -> Subset:
         """The fit made again to some tests, from x, shape (P,), where that was not yet done."""

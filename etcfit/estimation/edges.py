@@ -22,7 +22,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Fixed, Measurement, Rig, Start
 from ..rig.checks.edges import apart, arc_chance, on_circle
-from .levenberg_marquardt import local
+from .levenberg_marquardt import linearise_at
 from .rounds import Reached
 
 ERROR = 0.3  # standard deviation of one edge's place above which it says nothing, sample intervals
@@ -245,7 +245,7 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided
     for phase in near:  # beyond the sample chi2 does not depend on the phase
         if phase.side and phase.side * x[phase.index] < _HAIR:
             x[phase.index] = phase.side * _HAIR
-    here = local(reached.problem, x, reached.weighted)
+    here = linearise_at(reached.problem, x, reached.weighted)
     best, sd = (x + here.step)[at], np.sqrt(np.diag(here.covariance))[at]
     inside = np.array([phase.side * b if phase.side else abs(b) for phase, b in zip(near, best, strict=True)])
     sharp = (sd < SCATTER) & (inside < ON_SAMPLE * sd)

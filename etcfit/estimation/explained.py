@@ -104,7 +104,9 @@ def motion_explained(
 
 
 def _percent(share: float) -> str:
-    """One decimal more where it is near to all."""
+    """One decimal more where it is near to all; one that is not whole never as 100.00."""
+    if 0.9999 < share < 1.0:
+        return "over 99.99 %"
     return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.1f} %"
 
 

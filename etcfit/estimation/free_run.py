@@ -16,7 +16,7 @@ from ..problem.free_parameters import effect_named
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..rig.base import Rig, Tied
-from .levenberg_marquardt import approach, minimise
+from .levenberg_marquardt import descend_in_stages, minimise
 from .result import Termination
 from .rounds import Reached, Report, evolve_population, quiet, searched, whitened
 from .settings import FitSettings, GuideSettings
@@ -308,7 +308,7 @@ def lower_end(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) 
 
 def _near(problem: EstimationProblem, x: np.ndarray, settings: FitSettings) -> Reached | None:
     """The whitened end from x; None where it does not come near the data."""
-    x, _ = approach(problem, x, settings.rough_tolerance, settings)
+    x, _ = descend_in_stages(problem, x, settings.rough_tolerance, settings)
     weighted = problem.weighted(weights.forgiving(problem))
     if problem.chi2(x, weighted) >= settings.misfit * max(1.0, weighted.samples - x.size):
         return None

@@ -19,7 +19,7 @@ from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect, ChannelGain, ChannelOffset, GearRatio, Place, TimeScale
 from ..problem.free_parameters import FreeParameters
 from .agreement import Z_95
-from .levenberg_marquardt import believed
+from .levenberg_marquardt import prior_information
 from .result import Budget, FitResult
 
 _TINY = 1e-30  # of a step into the complex plane
@@ -299,7 +299,7 @@ def _moves(result: FitResult, sources: list[_Source]) -> np.ndarray:
     jacobian = problem.linearise(x, weighted).jacobian
     flat, size = jacobian.reshape(-1, x.size), result.x.size
     own, theirs = flat[:, :size], flat[:, size:]
-    prior = believed(result.free_parameters.layout, result.x, weighted.prior_sd)
+    prior = prior_information(result.free_parameters.layout, result.x, weighted.prior_sd)
     by_effect = -np.linalg.solve(own.T @ own + prior, own.T @ theirs)
     turned_on = np.zeros((len(effects), len(sources)))
     for k, source in enumerate(sources):

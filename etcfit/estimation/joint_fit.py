@@ -20,7 +20,7 @@ from ..rig.paper_readings import Readings, read_graphs
 from .edges import with_edges_in_step, with_edges_on_samples
 from .free_run import Model, comes_near, fitted_free_running, no_higher_than_smaller, removable_effects
 from .intervals import with_accuracy
-from .levenberg_marquardt import approach, descend, with_lag_of
+from .levenberg_marquardt import descend, descend_in_stages, with_lag_of_start
 from .ready import ready, start_values
 from .result import FitResult as FitResult
 from .result import Optimum, outcome
@@ -160,7 +160,7 @@ def _ended(
     in_background(partial(_compile_step, start.size))
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)
-    x = with_lag_of(start, problem, x)
+    x = with_lag_of_start(start, problem, x)
     problem = problem.with_instants(x)
     reached = _reached(problem, x, start, misfit, report, settings)
     if reached is None and not only_near:
@@ -252,7 +252,7 @@ def _from_several_starts(
         if near:
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
         else:
-            end, steps = approach(problem.with_integrator_states(first), first, tolerance, settings, hopeless)
+            end, steps = descend_in_stages(problem.with_integrator_states(first), first, tolerance, settings, hopeless)
         before, after = (_forgiven(problem, x, weighted) for x in (first, end))
         return Descent(end, before, after, steps)
 

@@ -1,4 +1,12 @@
-"""One descent by Levenberg-Marquardt on the whitened residual, and the residual linearised where it ends."""
+"""Minimises chi2 by Levenberg-Marquardt, from one start to one optimum, and linearises the problem at a point.
+
+    least_squares        the bare algorithm, on any sum of squares; `damped_step` makes its steps
+    minimise, descend    chi2 of an `EstimationProblem`, from x and from off the bounds
+    descend_in_stages    the same from far off: several descents, errors of timing counting little at first
+    linearise_at         covariance, and what a further step would gain, at a point
+
+The joint fit, diagnosis and posterior call it.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +38,7 @@ def least_squares(
     """Levenberg-Marquardt on a sum of squares known by its normal equations, damped at first by the identity.
 
     More than half of the steps are rejected where a model is far from its data, and for that the sum alone is enough:
-    slopes are asked for only where a step is taken.
+    derivatives are computed only where a step is taken.
 
     Args:
         equations: of y, shape (P,); columns of the Jacobian should have a size of some tens.
@@ -50,14 +58,14 @@ def least_squares(
         gradient[:size], information[:size, :size] = e.gradient, e.information
         return Condensed.of(NormalEquations(e.chi2, gradient, information))
 
-    def lone(y: np.ndarray) -> Condensed:
+    def lone_sum(y: np.ndarray) -> Condensed:
         return Condensed.sum_alone(chi2(y[:size]), room)
 
     y, lowest = np.append(y0, np.zeros(room - size)), np.inf
     state = begun(room, y)
     for taken in range(1, steps + 1):
         here = np.asarray(state.y_eval)
-        after, beyond = (here, state) if taken == 1 else next_step(room, y, state, lone(here))
+        after, beyond = (here, state) if taken == 1 else next_step(room, y, state, lone_sum(here))
         if not np.array_equal(after, here):  # rejected
             y, state = after, beyond
             continue
@@ -77,14 +85,14 @@ def _scale(information: np.ndarray, count: float) -> np.ndarray:
     return _STRETCH / np.sqrt(np.maximum(np.diag(information) / count, 1e-12))
 
 
-def information_of(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+def fisher_information(prior_sd: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
     """Fisher information J^T J of a whitened Jacobian (..., P), and that of the user's priors, shape (P, P)."""
     flat = jacobian.reshape(-1, jacobian.shape[-1])
     return flat.T @ flat + np.diag(1.0 / np.asarray(prior_sd) ** 2)
 
 
-def believed(layout: Layout, x: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
-    """Information of the user's priors, and of `WIDE` reaches about x, shape (P,), for what no sample tells: (P, P)."""
+def prior_information(layout: Layout, x: np.ndarray, prior_sd: np.ndarray) -> np.ndarray:
+    """Information of the priors, (P, P): the user's own, and one of `WIDE` reaches about x for every coordinate."""
     given = 1.0 / np.asarray(prior_sd)[: x.size] ** 2
     return np.diag(given + 1.0 / (WIDE * layout.reach(x)) ** 2)
 
@@ -115,21 +123,21 @@ def minimise(
     anchor = WIDE * layout.reach(x)
     scale = np.minimum(_scale(first.information + np.diag(1.0 / prior_sd**2), count), 1e4 * anchor)
 
-    def beside(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def prior_and_anchor(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residuals of the priors and of the anchor: a weak pull back to x, which keeps what the data do not determine
         from wandering and weighs nothing beside any datum."""
         return (at - prior_mean) / prior_sd, (at - x) / anchor
 
     def sum_alone(y: np.ndarray) -> float:
         at = x + scale * y
-        prior, away = beside(at)
+        prior, away = prior_and_anchor(at)
         with np.errstate(over="ignore"):  # a simulation that runs away is rejected
             return (problem.chi2(at, weighted) + float(prior @ prior + away @ away)) / count
 
     def equations(y: np.ndarray) -> NormalEquations:
         """In stretched coordinates, over the number of samples, with the priors and the anchor."""
         at = x + scale * y
-        e, (prior, away) = of_data(at.tobytes()), beside(at)
+        e, (prior, away) = of_data(at.tobytes()), prior_and_anchor(at)
         chi2 = e.chi2 + prior @ prior + away @ away
         gradient = e.gradient + prior / prior_sd + away / anchor
         information = e.information + np.diag(1.0 / prior_sd**2 + 1.0 / anchor**2)
@@ -157,7 +165,7 @@ def descend(
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class LinearisedProblem:
     """The problem linearised at a point.
 
     Args:
@@ -173,38 +181,38 @@ class Local:
     step: np.ndarray
 
 
-def local(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Local:
-    """Linearise at coordinates x, shape (P,). What the data leave open counts as known to `WIDE` reaches."""
+def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> LinearisedProblem:
+    """Linearise at coordinates x, shape (P,). What the data do not tell counts as known to `WIDE` reaches."""
     padded, size = problem.layout.padded(x), x.size
     of_data = normal_equations(problem.layout.form, weighted, padded.size)(padded)
     unit = max(1.0, float(of_data.chi2) / max(1.0, weighted.samples - size))
     reach, prior_sd = problem.layout.reach(x), np.asarray(weighted.prior_sd)[:size]
-    information = np.asarray(of_data.information)[:size, :size] + believed(problem.layout, x, prior_sd)
+    information = np.asarray(of_data.information)[:size, :size] + prior_information(problem.layout, x, prior_sd)
     gradient = np.asarray(of_data.gradient)[:size] + prior_residual_here(padded, weighted)[:size] / prior_sd
     step = -np.linalg.solve(information, gradient)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
-    return Local(unit, unit * covariance, -float(gradient @ step) / unit, step)
+    return LinearisedProblem(unit, unit * covariance, -float(gradient @ step) / unit, step)
 
 
-# ---- The way to an optimum from far off: instants are forgiven at first, and what stood in for them is put back
+# ---- From far off to an optimum: errors of timing count little at first; a parameter that absorbed them is put back
 
 
-def approach(
+def descend_in_stages(
     problem: EstimationProblem,
     x: np.ndarray,
     tolerance: float,
     settings: FitSettings = FitSettings(),
     hopeless: float = np.inf,
 ) -> tuple[np.ndarray, int]:
-    """Descend with all sampling instants forgiven coarsely, then ever finer.
+    """Descend several times, each from the last end: sampling instants may be off by much at first, then by ever less.
 
     Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
     that no small step of a parameter changes.
 
     Args:
         tolerance: relative change of chi2 that ends each descent.
-        hopeless: chi2 from which on a descent is the last: what is forgiven less only adds to it.
+        hopeless: chi2 from which on a descent is the last: stricter timing would only add to it.
     Returns:
         coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.
     """
@@ -219,11 +227,11 @@ def approach(
     return x, steps
 
 
-def with_lag_of(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
+def with_lag_of_start(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
     """Coordinates x, shape (P,), with the L_a/R_a of the start where an ECU in the model saw jumps of its setpoint.
 
-    As long as nobody has placed these jumps the circuit's lag stands in for what their instants are off by; from a lag
-    of zero it would not come back, for there its gradient vanishes.
+    Until the instants of these jumps are fitted, the circuit's lag makes up for the error in them and may fall to zero.
+    From there no descent brings it back, for its gradient vanishes.
     """
     layout, held = problem.layout, problem.free_parameters.held
     if "L_a" not in layout.free or not problem.sees_jumps:

@@ -15,7 +15,7 @@ from ..problem.cores import concurrently
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .levenberg_marquardt import approach, descend, local, minimise, with_lag_of
+from .levenberg_marquardt import descend, descend_in_stages, linearise_at, minimise, with_lag_of_start
 from .result import Reason, Termination
 from .settings import FitSettings, GlobalSearchSettings
 
@@ -78,11 +78,12 @@ def rounds(
     moved, outliers, about = np.inf, 0, x
     k = 0
     while True:
-        report(f"whitening {k + 1}: moved {moved:.2g} standard errors", 0.5 + 0.4 * k / most)
+        before = f": the last one moved {moved:.2g} standard errors" if k else ""
+        report(f"whitening {k + 1}{before}", 0.5 + 0.4 * k / most)
         weighted = problem.weighted(problem.kalman(about))
         down = descend if k < settings.off_bound_rounds else minimise
         x, _ = down(problem, x, weighted, settings.tolerance, settings.steps)
-        here = local(problem, x, weighted)
+        here = linearise_at(problem, x, weighted)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
         if (moved < still and k > 0) or k == most - 1:
             end = after_rounds(moved, here.gain, outliers, settings)
@@ -137,7 +138,7 @@ def after_search(gain: float, outliers: int = 0, settings: FitSettings = FitSett
 def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached:
     """Go on without a gradient from where it leads no further."""
     problem, weighted, x, end = reached
-    here = local(problem, x, weighted)
+    here = linearise_at(problem, x, weighted)
     report("the gradient does not vanish: searching without it", 0.9)
     x, gain = search_about(
         lambda points: chi2_of(problem, points, weighted), x, here.covariance, here.unit, settings.search
@@ -294,8 +295,8 @@ def _ends_from(points: list[np.ndarray], best: _End, start: np.ndarray, settings
     problem = best.reached.problem
 
     def first(point: np.ndarray) -> _End:
-        point, _ = approach(problem, point, settings.rough_tolerance, settings)
-        point = with_lag_of(start, problem, point)
+        point, _ = descend_in_stages(problem, point, settings.rough_tolerance, settings)
+        point = with_lag_of_start(start, problem, point)
         return _whitened(problem.with_instants(point), point, settings.first_rounds, settings)
 
     found = concurrently(first, points)

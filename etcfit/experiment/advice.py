@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from ..estimation.identifiability import analyse
-from ..estimation.levenberg_marquardt import information_of
+from ..estimation.levenberg_marquardt import fisher_information
 from ..estimation.ready import ready, start_values
 from ..estimation.result import FitResult
 from ..problem import weights
@@ -170,7 +170,7 @@ def judge_of(
     """What priors and traces of a problem tell, and what each trace does, shape (P, P)."""
     now = informations(problem, x)
     prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
-    return Judge(layout, x, information_of(prior_sd, np.zeros((0, x.size))) + sum(now), settings), now
+    return Judge(layout, x, fisher_information(prior_sd, np.zeros((0, x.size))) + sum(now), settings), now
 
 
 def separated(

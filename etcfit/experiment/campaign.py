@@ -26,7 +26,7 @@ from ..rig import TEST_BY_NAME, TESTS
 from ..rig.base import CHANNELS, Rig
 from .advice import Judge, informations_of_others, judge_of, judged_at
 from .candidates import Candidate, candidates
-from .limits import Forecast, Winding, forecasts, passed
+from .limits import Forecast, Winding, exceeded_limits, forecasts
 from .plan import Setting, channels, remark, trace_of
 from .settings import AdviceSettings, CampaignSettings
 
@@ -161,7 +161,7 @@ def plan_campaign(
     every = candidates(setting, settings, {trace.test.name for trace in fitted}, tuple(without))
     models = _models(rig, at, known, x, judge, settings)
     seen = forecasts(every, setting, known, models, problem.room, settings)
-    bad = [passed(c, f, setting, settings) for c, f in zip(every, seen, strict=True)]
+    bad = [exceeded_limits(c, f, setting, settings) for c, f in zip(every, seen, strict=True)]
     left = list(_largest(every, bad))
     if not left:
         nearest = min(range(len(every)), key=lambda k: len(bad[k]))

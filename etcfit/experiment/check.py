@@ -13,7 +13,7 @@ import numpy as np
 from ..car_log.study import Study, study_traces
 from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse, listed, sentences
-from ..estimation.levenberg_marquardt import information_of
+from ..estimation.levenberg_marquardt import fisher_information
 from ..estimation.ready import ready, start_values
 from ..importing.shapes import runs
 from ..problem.free_parameters import Layout, free_parameters
@@ -209,7 +209,7 @@ def verdict(rig: Rig) -> Foresight:
     jacobian = problem.linearise(x, weighted).jacobian
     rows = jacobian.reshape(-1, x.size)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    information = information_of(weighted.prior_sd[: x.size], rows)
+    information = fisher_information(weighted.prior_sd[: x.size], rows)
     return Foresight(known.layout, x, information, readings, notes, fitted)
 
 

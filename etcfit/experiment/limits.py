@@ -1,4 +1,8 @@
-"""What a trace will do to the rig by the model, over what is not known of it, and which limit it would pass."""
+"""Simulates planned tests before they are made, and says which limits of the rig each of them would exceed.
+
+Each test is simulated by several models, which differ as much as the data leave open; the worst counts. There are
+limits on voltage, current, winding temperature and on how near the plate comes to its stops. `campaign` calls it.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,7 @@ HEAT_CAPACITY, COOLING = 6.0, 30.0
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What a trace will show, by each of D models; the first is the one that is believed.
+    """What a planned test will show by each of D models; the first is the most likely one.
 
     Args:
         time: s, shape (n,).
@@ -85,7 +89,7 @@ def forecasts(
     least: tuple[int, ...],
     settings: CampaignSettings,
 ) -> list[Forecast]:
-    """Each candidate by every model.
+    """Simulate each candidate by every model.
 
     Args:
         x: coordinates of the models, shape (D, P).
@@ -106,8 +110,10 @@ def forecasts(
     return out
 
 
-def passed(candidate: Candidate, forecast: Forecast, s: Setting, settings: CampaignSettings) -> tuple[str, ...]:
-    """Which limits a candidate would pass by any of the models, in words; () where none."""
+def exceeded_limits(
+    candidate: Candidate, forecast: Forecast, s: Setting, settings: CampaignSettings
+) -> tuple[str, ...]:
+    """Which limits a candidate would exceed by any of the models, in words; () where none."""
     if not all(np.isfinite(values).all() for values in forecast.shown.values()):
         return ("the model runs away",)
     out = []

@@ -27,7 +27,7 @@ from ..errors import MeasurementError
 from ..estimation.fitted_model import SUMS
 from ..estimation.intervals import LUMPS, intervals, lumped
 from ..estimation.joint_fit import fit
-from ..estimation.levenberg_marquardt import believed
+from ..estimation.levenberg_marquardt import prior_information
 from ..estimation.result import FitResult
 from ..estimation.settings import FitSettings
 from ..problem.free_parameters import SERIES, Layout
@@ -245,7 +245,7 @@ def _widened(result: FitResult, jacobian: np.ndarray, to_sums: np.ndarray) -> Fl
     """By how much the stated standard errors of the parameters are wider than the plain ones, at least 1, shape (P,);
     the Jacobian is that of the coordinates, shape (n, P)."""
     layout, prior_sd = result.problem.layout, np.asarray(result.weighted.prior_sd)
-    plain = np.linalg.inv(jacobian.T @ jacobian + believed(layout, result.x, prior_sd))
+    plain = np.linalg.inv(jacobian.T @ jacobian + prior_information(layout, result.x, prior_sd))
     turn = to_sums * layout.numbers(result.x)[1]
     stated, least = (np.einsum("ij,jk,ik->i", turn, c, turn) for c in (result.stated_covariance, plain))
     return np.sqrt(np.maximum(1.0, stated / np.maximum(least, 1e-300)))

@@ -15,10 +15,10 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..control.motion import Bands, Experiment, Motion, Watching, moved
+from ..control.motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..control.pid.conditions import DRY_FRICTION, scaled
 from ..control.pid.loop import Body
-from ..control.safety.unpowered import falls
+from ..control.safety.unpowered import release_plates
 from ..estimation.fitted_model import FleetModel
 from ..model.effects import AbstractEffect, Inputs, State
 from ..model.effects.coulomb_friction import CoulombFriction
@@ -127,7 +127,7 @@ class Station:
 
     def _stroke(self, begin: float, volts: float, bands: Bands) -> PerUnit:
         what = Experiment(*(np.full(self.count, each) for each in (begin, volts, 1.0)))
-        early, late = moved(self.throttles, what, bands, self.body, Watching(STEP, LONGEST, AT_REST)).first.T
+        early, late = simulate_motion(self.throttles, what, bands, self.body, Watching(STEP, LONGEST, AT_REST)).first.T
         return np.where(np.isfinite(late), late - np.where(np.isfinite(early), early, 0.0), np.inf)
 
     @cached_property
@@ -142,7 +142,7 @@ class Station:
 
     def _fall(self, circuit: float) -> Motion:
         angles, how = np.full(self.count, self.body.upper), Watching(STEP, LONGEST, AT_REST)
-        return falls(self.throttles, angles, self.homes, circuit, self.body, RETURNED, how)
+        return release_plates(self.throttles, angles, self.homes, circuit, self.body, RETURNED, how)
 
     @cached_property
     def homes(self) -> PerUnit:

@@ -1,4 +1,4 @@
-"""What statistics and engine of a fleet decide by, as far as it may be set; other thresholds are by their formulas."""
+"""The settings of `fleet` that a user may change; other thresholds are constants of the files that use them."""
 
 from __future__ import annotations
 

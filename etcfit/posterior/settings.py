@@ -1,4 +1,4 @@
-"""What sampling a posterior decides by, as far as it may be set; other thresholds stand by their formulas.
+"""The settings of `sample` that a user may change; other thresholds are constants of the files that use them.
 
 tau is the integrated autocorrelation time of a chain, in steps: a chain of N steps and W walkers holds N W / tau
 independent draws. R-hat compares the halves of all ensembles: 1 where they agree.

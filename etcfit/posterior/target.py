@@ -28,7 +28,7 @@ import numpy as np
 from ..estimation.goodness import inflation
 from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import FitResult
-from ..estimation.levenberg_marquardt import local, minimise
+from ..estimation.levenberg_marquardt import linearise_at, minimise
 from ..estimation.settings import WhitenessSettings
 from ..model.parameters import NonNegative, log_flats
 from ..problem.chi2 import chi2_of
@@ -68,7 +68,7 @@ class Target:
         there, _ = minimise(problem, x, weighted, TOLERANCE, result.settings.steps)
         before, after = chi2_of(problem, np.stack((x, there)), weighted)
         mode = there if after < before else x
-        return cls(problem, weighted, mode, local(problem, mode, weighted).covariance, factors)
+        return cls(problem, weighted, mode, linearise_at(problem, mode, weighted).covariance, factors)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -87,7 +87,7 @@ class Target:
         point = np.where(may_be_zero, layout.off_bounds(self.mode), self.mode)
         if np.array_equal(point, self.mode):
             return self.mode, self.covariance
-        return point, local(self.problem, point, self.weighted).covariance
+        return point, linearise_at(self.problem, point, self.weighted).covariance
 
     def log_probability(self, points: np.ndarray) -> np.ndarray:
         """log p to a constant at K points, shape (K, P) -> (K,); -inf where the model cannot be computed."""

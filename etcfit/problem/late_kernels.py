@@ -137,7 +137,7 @@ def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, dif
 def _simulated(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...]
 ) -> Float[np.ndarray, "K T L M"]:
-    """What each slot ought to show, and its derivatives in the free parameters, K = 1 + P."""
+    """The simulated value of each slot, and its derivatives in the free parameters, K = 1 + P."""
     laid = _laid(form, full, weighted, bool(free))
 
     def made_of(shape: Shape) -> tuple[tuple[int, ...], _Asked]:
@@ -233,7 +233,7 @@ def whitened(
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
-    """What each slot ought to show, and the whitened residual."""
+    """The simulated value of each slot, and the whitened residual."""
     with np.errstate(all="ignore"):  # of simulations that run away
         seen = _simulated(form, full, weighted, ())
         error = weighted.slots.weight * (weighted.slots.value - seen)
@@ -251,13 +251,13 @@ def linearised(
 def linearised_at(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
 ) -> list[LinearisedTrace]:
-    """The same at some places."""
+    """As `linearised`, at some places alone."""
     r, slopes = linearised(form, full, weighted, free)
     return [(r[rows, lane], np.moveaxis(slopes[rows, lane], 1, 0)) for lane, rows in places]
 
 
 def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
-    """What a least-squares step needs."""
+    """The sums that a least-squares step needs."""
     free = free_of(form, weighted.pick)
     r, slopes = _linearised(form, full, weighted, free)
     flat = slopes.reshape(len(free), -1)
@@ -272,7 +272,7 @@ def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> f
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """The same of many points, one after the other."""
+    """`chi2` of many points, one after the other."""
     return np.array([chi2(form, full, weighted) for full in fulls])
 
 

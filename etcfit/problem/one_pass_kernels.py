@@ -119,8 +119,8 @@ def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Co
     return (*acts, *reads)
 
 
-def ahead(form: Form, weighted: WeightedData) -> None:
-    """Begin to make, in the background, what a descent runs."""
+def compile_ahead(form: Form, weighted: WeightedData) -> None:
+    """Begin to compile, in the background, the kernels that a descent runs."""
 
     def make() -> None:
         asked = packed_records(form, weighted)[1]
@@ -131,7 +131,7 @@ def ahead(form: Form, weighted: WeightedData) -> None:
 
 
 def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
-    """What a least-squares step needs.
+    """The sums that a least-squares step needs.
 
     Args:
         form: the model.
@@ -154,13 +154,13 @@ def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> f
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """The same of many points, shape (K, Q) -> (K,): each vector holds points."""
+    """`chi2` of many points at once, shape (K, Q) -> (K,): each vector holds points."""
     records, asked = packed_records(form, weighted)
     return over_points(kernel(asked, Across.POINTS, (), True), records, fulls)[0]
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
-    """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
+    """The simulated value of each slot, and the whitened residual; arguments as of `sums`."""
     records, asked = packed_records(form, weighted)
     out = stored_over_lanes(kernel(asked, Across.LANES, (), False, True), records, full)
     count = weighted.slots.value.shape[-1]

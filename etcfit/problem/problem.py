@@ -40,7 +40,7 @@ _MOTION_SIGMAS = 8.0  # standard deviations of a sample that are a motion
 
 @partial(jax.jit, static_argnums=0)
 def _compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compared:
-    """What each slot ought to show, and the whitened residual, shape (T, L, M) each."""
+    """The simulated value of each slot, and the whitened residual, shape (T, L, M) each."""
     return compared(form, x, weighted)
 
 
@@ -151,7 +151,7 @@ class EstimationProblem:
         """Begin to make, in the background, the kernels of a fit."""
         if available():
             weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
-            residual_kernels.ahead(self.layout.form, weighted)
+            residual_kernels.compile_ahead(self.layout.form, weighted)
 
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
         """Simulated samples y_hat of each trace, shape (n, M), SI, at coordinates x, shape (P,): from the logged input

@@ -1,7 +1,8 @@
-"""The residual, its sum of squares and its Jacobian by machine code: what `EstimationProblem`, `chi2` and
-`normal_equations` run where llvmlite is there.
+"""Computes the residual, its sum of squares and its Jacobian by machine code, where llvmlite is installed.
 
-Lanes in which nothing is late take one pass (`one_pass_kernels`), the others several (`late_kernels`).
+`EstimationProblem`, `chi2`, `normal_equations` and `diagnosis.tangents` call it. It splits the lanes of a batch in two,
+has another module compute each part, and puts the results together: `one_pass_kernels` takes the lanes in which no
+signal is delayed, in one pass; `late_kernels` takes those with a delayed input or sensor, in several.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _LATE, _SLICES = Remembered(), Remembered()
 
 
 class _Part(NamedTuple):
-    """Some lanes of a batch, and what computes them."""
+    """Some lanes of a batch, and the module that computes them."""
 
     by: ModuleType
     lanes: Int[np.ndarray, " l"]
@@ -39,14 +40,14 @@ def _parts(form: Form, weighted: WeightedData) -> list[_Part]:
     if has_single_pass(form, weighted):
         return [_Part(one_pass_kernels, lanes, weighted)]
     late, used = _late_and_used(form, weighted)
-    late = late | _moving(weighted.whitening)
+    late = late | _lanes_with_moved_samples(weighted.whitening)
     prompt = weighted._replace(whitening=weighted.whitening._replace(moved=None))
     found = (one_pass_kernels, lanes[~late & used], prompt), (late_kernels, lanes[late & used], weighted)
-    return [_Part(by, some, _of_lanes(data, some)) for by, some, data in found if some.size]
+    return [_Part(by, some, _take_lanes(data, some)) for by, some, data in found if some.size]
 
 
 def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray, " L"], Bool[np.ndarray, " L"]]:
-    """Lanes in which something may be late, and those that are not blank."""
+    """Lanes in which a signal may be delayed, and lanes that hold data, as masks."""
     batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
 
     def found() -> tuple[np.ndarray, np.ndarray]:
@@ -58,7 +59,7 @@ def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray,
     return _LATE.of(jax.tree.leaves(batch), form, found)
 
 
-def _of_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedData:
+def _take_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedData:
     """The data of some lanes; of the same arrays always the same slices, so that each is packed once."""
     data = weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
     if lanes.size == weighted.slots.value.shape[1]:
@@ -70,7 +71,7 @@ def _of_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedD
     return weighted._replace(**dict(zip(WeightedData._fields[:5], jax.tree.map(some, data), strict=True)))
 
 
-def _moving(filter_: InnovationsFilter) -> Bool[np.ndarray, " L"]:
+def _lanes_with_moved_samples(filter_: InnovationsFilter) -> Bool[np.ndarray, " L"]:
     """Lanes in which samples are filtered elsewhere than they were logged; the filter may be that of another model."""
     if filter_.moved is None:
         return np.zeros(filter_.weight.shape[1], dtype=bool)
@@ -78,7 +79,7 @@ def _moving(filter_: InnovationsFilter) -> Bool[np.ndarray, " L"]:
     return np.any(np.asarray(filter_.moved.forth) != still, axis=(0, 2))
 
 
-def _beside(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: int) -> np.ndarray:
+def _merge_lanes(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: int) -> np.ndarray:
     """Results of parts, axes T and L first, in one array; 0 in lanes that are blank."""
     if parts[0].lanes.size == lanes:
         return results[0]
@@ -89,14 +90,14 @@ def _beside(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: int) -
     return out
 
 
-def ahead(form: Form, weighted: WeightedData) -> None:
-    """Begin to make, in the background, what a descent runs, where nothing is late."""
+def compile_ahead(form: Form, weighted: WeightedData) -> None:
+    """Begin to compile, in the background, the kernels that a descent runs; does nothing where a signal is delayed."""
     if has_single_pass(form, weighted):
-        one_pass_kernels.ahead(form, weighted)
+        one_pass_kernels.compile_ahead(form, weighted)
 
 
 def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Sums:
-    """What a least-squares step needs.
+    """The sums that a least-squares step needs (`Sums`).
 
     Args:
         form: the model.
@@ -113,16 +114,16 @@ def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> f
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """The same of many points, shape (K, Q) -> (K,)."""
+    """`chi2` of many points at once, shape (K, Q) -> (K,)."""
     each = [part.by.chi2_of_points(form, fulls, part.weighted) for part in _parts(form, weighted)]
     return np.sum(each, axis=0)
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
-    """What each slot ought to show, and the whitened residual; arguments as of `sums`."""
+    """The simulated value of each slot, and the whitened residual; arguments as of `sums`."""
     parts, lanes = _parts(form, weighted), weighted.slots.value.shape[1]
     each = [part.by.compared(form, full, part.weighted) for part in parts]
-    return Compared(*(_beside(parts, some, lanes) for some in zip(*each, strict=True)))
+    return Compared(*(_merge_lanes(parts, some, lanes) for some in zip(*each, strict=True)))
 
 
 def linearised(
@@ -136,15 +137,15 @@ def linearised(
     """
     free, parts = free_of(form, weighted.pick) if by is None else by, _parts(form, weighted)
     each = [part.by.linearised(form, full, part.weighted, free) for part in parts]
-    r, slopes = (_beside(parts, some, weighted.slots.value.shape[1]) for some in zip(*each, strict=True))
+    r, slopes = (_merge_lanes(parts, some, weighted.slots.value.shape[1]) for some in zip(*each, strict=True))
     return r, slopes
 
 
 def linearised_at(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, places: Sequence[Place]
 ) -> list[LinearisedTrace]:
-    """The same at some places alone, n entries each: the residual, shape (n, M), and its derivatives in the values of
-    the free parameters, shape (M, n, P).
+    """As `linearised`, at some places alone, n entries each: the residual, shape (n, M), and its derivatives in the
+    values of the free parameters, shape (M, n, P).
 
     Args:
         form, full, weighted: as of `sums`.

@@ -1,4 +1,7 @@
-"""Figures as people read them: as many digits as the uncertainty warrants."""
+"""Writes numbers as people read them: `Digits` with as many digits as the uncertainty warrants, `short` with a few.
+
+Tables, pictures and pages use it, and so does what `api` shows in a notebook. It imports nothing of etcfit.
+"""
 
 from __future__ import annotations
 
@@ -57,6 +60,8 @@ def short(value: float | None, digits: int = 3) -> str:
 
 
 def is_share(symbol: str, unit: str) -> bool:
-    """Whether a parameter is a share that one place of the rig has of its own, such as a gain or a phase: no unit, and
-    the place in its symbol."""
+    """True for a ratio that belongs to one trace, test or channel, such as a gain or phase: no unit, a dot in its name.
+
+    Pictures and the verdict leave these out: one near 0 has no meaningful error in per cent.
+    """
     return "." in symbol and not unit

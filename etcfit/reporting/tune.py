@@ -9,7 +9,6 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from ..importing.tuning import DUTY
 from .blocks import filled, headed, sentences, spaced, stacked
 from .numbers import short
 
@@ -32,8 +31,10 @@ def tune_table(found: Any) -> RenderableType:
         sentences("Model", list(_model(found))),
     ]
     if found.steps and not found.why_not:
+        never = "; never: not before the next step" if _unsettled(found) else ""
         parts += [headed("Gains, as this ECU writes them; the number behind x: over the present gain", _gains(found)),
-                  headed("What the model says they do: steps of 10 to 70 % of the travel and back", _figures(found)),
+                  headed(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
+                         _figures(found)),
                   sentences("Next", list(_next(found)))]  # fmt: skip
     lacks = [f"{each.name} ({each.found:.3g} of {each.needed:g} {each.unit}): {each.record}" for each in found.lacks]
     parts.append(sentences("To record next, for surer gains", lacks))
@@ -48,13 +49,12 @@ def _compromise(found: Any) -> bool:
 def _checks(found: Any) -> RenderableType:
     rows = [(c.name, "ok" if c.passed else "STOPS" if c.stops else "doubtful",
              c.says if c.passed else f"{c.says}. {c.cure}") for c in found.input.checks]  # fmt: skip
-    return filled(("check", "", "found"), rows)
+    return filled(("check", "", "found"), rows, left=2, prose=("found",))
 
 
 def _model(found: Any) -> list[str]:
-    said = [f"{'duty' if found.input.model == DUTY else '[ecu]'}: {found.input.why}."]
     if found.result is None:
-        return said
+        return []
     effects = ", ".join(e.name for e in found.result.free_parameters.layout.types[-4:])
     held_out, fitted = found.explained
     words = [f"It explains {percent(fitted)} % of the fitted motion"] if fitted is not None else []
@@ -62,9 +62,9 @@ def _model(found: Any) -> list[str]:
         words.append(f"{percent(held_out)} % of the part that was held out, where it is off by "
                      f"{short(found.held_out_error)} % of the travel (rms)")  # fmt: skip
     chi2 = found.result.state.chi2_per_dof
-    said += [f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
-    names = [NAMES[step.name] for step in found.steps if step.name != "present"]
-    said += [f"Gains {name}: {each.says}" for name, each in zip(names, found.borne, strict=False)]
+    said = [f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
+    names = [step.name.replace("_", "-") for step in found.steps if step.name != "present"]
+    said += [f"Stability with the {name} gains: {each.says}" for name, each in zip(names, found.borne, strict=False)]
     if found.result.state.cautions and not found.doubts:
         said.append(
             f"{found.result.state.cautions[-1]} The loops bear what it misses: gains are given, no probability."
@@ -96,7 +96,7 @@ def _figures(found: Any) -> RenderableType:
             f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip
         rows.append((NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
                      short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance))  # fmt: skip
-    return filled(("step", "overshoot %\nlow..high", "settling s\nlow..high", "RMSE\n%", "gain\nmargin dB",
+    return filled(("step", "overshoot\n% of step", "settling\ns", "RMSE\n%", "gain\nmargin dB",
                    "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
 
 
@@ -112,10 +112,24 @@ def _next(found: Any) -> list[str]:
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
     half = found.steps[1]
     return [
-        f"Type in the half-way gains first, engine off, and log large steps again: the log should show an overshoot of "
-        f"{_range(half.overshoot)} % and settle within {_range(half.settling)} s (95 % of the models that fit).",
-        "If it does, type in the proposed gains; if it does not, run tune again with that log.",
+        "Type in the half-way gains first, engine off, and log the same moves again, with steps from 10 to 70 % of the "
+        f"travel and back, 0.5 s each. These should overshoot by {_range(half.overshoot)} % of the step and "
+        f"{_settles(half.settling)} (95 % of the models that fit).",
+        "If it does, type in the proposed gains; if it does not, run tune again with that log and the half-way gains.",
     ]  # fmt: skip
+
+
+def _settles(seconds: tuple[float, float, float]) -> str:
+    """What a range of settling times says, one that ends at infinity in words."""
+    low, _, high = seconds
+    if np.isfinite(high):
+        return f"settle in {_range(seconds)} s"
+    return (f"settle in {short(low, 2)} s or more, or not before the next step" if np.isfinite(low) else
+            "not settle before the next step")  # fmt: skip
+
+
+def _unsettled(found: Any) -> bool:
+    return not all(np.isfinite(step.settling[-1]) for step in found.steps)
 
 
 def draw_tune(path: Path, found: Any) -> None:

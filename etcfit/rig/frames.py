@@ -16,7 +16,7 @@ from ..errors import MeasurementError
 from .base import FRAMES, Rig, RigConfig
 from .config import config_of
 from .reader import KNOWN_TESTS, assembled, checked, log_of
-from .rows import HUGE, no_number, number_in
+from .rows import HUGE, not_a_number_error, number_in
 from .table import Table, without_blanks
 from .toml import Toml, closest, shown
 from .user_text import refuse_foreign_names
@@ -100,7 +100,7 @@ def _cells(column: pd.Series, name: str, table: Table, where: str) -> np.ndarray
         beyond = np.abs(values) > HUGE
         if beyond.any():
             row = int(np.argmax(beyond))
-            raise no_number(str(values[row]), name, table.at(where, row))
+            raise not_a_number_error(str(values[row]), name, table.at(where, row))
         return values
     return np.array([_number(cell, name, table.at(where, row)) for row, cell in enumerate(column)])
 
@@ -115,7 +115,7 @@ def _number(cell: Any, column: str, place: str) -> float:
     else:
         number = number_in(cell) if isinstance(cell, str) else None
     if number is None:
-        raise no_number(str(cell), column, place)
+        raise not_a_number_error(str(cell), column, place)
     return number
 
 

@@ -1,9 +1,11 @@
-"""Rows of cells as numbers: what parts them, which decimal mark they have, instants, gaps.
+"""Turns rows of text into numbers: splits cells, finds the decimal mark, reads times of day, takes gaps as NaN.
 
-One reader for every text: strict for the CSV of a measurement folder, where each cell that is no number is refused;
-tolerant for files of other programs, where a column of words is no signal and an instrument writes what it could not
-measure. Plain rows are read by NumPy's C reader: the same numbers in a tenth of the time. It knows no messages: what is
-not plain it leaves to the careful reader, which either takes it or says what is wrong.
+`table` reads the CSV of a measurement folder with it: strictly, a cell that is no number is refused. `layout` reads the
+text files of other programs with it: tolerantly, a column of words is no signal, and what an instrument writes in place
+of a reading is a gap.
+
+There are two readers. `fast_cells` reads plain rows by NumPy's C reader, in a tenth of the time, and returns None where
+the rows are not plain. `read_rows` then reads the same rows cell by cell, and either takes them or says what is wrong.
 """
 
 from __future__ import annotations
@@ -83,7 +85,7 @@ def is_instant(cell: str) -> bool:
 
 
 def is_gap(cell: str) -> bool:
-    """True for what stands where there is no reading."""
+    """True for a cell that says that there is no reading: empty, nan, inf, OL and the like."""
     return cell.casefold() in _NONE
 
 
@@ -95,8 +97,8 @@ def number_in(cell: str) -> float | None:
     return float(text) if NUMBER.fullmatch(text) and abs(float(text)) <= HUGE else None
 
 
-def no_number(cell: str, column: str, place: str) -> MeasurementError:
-    """The message on a cell that is neither number nor empty."""
+def not_a_number_error(cell: str, column: str, place: str) -> MeasurementError:
+    """The error to raise for a cell that is neither a number nor empty."""
     return MeasurementError(place, f"'{cell.strip()[:40]}' in column '{column}'.",
                             "Below the header every cell must be a finite number or empty.",
                             "Correct the cell, or leave it empty for a gap.")  # fmt: skip
@@ -211,7 +213,7 @@ def _values(
     values = np.array([np.nan if value is None else value for value in found])
     if not tolerant or (words and not drop and 2 * len(words) < len(texts)):
         if words:
-            raise no_number(texts[words[0]], called, f"{where}:{lines[words[0]]}")
+            raise not_a_number_error(texts[words[0]], called, f"{where}:{lines[words[0]]}")
         return values, ""
     said = ""
     lost = [texts[k] for k in odd if texts[k]]
@@ -234,7 +236,7 @@ def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: s
         return False
     odd = [k for k, text in enumerate(texts) if text and not is_instant(text)]
     if odd and 2 * len(odd) < len(texts):
-        raise no_number(texts[odd[0]], called, f"{where}:{lines[odd[0]]}")
+        raise not_a_number_error(texts[odd[0]], called, f"{where}:{lines[odd[0]]}")
     return not odd
 
 

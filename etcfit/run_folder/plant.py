@@ -1,4 +1,7 @@
-"""transfer_function.json and frequency_response.json."""
+"""Makes the contents of transfer_function.json and frequency_response.json, the linear plant of `control`.
+
+`api.work` calls it and writes the files.
+"""
 
 from __future__ import annotations
 

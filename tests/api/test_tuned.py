@@ -24,6 +24,7 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.agreement import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
+from etcfit.reporting.closing.control import of_tune
 from independent.cars import draw_car, log_of, tracking_errors, write_log
 
 SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "tune.schema.json"
@@ -80,6 +81,43 @@ def test_a_model_that_never_reaches_a_step_is_none_to_tune_for(tuned: Tuned) -> 
     assert "do not tell its preload" in not_held([replace(last, scenarios=missed)])
     held = {**last.scenarios, SHOWN: replace(last.scenarios[SHOWN], steady_state_error_pct=0.3)}
     assert not_held([replace(last, scenarios=held)]) == ""
+
+
+def test_a_long_finding_folds_and_leaves_the_table_of_checks_whole(tuned: Tuned) -> None:
+    long = LogCheck("fast enough", True, True, "the log misses duties, for the ECU computes one every 2 ms " * 3)
+    shown = replace(tuned, input=replace(tuned.input, checks=(long,))).summary(80)
+    (line,) = [line for line in shown.splitlines() if line.startswith("fast enough")]
+    assert line.split()[2:5] == ["ok", "the", "log"]
+    assert shown.count("\ncheck ") == 1
+
+
+@pytest.mark.parametrize(
+    ("settling", "said"),
+    [
+        ((0.11, 0.12, 0.15), "settle in 0.11..0.15 s (95 %"),
+        ((0.44, np.inf, np.inf), "settle in 0.44 s or more, or not before the next step (95 %"),
+        ((np.inf, np.inf, np.inf), "not settle before the next step (95 %"),
+    ],
+)
+def test_what_the_next_log_should_show_is_a_sentence_even_where_nothing_settles(
+    tuned: Tuned, settling: tuple[float, float, float], said: str
+) -> None:
+    present, half, proposed = tuned.steps
+    shown = replace(tuned, steps=(present, replace(half, settling=settling), proposed)).summary(1000)
+    assert said in shown
+    assert "never s" not in shown
+    if not np.isfinite(settling[-1]):
+        assert "never: not before the next step" in shown
+
+
+def test_the_next_command_names_the_half_way_gains_and_spares_this_run(tuned: Tuned, tmp_path: Path) -> None:
+    """The proposed gains are needed once the half-way ones are confirmed."""
+    said = of_tune(tuned, tmp_path / "car", [Path("lap.csv")]).next
+    assert said.endswith(f"--out {tmp_path / 'NEXT_RUN'}")
+    given = said.partition("--present ")[2].split()[0].split(",")
+    assert [float(gain) for gain in given] == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
+    alone = replace(tuned, steps=tuned.steps[-1:])
+    assert "etcfit tune lap.csv" in of_tune(alone, tmp_path / "car", [Path("lap.csv")]).next
 
 
 def compromised(tuned: Tuned) -> Tuned:

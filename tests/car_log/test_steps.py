@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 from etcfit.car_log.log import Series
-from etcfit.car_log.steps import noise_of, quantum_of, steps
+from etcfit.car_log.steps import log_resolution, noise_sd, steps
 from independent.second_order import answer, overshoot, settled
 from second_order import log
 
@@ -67,10 +67,10 @@ def test_a_ramp_is_no_step_and_a_short_rest_none_either() -> None:
 @pytest.mark.parametrize("sd", [0.02, 0.2])
 def test_the_noise_of_a_moving_plate_is_its_sensor_s(sd: float) -> None:
     position, _ = log([20.0, 60.0, 35.0, 40.0], 0.6, 40.0, 500.0, sd)
-    assert noise_of(position.value) == pytest.approx(sd, rel=0.25)
+    assert noise_sd(position.value) == pytest.approx(sd, rel=0.25)
 
 
 def test_the_resolution_is_read_off_the_values() -> None:
     position, _ = log([20.0, 60.0, 35.0, 40.0], 0.6, 40.0, 500.0, 0.2)
-    assert quantum_of(0.4 * np.round(position.value / 0.4)) == pytest.approx(0.4)
-    assert quantum_of(position.value) == 0.0
+    assert log_resolution(0.4 * np.round(position.value / 0.4)) == pytest.approx(0.4)
+    assert log_resolution(position.value) == 0.0

@@ -11,9 +11,9 @@ import rigs
 from benchmarks.safety import compare
 from etcfit.control.pid import Requirements, Task
 from etcfit.control.safety import Envelope
-from etcfit.control.safety.faults import detection_time, proposed
+from etcfit.control.safety.faults import detection_time, propose_jam_check
 from etcfit.control.safety.guarded import longest_above
-from etcfit.control.safety.unpowered import holding
+from etcfit.control.safety.unpowered import holding_currents
 from etcfit.control.setpoint import stairs
 from etcfit.control.settings import DesignSettings, SafetySettings
 from etcfit.model.ecu import Ecu
@@ -39,14 +39,14 @@ def test_the_longest_time_above_a_threshold_is_that_of_counting() -> None:
 
 def test_the_least_threshold_that_is_told_in_time_is_proposed() -> None:
     seen = Envelope(np.array([0.01, 0.02, 0.05, 0.1]), np.array([1.0, 0.2, 0.101, 0.0]), 3, 0.09)
-    check = proposed(seen, task(within=0.25))
+    check = propose_jam_check(seen, task(within=0.25))
     assert check is not None
     assert (check.error, check.timeout) == (0.05, pytest.approx(0.16))  # 1.5 times 0.101 s, up to a whole 10 ms
     assert (check.longest, check.sustained) == (0.101, 0.02)
-    slower = proposed(seen, task(within=0.3))
+    slower = propose_jam_check(seen, task(within=0.3))
     assert slower is not None
     assert slower.error == 0.02
-    assert proposed(Envelope(seen.errors[:2], seen.longest[:2], 3, 0.09), task(within=0.25)) is None
+    assert propose_jam_check(Envelope(seen.errors[:2], seen.longest[:2], 3, 0.09), task(within=0.25)) is None
 
 
 def test_a_plate_that_is_held_is_told_once_enough_has_been_asked_for_long_enough() -> None:
@@ -59,7 +59,7 @@ def test_a_plate_that_is_held_is_told_once_enough_has_been_asked_for_long_enough
 def test_heat_of_holding_is_that_of_the_closed_form_where_copper_does_not_warm() -> None:
     loop = rigs.loop(WindingHeating, ecu=Ecu(), r_h=1e-2, tau_h=8.0)
     settings = DesignSettings(safety=SafetySettings(places=5))
-    held = holding(loop, Task(rigs.plant(loop), Ecu(), Requirements(), loop, settings=settings))
+    held = holding_currents(loop, Task(rigs.plant(loop), Ecu(), Requirements(), loop, settings=settings))
     assert held.rise is not None
     alpha, ohm = settings.conditions.copper, float(np.asarray(loop.nominal.parameter("R_a")))
     assert held.rise == pytest.approx(1e-2 * 8.0 * held.current**2 / (alpha * ohm))
@@ -73,7 +73,7 @@ def test_heat_of_holding_is_that_of_the_closed_form_where_copper_does_not_warm()
         time += 1e-4
     assert held.longest == pytest.approx(time, rel=1e-3)
     cold = rigs.loop(ecu=Ecu())
-    unknown = holding(cold, Task(rigs.plant(cold), Ecu(), Requirements(), cold, settings=settings))
+    unknown = holding_currents(cold, Task(rigs.plant(cold), Ecu(), Requirements(), cold, settings=settings))
     assert (unknown.rise, unknown.longest) == (None, None)
 
 

@@ -15,11 +15,11 @@ from etcfit.diagnosis.probabilities import (
     NOTHING,
     SOMETHING_ELSE,
     UNEXPLAINED,
-    credits,
-    doubted,
+    credit_by_round,
+    doubted_effects,
     left_share,
+    named_effects,
     questions,
-    said,
 )
 from etcfit.diagnosis.probabilities import probabilities as of_questions
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
@@ -160,7 +160,7 @@ def excess_round(added: str | None, excess: Mapping[str, float]) -> RoundReport:
 
 
 def of(*rounds: RoundReport) -> list[float]:
-    return credits(rounds, [each.added for each in rounds if each.added is not None])
+    return credit_by_round(rounds, [each.added for each in rounds if each.added is not None])
 
 
 def test_one_name_that_leaves_noise_is_believed() -> None:
@@ -215,7 +215,7 @@ def test_what_an_inexact_formula_may_leave_is_no_second_effect() -> None:
 
 def test_what_did_not_stay_or_was_never_seen_without_is_not_judged() -> None:
     rounds = (excess_round(DRAG, {DRIVE: 6.0}), excess_round(SPRING, {DRIVE: 5.5}))
-    assert credits(rounds, [SPRING]) == [1.0, 1.0]
+    assert credit_by_round(rounds, [SPRING]) == [1.0, 1.0]
 
 
 # ---- what is stated
@@ -223,7 +223,7 @@ def test_what_did_not_stay_or_was_never_seen_without_is_not_judged() -> None:
 
 def stated(*rounds: RoundReport) -> Mapping[str, float]:
     every = [each.added for each in rounds if each.added is not None]
-    found = said(rounds, every, doubted(rounds, every), False, DEFAULT, slow=False)
+    found = named_effects(rounds, every, doubted_effects(rounds, every), False, DEFAULT, slow=False)
     assert all(sum(each.answers.values()) == pytest.approx(1.0) for each in found.questions)
     return found.probabilities
 
@@ -233,7 +233,7 @@ def test_a_name_that_is_less_likely_than_something_that_was_missed_is_not_said()
     rival = Candidate(SPRING, 1.0, 1.0, True, 0.9, 0.9, 0.0, 50.0)
     first = excess_round(DRAG, {DRIVE: 4.0})
     rounds = (replace(first, candidates=(*first.candidates, rival)), excess_round(None, {DRIVE: 0.0}))
-    found = said(rounds, [DRAG, SPRING], [], False, DEFAULT, slow=False)
+    found = named_effects(rounds, [DRAG, SPRING], [], False, DEFAULT, slow=False)
     assert (found.names, found.doubts) == ((DRAG,), (SPRING,))
     assert found.probabilities[SPRING] < DEFAULT.missed
 
@@ -246,7 +246,7 @@ def test_names_that_something_else_outdoes_are_in_doubt_and_what_they_explain_ha
         excess_round(CLOCK, {VOLTS_2: 0.4}),
         excess_round(None, {VOLTS_2: 0.0}),
     )
-    assert doubted(rounds, [WARM, GAIN, CLOCK]) == [WARM, GAIN, CLOCK]
+    assert doubted_effects(rounds, [WARM, GAIN, CLOCK]) == [WARM, GAIN, CLOCK]
     assert left_share(rounds, [WARM, CLOCK]) == pytest.approx(0.7)
     p = stated(*rounds)
     assert max(p[WARM], p[GAIN], p[CLOCK]) <= DEFAULT.missed

@@ -241,6 +241,7 @@ def test_rounds_end_as_soon_as_nothing_moves_by_more_than_what_counts(clean: Cas
     problem, x = clean.result.problem, clean.result.x
     _, _, there, end = rounds(problem, x, lambda text, share: said.append(text), still=1e9, most=10)
     assert [text.split(":")[0] for text in said] == ["whitening 1", "whitening 2"]
+    assert "inf" not in " ".join(said)
     assert end.converged
     assert_allclose((there - x) / np.sqrt(np.diag(clean.result.covariance)), 0.0, atol=0.5)
 

@@ -15,6 +15,7 @@ from etcfit.estimation.explained import (
     drives_of_another_session,
     explained,
     motion_explained,
+    sentence,
     share_of,
 )
 from etcfit.problem.prediction_error import PredictionError, rows
@@ -65,6 +66,11 @@ def test_the_sentence_holds_it_against_the_threshold(sd: float, word: str) -> No
     assert word in said
     assert "95 %" in said
     assert "assumed" in said
+
+
+@pytest.mark.parametrize(("share", "said"), [(0.99998, "over 99.99 %"), (1.0, "100.00 %"), (0.9987, "99.87 %")])
+def test_a_motion_that_is_not_explained_whole_is_not_said_to_be(share: float, said: str) -> None:
+    assert f"explains {said} of the motion" in sentence(share)
 
 
 def test_speed_stands_in_where_no_position_was_logged() -> None:

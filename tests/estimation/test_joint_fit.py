@@ -23,7 +23,7 @@ from etcfit.estimation.joint_fit import (
     ready,
     start_values,
 )
-from etcfit.estimation.levenberg_marquardt import approach, descend, information_of
+from etcfit.estimation.levenberg_marquardt import descend, descend_in_stages, fisher_information
 from etcfit.estimation.result import Reason
 from etcfit.estimation.rounds import after_rounds, after_search
 from etcfit.estimation.settings import FitSettings
@@ -183,7 +183,7 @@ def test_the_way_from_a_start_ends_where_even_what_is_forgiven_leaves_too_much(
 
     monkeypatch.setattr(levenberg_marquardt, "descend", descended)
     result = case.result
-    end, steps = approach(result.problem, result.x, 1e-2, FitSettings(), hopeless)
+    end, steps = descend_in_stages(result.problem, result.x, 1e-2, FitSettings(), hopeless)
     assert len(descents) == gone
     assert steps == 5 * gone
     assert_allclose(end, result.x)
@@ -313,7 +313,7 @@ def test_a_prior_moves_the_answer_as_the_closed_form_says(case: Case) -> None:
     symbol, layout, x = "K_s", case.result.free_parameters.layout, case.result.x
     k = layout.free.index(symbol)
     jacobian = case.result.problem.linearise(x, case.result.weighted).jacobian
-    C = np.linalg.inv(information_of(case.result.weighted.prior_sd, jacobian))
+    C = np.linalg.inv(fisher_information(case.result.weighted.prior_sd, jacobian))
     sd = 0.7 * np.sqrt(C[k, k])
     domain = layout.parameter(symbol).domain
     mean = x[k] + 2.0 * np.sqrt(C[k, k])
@@ -405,7 +405,7 @@ def test_an_impact_that_a_late_sensor_shows_late_is_no_wall(tmp_path: Path) -> N
     problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
     weighted = problem.weighted(forgiving(problem))
     plain, _ = descend(problem, start, weighted, 1e-2)
-    near, _ = approach(problem, start, 1e-2)
+    near, _ = descend_in_stages(problem, start, 1e-2)
     before, after = (problem.chi2(x, weighted) / weighted.samples for x in (plain, near))
     assert before > 30.0
     assert after < 3.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.estimation.levenberg_marquardt import descend, least_squares, local, minimise
+from etcfit.estimation.levenberg_marquardt import descend, least_squares, linearise_at, minimise
 from etcfit.problem import weights
 from etcfit.problem.normal_equations import NormalEquations
 from etcfit.problem.problem import EstimationProblem
@@ -172,10 +172,10 @@ def test_the_covariance_is_that_of_a_mean_of_currents(held: Held) -> None:
     """sd(R) / R = sd(i) / i = sigma / (i sqrt(n)); no gain is left at the optimum."""
     problem, weighted = held
     x = problem.layout.coordinates({"R_a": least_squares_ohm(), "T_f": 0.2})
-    here = local(problem, x, weighted)
+    here = linearise_at(problem, x, weighted)
     relative = SIGMA / (VOLTS / OHM) / np.sqrt(39.0)
     slope = problem.layout.numbers(x)[1][0] / least_squares_ohm()
     assert slope * np.sqrt(here.covariance[0, 0] / here.unit) == pytest.approx(relative, rel=1e-3)
     assert here.gain < 1e-9
-    off = local(problem, x + np.array([3.0 * np.sqrt(here.covariance[0, 0]), 0.0]), weighted)
+    off = linearise_at(problem, x + np.array([3.0 * np.sqrt(here.covariance[0, 0]), 0.0]), weighted)
     assert off.gain == pytest.approx(9.0 * here.unit / off.unit, rel=0.05)

@@ -72,8 +72,8 @@ def _a_line_for_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
         return np.array([problem.chi2(x, weighted) for x in points]) + priors
 
     monkeypatch.setattr(rounds, "chi2_of", chi2_of)
-    monkeypatch.setattr(rounds, "approach", lambda problem, x, *_: (x, 1))
-    monkeypatch.setattr(rounds, "with_lag_of", lambda start, problem, x: x)
+    monkeypatch.setattr(rounds, "descend_in_stages", lambda problem, x, *_: (x, 1))
+    monkeypatch.setattr(rounds, "with_lag_of_start", lambda start, problem, x: x)
 
 
 @pytest.mark.parametrize("sd", [0.2, 0.5, 2.0])

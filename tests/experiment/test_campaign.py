@@ -15,7 +15,7 @@ from benchmarks.plan import one
 from etcfit.errors import UsageError
 from etcfit.experiment.campaign import Criterion, band, logger, plan_campaign
 from etcfit.experiment.candidates import FULL, SHAPES, Candidate, Shape, candidates
-from etcfit.experiment.limits import COOLING, HEAT_CAPACITY, Winding, passed
+from etcfit.experiment.limits import COOLING, HEAT_CAPACITY, Winding, exceeded_limits
 from etcfit.experiment.plan import PLANS, Setting, channels, sweeps
 from etcfit.experiment.settings import CampaignSettings
 from etcfit.rig import TEST_BY_NAME
@@ -90,17 +90,17 @@ def test_a_limit_that_any_model_passes_is_named(
     c = next(c for c in every if c.kind == "chirp")
     assert c.free_plate
     c = replace(c, window=(0.0, c.seconds))
-    assert passed(c, campaigns.forecast(c), setting, SETTINGS) == ()
-    (found,) = passed(c, campaigns.forecast(c, **changes), setting, SETTINGS)  # pyright: ignore[reportArgumentType]
+    assert exceeded_limits(c, campaigns.forecast(c), setting, SETTINGS) == ()
+    (found,) = exceeded_limits(c, campaigns.forecast(c, **changes), setting, SETTINGS)  # pyright: ignore[reportArgumentType]
     assert says in found
 
 
 def test_heat_and_supply_are_limits(every: list[Candidate], setting: Setting) -> None:
     c = next(c for c in every if c.kind == "steps")
     forecast = campaigns.forecast(c)
-    (hot,) = passed(c, replace(forecast, warmth=10.0 * forecast.warmth), setting, SETTINGS)
+    (hot,) = exceeded_limits(c, replace(forecast, warmth=10.0 * forecast.warmth), setting, SETTINGS)
     assert hot == "winding 227 degC, limit 120 degC"
-    (volts,) = passed(c, forecast, replace(setting, supply=2.0), SETTINGS)
+    (volts,) = exceeded_limits(c, forecast, replace(setting, supply=2.0), SETTINGS)
     assert volts.endswith("of a supply of 2.0 V")
 
 

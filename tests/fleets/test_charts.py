@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from etcfit.fleets.statistics.charts import DECISION, chart, drifts, run_length, short_term, weighed_median
+from etcfit.fleets.statistics.charts import DECISION, chart, drifts, run_length, short_term_sd, weighed_median
 
 
 def names(count: int) -> tuple[str, ...]:
@@ -17,9 +17,9 @@ def test_the_short_term_sd_takes_the_units_own_error_off_and_sees_no_drift() -> 
     rng = np.random.default_rng(1)
     stderr = rng.uniform(0.5, 1.5, 4000)
     value = rng.normal(0.0, 1.0, 4000) + stderr * rng.standard_normal(4000)
-    assert short_term(value, stderr) == pytest.approx(1.0, abs=0.08)
-    assert short_term(value + 0.01 * np.arange(4000), stderr) == pytest.approx(1.0, abs=0.08)
-    assert short_term(value - value + 3.0, stderr) == 0.0
+    assert short_term_sd(value, stderr) == pytest.approx(1.0, abs=0.08)
+    assert short_term_sd(value + 0.01 * np.arange(4000), stderr) == pytest.approx(1.0, abs=0.08)
+    assert short_term_sd(value - value + 3.0, stderr) == 0.0
 
 
 def test_limits_are_as_wide_as_the_unit_is_uncertain() -> None:

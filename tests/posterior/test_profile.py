@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etcfit.estimation.levenberg_marquardt import local
+from etcfit.estimation.levenberg_marquardt import linearise_at
 from etcfit.posterior.profile import RISE, Profile, crossing, profile
 from etcfit.posterior.target import Target, believed
 from etcfit.problem.problem import EstimationProblem
@@ -39,7 +39,7 @@ def test_a_held_plate_knows_its_resistance_and_nothing_of_its_friction(
         flat = jacobian.reshape(-1, x.size)
         sd = np.asarray(told.prior_sd)
         x = x - np.linalg.solve(flat.T @ flat + np.diag(1 / sd**2), flat.T @ r.ravel() + prior / sd)
-    target = Target(problem, told, x, local(problem, x, told).covariance, {})
+    target = Target(problem, told, x, linearise_at(problem, x, told).covariance, {})
     found = {symbol: profile(target, symbol) for symbol in ("R_a", "T_f")}
     assert (found["R_a"].kind, found["T_f"].kind) == ("bounded", "flat")
     slope = float(problem.layout.numbers(x)[1][0])

@@ -15,14 +15,14 @@ from .faults import (
     Runaway,
     Sag,
     envelope,
-    proposed,
+    propose_jam_check,
     runaways,
     sag_trials,
     sags,
     sensor_trials,
 )
-from .guarded import Seen, bench_and_extremes, together, tried
-from .unpowered import Holding, Return, holding, returns
+from .guarded import Seen, bench_and_extremes, run_trials, stack_trials
+from .unpowered import Holding, Return, holding_currents, return_times
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,18 +50,18 @@ def safety(task: Task, gains: Gains) -> Safety:
     """Figures of these gains: `task.settings.safety` has what they are looked for with."""
     settings = task.settings.safety
     found = envelope(task, gains)
-    check = proposed(found, task)
+    check = propose_jam_check(found, task)
     loop = bench_and_extremes(task)
     longest = max(settings.dip_for, sum(settings.crank_for))
     ticks = round((FAILS_AT + longest + WATCHED) / task.ecu.period)
     failing = sensor_trials(loop, task, gains, check, ticks)
-    every = tried(loop, together([*failing, *sag_trials(loop, task, gains, ticks)]), MIDDLE)
+    every = run_trials(loop, stack_trials([*failing, *sag_trials(loop, task, gains, ticks)]), MIDDLE)
     failed, sagged = (Seen(*(v[:, part] for v in every)) for part in (slice(len(failing)), slice(len(failing), None)))
     return Safety(
         found,
         check,
         runaways(loop, task, failed),
         sags(loop, task, sagged, check),
-        returns(loop, task),
-        holding(loop, task),
+        return_times(loop, task),
+        holding_currents(loop, task),
     )

@@ -14,7 +14,7 @@ from ..pid.conditions import Conditions, corners, scattered, under
 from ..pid.ecu import Gains
 from ..pid.loop import Loop
 from ..setpoint import Setpoint
-from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of_setpoint, together, tried
+from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of_setpoint, run_trials, stack_trials
 
 FAILS_AT = 0.6  # s for which a plate may settle before something fails
 WATCHED = 1.2  # s for which it is watched afterwards
@@ -73,14 +73,14 @@ def envelope(task: Task, gains: Gains) -> Envelope:
     loop = under(task.loop.taking(which), conditions, ranges)
     time = setpoint.instants(task.ecu.period)
     asked = setpoint.at(time)
-    seen = tried(loop, together([of_setpoint(loop, gains, asked)]), float(asked[0]))
+    seen = run_trials(loop, stack_trials([of_setpoint(loop, gains, asked)]), float(asked[0]))
     error = (asked - loop.share(seen.shown[:, 0]))[:, time >= setpoint.judged_from]
     errors = np.geomspace(settings.least, settings.most, _THRESHOLDS)
     longest = task.ecu.period * np.array([np.max(longest_above(error, level)) for level in errors])
     return Envelope(errors, longest, loop.draws, float(np.max(np.abs(error))))
 
 
-def proposed(found: Envelope, task: Task) -> JamCheck | None:
+def propose_jam_check(found: Envelope, task: Task) -> JamCheck | None:
     """The least threshold whose timeout, with a reserve, is short enough; None where none is."""
     settings, period = task.settings.safety, task.ecu.period
     needed = np.maximum(settings.reserve * found.longest, period)

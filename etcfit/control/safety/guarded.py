@@ -130,8 +130,8 @@ def guarded(trial: Trial, ecu: Ecu, memory: Watch, setpoint: Scalar, position: S
     return acting, Watch(pid, memory.tick + 1.0, shown, over, apart, tripped)
 
 
-def tried(loop: Loop, trials: Trial, start: float) -> Seen:
-    """Trials of shape (G,) on every model, from rest at a share of the travel."""
+def run_trials(loop: Loop, trials: Trial, start: float) -> Seen:
+    """Run trials of shape (G,) on every model, from rest at a share of the travel."""
     ticks = np.shape(trials.asked)[-1]
     trials = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), trials)
     still = Setpoint((0.0, ticks * loop.ecu.period), (start, start), ())
@@ -144,8 +144,8 @@ def _seen(path: Path, memory: Watch) -> Seen:
     return Seen(path.position, memory.shown, memory.pid.integral, memory.tripped)
 
 
-def together(trials: list[Trial]) -> Trial:
-    """Trials side by side."""
+def stack_trials(trials: list[Trial]) -> Trial:
+    """Many trials as one, with a first axis G."""
     return Trial(*(jax.tree.map(lambda *row: np.stack(row), *column) for column in zip(*trials, strict=True)))
 
 

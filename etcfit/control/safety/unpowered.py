@@ -1,4 +1,8 @@
-"""What the plate does without a PID: how the springs bring it back, and what holding it costs in current and heat."""
+"""How fast the springs return a plate without current, and which current and heat it takes to hold a plate still.
+
+`safety` calls it for the fitted models, `fleets.line` calls `release_plates` for all units of a line. The motion itself
+is simulated by `control.motion`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import numpy as np
 from ...model.effects.winding_heating import WindingHeating
 from ...model.linear import holding_against
 from ...model.throttle import Throttle
-from ..motion import Bands, Experiment, Motion, Watching, moved
+from ..motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..pid.base import Task
 from ..pid.conditions import default_position
 from ..pid.loop import Body, Loop
@@ -23,7 +27,7 @@ _FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 @dataclass(frozen=True)
 class Return:
-    """From one opening; the worst of all models.
+    """How the plate returns from one opening; the worst of all models.
 
     Args:
         opening: at which the current is cut, share of the travel.
@@ -39,10 +43,10 @@ class Return:
     rests: tuple[float, float]
 
 
-def falls(
+def release_plates(
     throttles: Throttle, angles: np.ndarray, homes: np.ndarray, circuit: float, body: Body, near: float, how: Watching
 ) -> Motion:
-    """Every model let go from an angle of its own, its terminals open (`circuit` 0) or shorted (1).
+    """Let every model go from an angle of its own, terminals open (`circuit` 0) or shorted (1), and simulate it.
 
     Args:
         throttles: parameters of shape (D,).
@@ -56,17 +60,19 @@ def falls(
     reach = near * (body.upper - body.lower)
     none = np.zeros(angles.size)
     bands = Bands((homes - reach)[:, None], (homes + reach)[:, None])
-    return moved(throttles, Experiment(angles, none, none + circuit), bands, body, how)
+    return simulate_motion(throttles, Experiment(angles, none, none + circuit), bands, body, how)
 
 
-def returns(loop: Loop, task: Task) -> tuple[Return, ...]:
-    """From rest at each opening, the bridge open as of then."""
+def return_times(loop: Loop, task: Task) -> tuple[Return, ...]:
+    """From each opening, at rest, the bridge opened at time 0: how long the plate takes to return."""
     openings = np.array([0.0, *task.settings.safety.openings])
     home = loop.angle(default_position(loop) or 0.0)
     which, angles = (each.ravel() for each in np.meshgrid(np.arange(loop.draws), loop.angle(openings), indexing="ij"))
     throttles = jax.tree.map(lambda leaf: np.asarray(leaf)[which], loop.throttles)
     homes, shape = np.full(angles.size, home), (loop.draws, openings.size)
-    cut, shorted = (falls(throttles, angles, homes, circuit, loop.body, RETURNED, _FALL) for circuit in (0.0, 1.0))
+    cut, shorted = (
+        release_plates(throttles, angles, homes, circuit, loop.body, RETURNED, _FALL) for circuit in (0.0, 1.0)
+    )
     rests = loop.share(cut.angle).reshape(shape)
     worst = [np.max(each.stays.reshape(shape), axis=0).tolist() for each in (cut, shorted)]
     ends = zip(np.min(rests, axis=0).tolist(), np.max(rests, axis=0).tolist(), strict=True)
@@ -82,7 +88,7 @@ def _known(seconds: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """Holding a plate still, nominal model at the temperature of the bench.
+    """What it takes to hold a plate still, by the nominal model at the temperature of the bench.
 
     Args:
         shares: of the travel, shape (S,).
@@ -91,7 +97,7 @@ class Holding:
         watts: heat of the winding in the middle of the dry friction, shape (S,).
         rise: K by which the winding is warmer in the long run, shape (S,); None where its heating is not known.
         stall_A, stall_W: current and heat at the full duty against a stop.
-        longest: s of that from the bench's temperature to what the winding may reach; infinite where it never does;
+        longest: s at a stop from the bench's temperature to what the winding may reach; infinite where it never does;
             None where its heating is not known.
     """
 
@@ -111,8 +117,8 @@ def _currents(throttle: Throttle, angles: Any, share: Any, body: Any) -> Any:
     return jax.vmap(lambda theta: holding_against(throttle, theta, share, *body)[0])(angles)
 
 
-def holding(loop: Loop, task: Task) -> Holding:
-    """Over the whole travel, and at the ECU's largest duty."""
+def holding_currents(loop: Loop, task: Task) -> Holding:
+    """What holding takes over the whole travel, and what the ECU's largest duty does to a plate at its stop."""
     settings, throttle = task.settings.safety, loop.nominal
     shares = np.linspace(0.0, 1.0, settings.places)
     angles = loop.angle(shares)
@@ -125,11 +131,11 @@ def holding(loop: Loop, task: Task) -> Holding:
     grows, slow, copper = float(heating.r_h), float(heating.tau_h), task.settings.conditions.copper
     warmth = grows / (ohm * copper)  # K of each A2 s
     rise = warmth * slow * current**2
-    longest = _until(settings.insulation - task.settings.conditions.bench, volts, ohm, warmth, copper, slow)
+    longest = _time_to_warm_by(settings.insulation - task.settings.conditions.bench, volts, ohm, warmth, copper, slow)
     return Holding(shares, current, closing, opening, ohm * current**2, rise, stall, ohm * stall**2, longest)
 
 
-def _until(most: float, volts: float, ohm: float, warmth: float, copper: float, slow: float) -> float:
+def _time_to_warm_by(most: float, volts: float, ohm: float, warmth: float, copper: float, slow: float) -> float:
     """s until a winding under a constant voltage is so many K warmer; infinite where it never is.
 
     dD/dt = warmth i^2 - D / slow,    i = V / (R (1 + copper D)): `model.effects.winding_heating`.

@@ -1,11 +1,13 @@
-"""Control charts and drift: whether a line is where it was, unit by unit in the order of date or serial.
+"""Control charts and tests of drift: has a production line changed? Units are taken in the order of date or serial.
+
+`study` calls it for every parameter of the units, `run_folder.fleet` writes what it returns.
 
     individuals: centre +- w sqrt(sd^2 + stderr_u^2)
     CUSUM: z_u = (x_u - centre) / sqrt(sd^2 + stderr_u^2),   high_u = max(0, high_u-1 + z_u - k),
            low_u = max(0, low_u-1 - z_u - k),   alarm where either exceeds h
 
-sd is the short-term one, from neighbours: with the spread of all units a line that drifts would be judged by its own
-drift. The centre is the median of the units, each weighed by what it is worth.
+sd is the short-term one, from neighbours: the spread of all units would grow with a drift and so hide it.
+The centre is the median of the units, each weighed by its precision.
 
     median over u of (x_u+1 - x_u)^2 / (2 sd^2 + stderr_u^2 + stderr_u+1^2) = 0.4549
 
@@ -39,7 +41,7 @@ FEWEST = 8  # units without which no drift is sought
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Of one symbol, N units in order, SI.
+    """The control chart of one parameter, N units in order, SI.
 
     Args:
         units: their names.
@@ -62,14 +64,14 @@ class Chart:
 
 
 def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> Chart:
-    """Of units in order: their own values and standard errors (0 where exact), SI.
+    """The control chart of units in order, from their own values and standard errors (0 where exact), SI.
 
     Raises:
         ValueError: fewer than two units, or an entry that is not finite.
     """
     if len(value) < 2 or not (np.all(np.isfinite(value)) and np.all(np.isfinite(stderr))):
         raise ValueError("a chart needs two units or more, each with a finite value and standard error.")
-    sd = short_term(value, stderr)
+    sd = short_term_sd(value, stderr)
     width = np.sqrt(sd**2 + stderr**2)
     centre = weighed_median(value, 1.0 / np.maximum(width, 1e-150) ** 2)
     z = (value - centre) / np.maximum(width, 1e-150)
@@ -77,7 +79,7 @@ def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[
     return Chart(units, value, stderr, centre, sd, *limits, _sums(z, ALLOWANCE), _sums(-z, ALLOWANCE))
 
 
-def short_term(value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> float:
+def short_term_sd(value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> float:
     """Standard deviation between neighbours, their own uncertainty taken off; 0 where it explains all."""
     square, noise = np.diff(value) ** 2, stderr[1:] ** 2 + stderr[:-1] ** 2
     low, high = 0.0, 2.0 * float(np.max(np.abs(np.diff(value)))) + 1e-150
@@ -111,7 +113,7 @@ def _sums(z: np.ndarray, k: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drift:
-    """Of one symbol.
+    """A change of the line in one parameter.
 
     Args:
         symbol: its name.
@@ -174,7 +176,7 @@ def drifts(
     for (symbol, (place, value, stderr)), c, p in zip(
         seen.items(), changes, holm(np.array([c.p for c in changes])), strict=True
     ):
-        sd = short_term(value, stderr)
+        sd = short_term_sd(value, stderr)
         if p <= level:
             far = c.size / sd if sd > 0.0 else float(np.copysign(np.inf, c.size))
             out.append(Drift(symbol, int(place[c.since]), c.size, far, float(p), c.kind))
@@ -185,7 +187,7 @@ def _change(value: np.ndarray, stderr: np.ndarray) -> _Change:
     """The likelier of step and trend."""
     rough = np.maximum(np.hypot(1.4826 * np.median(np.abs(value - np.median(value))), stderr), 1e-150)
     centre = weighed_median(value, rough**-2)
-    width = np.maximum(np.hypot(short_term(value, stderr), stderr), 1e-150)
+    width = np.maximum(np.hypot(short_term_sd(value, stderr), stderr), 1e-150)
     reach = CLIP * np.maximum(rough, width)
     x, w = np.clip(value - centre, -reach, reach), width**-2 / np.max(width**-2)
     x = x - np.sum(w * x) / np.sum(w)

@@ -1,4 +1,8 @@
-"""Text: whichever dialect of scopes its first lines show, else any layout that the reader of text knows."""
+"""Reads text files: CSV of Tektronix and Rigol scopes, LabVIEW's .lvm, MegaLogViewer's .msl, any other table.
+
+The first lines tell which of `DIALECTS` a file is in. What is in none of them is read by `rig.layout`, which finds
+header, separator and units by itself. MegaLogViewer's binary log (.mlg) is here too, beside its text form.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from .base import Format, Source, common_ends, unreadable
 
 _NO_END = "the last line has no end: it may be cut off, and is left out"
 _CUT_ROW = "the last row is cut off and left out"
-_END = "***End_of_Header***"
+_END_OF_HEADER = "***End_of_Header***"
 _LABVIEW, _RIGOL, _TEKTRONIX = (
     "a LabVIEW measurement file",
     "a waveform that a Rigol scope saved as CSV",
@@ -175,9 +179,9 @@ def _labview(text: str, where: str) -> list[Sheet]:
     Source: National Instruments, Specification for the LabVIEW Measurement File (.lvm). Differs from source: segments
     whose channels have times of their own, or different lengths, become a sheet for each time.
     """
-    head, end, rest = text.partition(_END)
+    head, end, rest = text.partition(_END_OF_HEADER)
     if not end:
-        raise unreadable(where, f"no {_END}", _LABVIEW)
+        raise unreadable(where, f"no {_END_OF_HEADER}", _LABVIEW)
     separator = "," if "Separator,Comma" in head else "\t"
     settings = _Dialect(separator, ".", "").settings(head.split("\n"))
     dialect = _Dialect(
@@ -185,7 +189,7 @@ def _labview(text: str, where: str) -> list[Sheet]:
         settings.get("Decimal_Separator", ["."])[0] or ".",
         settings.get("X_Columns", ["One"])[0].casefold(),
     )
-    blocks = rest.split(_END)
+    blocks = rest.split(_END_OF_HEADER)
     sheets: list[Sheet] = []
     for k in range(len(blocks) - 1):
         header = dialect.settings(blocks[k].split("\n"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,14 +92,22 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     if found.why_not:
         return Closing(f"Not from this log. {found.why_not}", _mended(found, run, files), look)
     step = found.steps[min(1, len(found.steps) - 1)]
-    words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in
-                      zip(found.profile.gains, found.written(step.gains), strict=True))  # fmt: skip
-    which = "Half-way gains to try first" if len(found.steps) > 1 else "Proposed gains"
+    gains = [short(gain, 4) for gain in found.written(step.gains)]
+    words = ", ".join(f"{name} {gain}" for name, gain in zip(found.profile.gains, gains, strict=True))
     doubt = " In spite of this: " + " ".join(found.doubts) if found.doubts else ""
-    again = f"etcfit tune NEXT_LOG --ecu {found.profile.name} --present P,I,D --out {shlex.quote(str(run))}"
-    return Closing(
-        f"{which}: {words}.{doubt}", f"type them in, engine off, log the same moves again, then {again}", look
-    )
+    if len(found.steps) == 1:
+        again = _again(found, map(str, files), "P,I,D", run)
+        return Closing(f"Proposed gains: {words}.{doubt}",
+                       f"say which gains are in the ECU now, for a half-way step: {again}", look)  # fmt: skip
+    again = _again(found, ["NEXT_LOG"], ",".join(gains), run.with_name("NEXT_RUN"))
+    return Closing(f"Half-way gains to try first: {words}.{doubt}",
+                   "type them in, engine off, and log the same moves again. Are overshoot and settling as foretold "
+                   f"(etcfit drive NEXT_LOG)? Then type in the proposed gains. If not: {again}", look)  # fmt: skip
+
+
+def _again(found: Any, logs: Iterable[str], present: str, run: Path) -> str:
+    """The command that tunes once more."""
+    return command("tune", *logs, "--ecu", found.profile.name, "--present", present, "--out", run)
 
 
 def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...diagnosis.probabilities import likely
+from ...diagnosis.probabilities import likely_hypotheses
 from ...errors import command
 from ...estimation.goodness import Left
 from ...estimation.identifiability import listed
@@ -88,7 +88,7 @@ def _nothing_added(contents: Contents) -> str:
     found = contents.get("diagnosis")
     if _is_sound(contents) and left_unexplained(contents) is None:
         return "No effect of the catalogue is missing, as far as these data show."
-    names = [f"{name} (P {p:.2f})" for name, p in likely(found.get("probabilities") or {})
+    names = [f"{name} (P {p:.2f})" for name, p in likely_hypotheses(found.get("probabilities") or {})
              if name not in ("nothing", "unexplained")][:_GUESSES]  # fmt: skip
     guess = f"; the likeliest are {listed(names)}, not proven" if names else ""
     return f"Something is missing, and no effect explains it{guess}."

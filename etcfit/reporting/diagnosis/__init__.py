@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Statement
-from ...diagnosis.probabilities import CALIBRATED, in_words
+from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ..blocks import filled, headed, outcome, rig_title, sentences, spaced, stacked, table
@@ -70,13 +70,14 @@ def _how_sure(diagnosis: Diagnosis) -> RenderableType | None:
         return None
     at_last = diagnosis.questions[-1]
     parts: list[RenderableType] = [_stated(diagnosis.statements)] if diagnosis.statements else []
-    parts += [Text(f"{at_last.asks} {in_words(at_last.answers)}."), Text(CALIBRATED, style="dim")]
+    parts += [Text(f"{at_last.asks} {likely_in_one_line(at_last.answers)}."), Text(CALIBRATED, style="dim")]
     return headed("How sure", Group(*parts))
 
 
 def _stated(statements: Sequence[Statement]) -> RenderableType:
-    rows = [(each.effect, each.certainty, f"{each.probability:.2f}", in_words(each.instead) or "nothing that was tried",
-             each.told_by) for each in statements]  # fmt: skip
+    rows = [(each.effect, each.certainty, f"{each.probability:.2f}",
+             likely_in_one_line(each.instead) or "nothing that was tried", each.told_by)
+            for each in statements]  # fmt: skip
     head = "effect", "how sure", "probability", "what else could be", "what would tell"
     return filled(head, rows, left=2, prose=("what else could be", "what would tell"), file=_FILE)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
-from ...diagnosis.probabilities import CALIBRATED, in_words
+from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import Table, environment, number, symbol, unit
 from .contents import Contents, logs_of
@@ -106,7 +106,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "ledger": ledger_table(contents),
         "diagnosis": diagnosis,
         "ties": _ties(diagnosis),
-        "questions": [(each["asks"], in_words(each["answers"])) for each in diagnosis.get("questions") or ()],
+        "questions": [(each["asks"], likely_in_one_line(each["answers"])) for each in diagnosis.get("questions") or ()],
         "calibrated": CALIBRATED,
         "unexplained": _unexplained(diagnosis),
         "plant": plant,

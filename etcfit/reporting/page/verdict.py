@@ -74,7 +74,7 @@ def model(contents: Contents) -> str:
 def _fits(contents: Contents) -> Markup:
     final = contents.final
     count = len({row["file"] for row in contents.files["fit"]["score"]["fit"]})
-    head = f"{model(contents)}, fitted to all {count} traces at once,"
+    head = f"{model(contents)}, fitted to {'one trace' if count == 1 else f'all {count} traces at once'},"
     chi2 = contents.score.get("chi2_per_dof")
     if not final.get("converged", True):
         return Markup("{} <strong>did not converge</strong>: the figures below are no results.").format(head)
@@ -99,7 +99,9 @@ def residuals(score: Mapping[str, Any]) -> str:
     if None in count:  # a file of before
         return f"residuals {chi2}"
     more, strays = count[Left.MORE] + count[Left.FAR], count[Left.STRAYS]
-    if more:
+    if more and len(rows) == 1:
+        text = f"a residual that is larger than its noise or not independent {chi2}"
+    elif more:
         larger = f"{more} {'is' if more == 1 else 'are'} larger than their noise or not independent"
         text = f"noise in {len(rows) - more} of {len(rows)} residuals {chi2}; {larger}"
     else:

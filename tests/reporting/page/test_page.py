@@ -16,6 +16,7 @@ from etcfit.reporting.page import write_page
 from etcfit.reporting.page.contents import read_run
 from etcfit.reporting.page.pictures import caption, carried
 from etcfit.reporting.page.render import render
+from etcfit.reporting.page.verdict import residuals
 
 LIMIT = 5_000_000
 VOID = {"meta", "link", "img", "br", "wbr", "hr"}
@@ -139,6 +140,12 @@ def test_what_is_stated_of_an_effect_stands_in_the_verdict_and_every_question_wi
     page = write_page(full).path.read_text(encoding="utf-8")
     assert said.replace("<it>", "&lt;it&gt;") in page
     assert "Round 1: what explains it? <strong>limp_home_spring 0.55, nothing 0.45</strong>" in page
+
+
+@pytest.mark.parametrize("left", ["more", "far"])
+def test_a_single_residual_is_not_counted(left: str) -> None:
+    said = residuals({"fit": [{"left": left}], "chi2_per_dof": 0.5})
+    assert said == "a residual that is larger than its noise or not independent (χ²/dof 0.500)"
 
 
 @pytest.mark.parametrize(
