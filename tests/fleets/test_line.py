@@ -210,11 +210,11 @@ def test_further_conditions_of_a_fleet_compile_nothing() -> None:
     jax.monitoring.register_event_duration_secs_listener(heard)
     try:
         measured(model)
-        first = traced.count("_moved")
+        first = traced.count("_simulate_motion")
         predict(model)
     finally:
         jax.monitoring.unregister_event_duration_listener(heard)
-    assert traced.count("_moved") == first > 0
+    assert traced.count("_simulate_motion") == first > 0
 
 
 def test_friction_in_the_cold_is_left_alone_unless_asked_for() -> None:
