@@ -7,6 +7,7 @@ import re
 import shlex
 import sys
 import unicodedata
+from collections.abc import Sequence
 from pathlib import Path
 
 _DIRECTION = ("\u061c", "\u200e", "\u200f", *map(chr, range(0x202A, 0x202F)), *map(chr, range(0x2066, 0x206A)))
@@ -35,6 +36,12 @@ class UsageError(Exception):
 def command(*words: str | Path) -> str:
     """A command line of etcfit that a shell takes as it stands: words with blanks are in quotes."""
     return shlex.join(["etcfit", *map(str, words)])
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """The first few names, and how many more there are: "a, b and 9 more"."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more:,} more" if more > 0 else "")
 
 
 def unseen(name: str) -> str:

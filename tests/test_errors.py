@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from etcfit.errors import UsageError, how_to_install, require_extra
+from etcfit.errors import UsageError, first_names, how_to_install, require_extra
 
 ROOT = Path(__file__).parents[1]
 
@@ -41,3 +41,9 @@ def test_only_what_is_missing_is_said_to_be() -> None:
 def test_no_message_names_a_package_that_no_index_has() -> None:
     files = [*(ROOT / "etcfit").rglob("*.py"), *(ROOT / "docs").rglob("*.md"), ROOT / "README.md"]
     assert [file.name for file in files if "etcfit[" in file.read_text("utf-8")] == []
+
+
+@pytest.mark.parametrize(("count", "said"), [(0, ""), (3, "0, 1, 2"), (4, "0, 1, 2 and 1 more"),
+                                             (2003, "0, 1, 2 and 2,000 more")])  # fmt: skip
+def test_the_first_names_and_how_many_more(count: int, said: str) -> None:
+    assert first_names([str(k) for k in range(count)], 3) == said

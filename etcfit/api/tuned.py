@@ -110,7 +110,7 @@ class Tuned:
         if self.result is None or self.result.holdout is None:
             return None
         low, high = self.result.rig.config.travel
-        errors = [measured - predicted for measured, predicted in _positions(self.result, self.result.holdout)]
+        errors = [measured - predicted for _, measured, predicted in _positions(self.result, self.result.holdout)]
         return 100.0 * float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2))) / (high - low) if errors else None
 
     def written(self, gains: Gains) -> Terms:
@@ -265,8 +265,7 @@ def _borne(
     from ..control.proposal import PRESENT
 
     problem = result.holdout or result.problem
-    times = [trace.measurement.time for trace in problem.batch.traces if "position" in trace.channels]
-    parts = [(time, *both) for time, both in zip(times, _positions(result, problem), strict=True)]
+    parts = list(_positions(result, problem))
     drove = present if prepared.model == ECU else None
     return tuple(borne(parts, prepared.noise, design.task.plant, design.task.ecu, step.gains, drove)
                  for step in steps if step.name != PRESENT)  # fmt: skip
@@ -315,12 +314,12 @@ def _explained(result: FitResult) -> tuple[float | None, float | None]:
     return held_out, fitted
 
 
-def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Measured and predicted position of each trace that logs one, rad, shape (n,); NaN where nothing was logged."""
+def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Instants (s), measured and predicted position (rad) of each trace with one, shape (n,); NaN where none is."""
     for trace in problem.batch.traces:
         if "position" in trace.channels:
             k = trace.channels.index("position")
-            yield trace.data[:, k], result.predicted[trace.measurement.file][:, k]
+            yield trace.instants, trace.data[:, k], result.predicted[trace.measurement.file][:, k]
 
 
 def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = silent) -> None:

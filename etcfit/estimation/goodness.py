@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtrc
 
+from ..errors import first_names
 from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
 from .settings import FitSettings, WhitenessSettings
@@ -214,8 +215,7 @@ def worst(found: Iterable[Goodness]) -> Goodness:
 def _named(found: Sequence[Goodness]) -> str:
     """Their files, the one that is furthest off first."""
     files = list(dict.fromkeys(each.file for each in sorted(found, key=lambda each: -each.rms)))
-    more = len(files) - _FILES
-    return ", ".join(files[:_FILES]) + (f" and {more} more" if more > 0 else "")
+    return first_names(files, _FILES)
 
 
 def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import MeasurementError
+from ..errors import MeasurementError, first_names
 from ..model.rig_effects import FAMILY_BY_KIND, AbstractRigEffect, OtherRig, Place, rig_effect
 from ..problem.free_parameters import FreeParameters
 from ..problem.trace import Trace, by_test, follows_setpoint, prepare
@@ -103,9 +103,8 @@ def refuse_wrong_places(rig: Rig, traces: Iterable[Trace]) -> None:
 
 
 def _refusal(effect: type[AbstractRigEffect], names: Sequence[str], places: Sequence[str]) -> MeasurementError:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
     required = (
-        f"In this folder it can be {', '.join(names[:_SHOWN])}{more}."
+        f"In this folder it can be {first_names(names, _SHOWN)}."
         if names
         else ("It would change nothing in any trace of this folder.")
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..errors import MeasurementError
+from ..errors import MeasurementError, first_names
 from ..rig.config import RIG_KEYS, TABLES, TPS_KEYS, config_of
 from ..rig.table import decode
 from ..rig.toml import Toml, closest, parse, shown
@@ -203,8 +203,7 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
                                    closest(unit, units, "Delete the row, or put its folder there."))  # fmt: skip
         members[unit], lines[unit] = _member(row, columns, where), line
     if missing := [unit for unit in units if unit not in members]:
-        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-        raise MeasurementError(path, f"no row for {', '.join(missing[:3])}{more}.", "Each folder has a row.",
+        raise MeasurementError(path, f"no row for {first_names(missing, 3)}.", "Each folder has a row.",
                                "Add rows with the folders' names; cells may be empty.")  # fmt: skip
     return members
 

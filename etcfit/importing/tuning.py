@@ -36,7 +36,7 @@ from .ecu_clock import ticks
 DUTY, ECU = "duty", "ecu"
 EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has
 LATE = "actuation_delay"  # a logged duty acts later: the ECU computes, its bridge waits for the next cycle
-UNTOLD = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
+HELD_AT_NOMINAL = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
 """Held, SI: position and volts tell J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m, and no more; a search
 along what they do not tell costs half of the time, and often the optimum."""
 _PERCENT = 100.0
@@ -368,7 +368,7 @@ def _on(channel: Channel, time: np.ndarray) -> np.ndarray:
 
 
 def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str) -> str:
-    held = UNTOLD | ({"t_a": known.ecu.delay} if model == DUTY else {})
+    held = HELD_AT_NOMINAL | ({"t_a": known.ecu.delay} if model == DUTY else {})
     lines = ["# written by `etcfit tune`", "[rig]", f"name = {toml_string(name)}", f"supply_V = {known.supply:.6g}", "",
              "[noise]  # sensor, and rows that are up to a tick of the ECU old",
              f"position_deg = {math.degrees(within):.6g}", "", "[model]",

@@ -25,7 +25,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ..errors import MeasurementError
+from ..errors import MeasurementError, first_names
 from .columns import Log
 
 COMMANDED = ("setpoint", "duty", "supply")  # what a rig plays it plays twice alike: no noise of a record's own
@@ -197,8 +197,7 @@ def _refusal(shared: Shared, copies: Sequence[Log]) -> MeasurementError:
     rows = {id(shared.one): shared.first, id(shared.other): shared.second}
     k, j = rows[id(first)], rows[id(second)]
     if shared.whole:
-        more = f" and {len(copies) - NAMED} more" if len(copies) > NAMED else ""
-        named = f"; so do {', '.join(log.file for log in copies[:NAMED])}{more}" if copies else ""
+        named = f"; so do {first_names([log.file for log in copies], NAMED)}" if copies else ""
         found = f"it holds the same numbers as {first.file}, row by row, noise and all{named}."
     else:
         late = float(first.time[k] - second.time[j])

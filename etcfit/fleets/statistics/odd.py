@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import stats
 
+from ...errors import first_names
 from ...model.effects import EFFECT_BY_NAME
 from ..settings import DEFAULT
 from ..unit import UnitResult
@@ -139,18 +140,14 @@ def _why(
     symbols: tuple[str, ...], scores: Mapping[str, float], drives: Mapping[str, float], misfit: float,
     traces: tuple[TraceScore, ...],
 ) -> str:  # fmt: skip
-    def shown(said: list[str]) -> str:
-        more = f" and {len(said) - SHOWN} more" if len(said) > SHOWN else ""
-        return ", ".join(said[:SHOWN]) + more
-
     parts = []
     if symbols:  # by itself, or, where that is no more than usual, given what its other parameters are
         said = [f"{s} {scores[s]:+.1f} sd" if abs(scores[s]) >= NAMED
                 else f"{s} {drives[s]:+.1f} sd for its other parameters" for s in symbols]  # fmt: skip
-        parts.append(f"{shown(said)} from the fleet")
+        parts.append(f"{first_names(said, SHOWN)} from the fleet")
     if traces:
         said = [f"{t.file} (misfit {t.misfit:.3g}, {t.z:+.0f} sd)" for t in traces]
-        parts.append(f"its model explains {shown(said)} worse than other units'")
+        parts.append(f"its model explains {first_names(said, SHOWN)} worse than other units'")
     elif misfit >= NAMED:
         parts.append(f"its model explains its traces worse than other units' ({misfit:+.1f} sd)")
     return "; ".join(parts) or "no single symbol or trace, but all together"

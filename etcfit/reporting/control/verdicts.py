@@ -9,6 +9,7 @@ from rich.text import Text
 from ...control.design import Design
 from ...control.loop_figures import FIGURES, MARGINS, OF_THE_PAPER, REQUIRED, TRACKING, Requirements
 from ...control.on_units import STABLE, OddOne, PartsVerdict, Share
+from ...errors import first_names
 from ...run_folder.pid import design_json
 from ..blocks import filled, headed, plain_table
 from ..numbers import short
@@ -32,7 +33,10 @@ def fleet_table(design: Design) -> RenderableType | None:
     if found.future is not None:
         lines.append(f"of {found.future.of} units drawn from the population, which the search did not know, "
                      f"{found.future.met} do: {share_in_words(found.future)}")  # fmt: skip
-    lines += [f"{_OF[symbol].name} missed by {len(units)}: {some_of(units)}" for symbol, units in found.fails.items()]
+    lines += [
+        f"{_OF[symbol].name} missed by {len(units)}: {first_names(units, _NAMED)}"
+        for symbol, units in found.fails.items()
+    ]
     worst = filled(("worst units", "hardest for it", "figure", "limit", "meets all"), map(hardest_cells, found.worst))
     said = (Text(f"  {line}") for line in lines)
     return headed(f"{design.chosen.rule} on every unit of the fleet", Group(*said, worst))
@@ -41,12 +45,6 @@ def fleet_table(design: Design) -> RenderableType | None:
 def share_in_words(share: Share) -> str:
     """With its 95 % interval."""
     return f"{100.0 * share.value:.1f} % (95 %: {100.0 * share.low:.1f} to {100.0 * share.high:.1f} %)"
-
-
-def some_of(units: tuple[str, ...]) -> str:
-    """Names, no more than a line takes."""
-    more = f" and {len(units) - _NAMED} more" if len(units) > _NAMED else ""
-    return ", ".join(units[:_NAMED]) + more
 
 
 def hardest_cells(each: OddOne) -> tuple[str, ...]:
@@ -87,7 +85,7 @@ def _words(design: Design, found: PartsVerdict) -> list[str]:
         f"drawn from the population of {found.where}; optimal is sought over the latter",
         f"{design.chosen.rule}: {share_in_words(chosen.drawn.share)} of such parts",
         *(
-            f"{symbol.replace('_', ' ')} missed by {len(units)}: {some_of(units)}"
+            f"{symbol.replace('_', ' ')} missed by {len(units)}: {first_names(units, _NAMED)}"
             for symbol, units in chosen.measured.fails.items()
         ),
         f"outside the bench: {found.share_at_corners.met} of {found.share_at_corners.of} units meet everything at "

@@ -13,6 +13,7 @@ from typing import Any
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from ...errors import first_names
 from ...ranges import check_ranges, real, whole
 from ..blocks import sentences, stacked, table
 from ..numbers import Digits, short
@@ -68,12 +69,6 @@ def counted(count: int, thing: str) -> str:
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
 
 
-def first_of(units: Sequence[str], named: int) -> str:
-    """The first few names, and how many more there are."""
-    more = len(units) - named
-    return ", ".join(units[:named]) + (f" and {more:,} more" if more > 0 else "")
-
-
 def _units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
     fitted = len(content.get("units") or ())
     failed, stuck = (len(content.get(key) or ()) for key in ("failed", "not_converged"))
@@ -92,7 +87,7 @@ def _odd_units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
     named = [f"{each['unit']} ({', '.join(each['symbols'])})" if each["symbols"] else each["unit"] for each in odd]
     verb = "is" if len(odd) == 1 else "are"
     share = f"{short(100.0 * len(odd) / of, 2)} %"
-    text = f"{counted(len(odd), 'unit')} {verb} odd ({share}): {first_of(named, judgement.named)}."
+    text = f"{counted(len(odd), 'unit')} {verb} odd ({share}): {first_names(named, judgement.named)}."
     yield Sentence(text, bad=True)
 
 

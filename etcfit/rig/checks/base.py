@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, TypeVar
 
+from ...errors import first_names
 from ..base import Channel, Finding, Measurement, RigConfig
 from ..units import NUMBER
 from .circuit import Circuit, OtherCurrent, other_current, read_circuit
@@ -39,17 +40,20 @@ class Records:
         names = dict.fromkeys(trace.test for trace in self.traces)
         return {name: tuple(trace for trace in self.traces if trace.test == name) for name in names}
 
+    @property
+    def _trusted(self) -> Mapping[str, tuple[Measurement, ...]]:
+        """Traces of the tests whose circuit is trusted."""
+        return {name: traces for name, traces in self.tests.items() if name not in self.blamed}
+
     @cached_property
     def circuits(self) -> Mapping[str, Circuit]:
         """The circuit by rig test, where it shows."""
-        sound = (name for name in self.tests if name not in self.blamed)
-        return _present({name: read_circuit(self.tests[name], self.config) for name in sound})
+        return _present({name: read_circuit(traces, self.config) for name, traces in self._trusted.items()})
 
     @cached_property
     def currents(self) -> Mapping[str, OtherCurrent]:
         """The current of each rig test in each of its readings, where windows tell them apart."""
-        sound = (name for name in self.tests if name not in self.blamed)
-        return _present({name: other_current(self.tests[name], self.config) for name in sound})
+        return _present({name: other_current(traces, self.config) for name, traces in self._trusted.items()})
 
     @cached_property
     def circuit_of(self) -> Mapping[str, Circuit]:
@@ -106,8 +110,7 @@ def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Fin
     """The finding with its place in front of its sentence: every trace of a rig test, or these files of it."""
     test, shown = traces[0].test, list(files)
     if len(shown) < len(traces):
-        more = f" and {len(shown) - 3} more" if len(shown) > 3 else ""
-        where = f"{', '.join(shown[:3])}{more}"
+        where = first_names(shown, 3)
     else:
         where = f"every trace of {test}" if len(traces) > 1 else shown[0]
     alone = shown[0] if len(shown) == 1 and len(traces) > 1 else None
