@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -43,12 +43,11 @@ def reduced(fitted: Fit) -> Reduced:
 
 
 @pytest.fixture(scope="module")
-def designed(fitted: Fit) -> Iterator[Designed]:
+def designed(fitted: Fit) -> Designed:
     """By three quick rules, one of which refuses."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("etcfit.control.design.RULES", QUICK)
+    with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, QUICK, clear=True):
         patch.setattr("etcfit.control.design.binding", lambda task: ("stub",))
-        yield verbs.design(fitted, rule="manual", settings=DesignSettings(draws=30), period=1e-3)
+        return verbs.design(fitted, rule="manual", settings=DesignSettings(draws=30), period=1e-3)
 
 
 def test_every_command_is_a_verb() -> None:
@@ -188,8 +187,7 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
 
 @pytest.mark.slow
 def test_a_design_for_a_make_of_ecu_runs_its_controller(fitted: Fit, tmp_path: Path) -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("etcfit.control.design.RULES", {"amigo": RULES["amigo"]})
+    with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, {"amigo": RULES["amigo"]}, clear=True):
         patch.setattr("etcfit.control.design.binding", lambda *_: ("stub",))
         patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
         made = verbs.design(fitted, rule="amigo", settings=DesignSettings(draws=2), profile="arduino", period=5e-3)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 
@@ -70,8 +71,7 @@ def reduced(run: Path, out: Path) -> Any:
 
 
 def designed(run: Path, out: Path) -> Any:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("etcfit.control.design.RULES", QUICK)
+    with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, QUICK, clear=True):
         patch.setattr("etcfit.control.design.binding", lambda task: ("stub",))
         return etcfit.design(run, rule="manual", settings=DesignSettings(draws=5), quiet=True).gains
 
