@@ -13,15 +13,18 @@ from ..errors import UsageError
 from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
 from . import views
 from .progress import Report, silent
+from .views import View
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..control.design import Design
     from ..estimation.fitted_model import FleetModel
     from .plots import FleetPlots
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fleet:
+class Fleet(View):
     """Many units of one design: `etcfit.fleet(FLEET, out=RUN)`, or `etcfit.load(RUN)` of such a run.
 
     Args:
@@ -172,12 +175,10 @@ class Fleet:
                 draw_design(draft.files, design, report)
             settle(run)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit fleet` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.fleet import fleet_table
 
-        return render(fleet_table(self._content), width)
+        return fleet_table(self._content)
 
     @property
     def _content(self) -> Mapping[str, Any]:

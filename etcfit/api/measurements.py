@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -16,14 +17,18 @@ from ..errors import UsageError
 from ..experiment.advice import Advice, Option
 from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
+from ..reporting.check_table import options_table, traces_table
 from ..reporting.numbers import short
 from ..rig.base import RigConfig
 from . import views
-from .views import indexed, numbers, texts
+from .views import View, indexed, numbers, texts
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checked:
+class Checked(View):
     """What is in a measurement folder, and what it can identify: `etcfit.check(rig)`.
 
     Args:
@@ -80,12 +85,10 @@ class Checked:
         """What a reader must know."""
         return self.result.warnings
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit check` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.check_table import check_table
 
-        return render(check_table(self.result), width)
+        return check_table(self.result)
 
     @property
     def _verdict(self) -> str:
@@ -105,14 +108,11 @@ class Checked:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(t.file, str(t.clock.samples), short(t.clock.duration), short(t.clock.rate),
-                 ", ".join(c.name for c in t.channels), "held out" if t.held_out else "")
-                for t in self.result.traces]  # fmt: skip
         return views.card(
             self.result.rig.config,
             "what these traces can identify",
             "" if self._alarm else views.paragraph(self._verdict),
-            views.table(("file", "samples", "duration s", "rate Hz", "channels", ""), rows),
+            views.table(traces_table(self.result.traces)),
             views.folded("Mistakes and habits of the rig", [str(f) for f in self.result.rig.findings]),
             views.folded("What these data cannot tell, or hardly", self.directions),
             views.folded("Warnings", [w for w in self.warnings if w not in map(str, self.result.rig.findings)]),
@@ -120,11 +120,8 @@ class Checked:
         )
 
 
-_ADVICE_HEAD = ("test", "how", "mean", "separates")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Advised:
+class Advised(View):
     """What one more trace of each rig test would tell: `etcfit.advise(rig)`.
 
     Args:
@@ -168,12 +165,10 @@ class Advised:
         """Rig tests that no trace can be simulated of, with the reason."""
         return dict(self.advice.not_judged)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit check --advise` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.check_table import advice_table
 
-        return render(advice_table(self.advice), width)
+        return advice_table(self.advice)
 
     def save(self, run: str | Path) -> Path:
         """Write advice.json.
@@ -186,19 +181,16 @@ class Advised:
         save_advice(Path(run), self.advice)
         return Path(run)
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return [(o.test, o.says, f"{o.mean:.2f}", _pair(o)) for o in self.advice.options]
-
     def __repr__(self) -> str:
-        lines = [f"{test}, {how}: {mean}" for test, how, mean, _ in self._rows()]
+        lines = [f"{option.test}, {option.says}: {option.mean:.2f}" for option in self.advice.options]
         name = views.name_of(self.advice.rig.config)
         return views.block(f"One more trace for {name}, best first; mean width of an interval after it", *lines)
 
     def _repr_html_(self) -> str:
         return views.card(
             self.advice.rig.config,
-            "what one more trace would tell; mean: width of an interval after it, as a share of now",
-            views.table(_ADVICE_HEAD, self._rows()),
+            "what one more trace would tell",
+            views.table(options_table(self.advice)),
             views.folded("Not judged", [f"{test}: {why}." for test, why in self.advice.not_judged]),
         )
 
@@ -208,7 +200,7 @@ def _pair(option: Option) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Planned:
+class Planned(View):
     """The next tests, as files to play: `etcfit.plan(fit)`.
 
     Args:
@@ -239,12 +231,10 @@ class Planned:
         columns = {"now": self.campaign.now, "expected": self.campaign.expected}
         return indexed(columns, list(self.campaign.symbols), "symbol")
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit plan` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.plan_sheet import plan_table
 
-        return render(plan_table(self.campaign), width)
+        return plan_table(self.campaign)
 
     def save(self, plan: str | Path) -> Path:
         """Write plan.json, the files to play, the procedure sheet and the folder for the records, whole or not at all.
@@ -266,22 +256,19 @@ class Planned:
             write_sheet(draft, self.campaign)
         return to
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return [(test.file, test.candidate.plan.says) for test in self.campaign.tests]
-
     def __repr__(self) -> str:
         name = views.name_of(self.campaign.rig.config)
-        return views.block(f"The next tests for {name}", *(f"{file}: {how}" for file, how in self._rows()))
+        lines = (f"{test.file}: {test.candidate.plan.says}" for test in self.campaign.tests)
+        return views.block(f"The next tests for {name}", *lines)
 
     def _repr_html_(self) -> str:
-        return views.card(self.campaign.rig.config, "the next tests", views.table(("record as", "how"), self._rows()))
+        from ..reporting.plan_sheet import tests_table
 
-
-_LOG_HEAD = ("log", "seconds", "share between", "dominant Hz", "RMSE %", "lag ms", "verdict")
+        return views.card(self.campaign.rig.config, "the next tests", views.table(tests_table(self.campaign)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Driven:
+class Driven(View):
     """Operating range, spectrum, tracking and verdict of logs from the car: `etcfit.drive(folder)`.
 
     Args:
@@ -366,26 +353,21 @@ class Driven:
             raise UsageError(f"no log is called {name!r}. There are: {', '.join(known)}.")
         return log_panels(self.config, known[name])
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit drive` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.car_log import drive_table
 
-        return render(drive_table(self.config, self.studies), width)
+        return drive_table(self.config, self.studies)
 
     def __repr__(self) -> str:
-        lines = [f"{r[0]}: {r[1]} s, RMSE {r[4]} %, lag {r[5]} ms. {r[6]}" for r in self._rows()]
-        return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
-
-    def _rows(self) -> list[tuple[str, ...]]:
         from ..reporting.car_log import in_a_word
 
-        words_of = {each.log.name: in_a_word(each.verdict) for each in self.studies}
-        return [(r["log"], f"{r['seconds']:.0f}", short(r["share_between"]), short(r["dominant_hz"]),
-                 short(r["rmse_pct"]), short(1e3 * r["lag_s"]), words_of[r["log"]])
-                for r in self.table.reset_index().to_dict("records")]  # fmt: skip
+        lines = [f"{name}: {row['seconds']:.0f} s, RMSE {short(row['rmse_pct'])} %, lag "
+                 f"{short(1e3 * row['lag_s'])} ms. {in_a_word(study.verdict)}"
+                 for study, (name, row) in zip(self.studies, self.table.iterrows(), strict=True)]  # fmt: skip
+        return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
 
     def _repr_html_(self) -> str:
-        return views.card(
-            self.config, "logs from the car", views.table(_LOG_HEAD, self._rows()), views.paragraph(self.verdict)
-        )
+        from ..reporting.car_log import logs_table
+
+        return views.card(self.config, "logs from the car", views.table(logs_table(self.studies)),
+                          views.paragraph(self.verdict))  # fmt: skip

@@ -9,8 +9,9 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from .blocks import filled, headed, sentences, spaced, stacked
+from .blocks import sentences, shown, spaced, stacked
 from .numbers import short
+from .table import Table, of_texts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,14 +28,13 @@ def tune_table(found: Any) -> RenderableType:
         Text(f"{found.profile.title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {found.why_not}", style="bold red"))] if found.why_not else []),
         *([spaced(Text(" ".join(found.doubts), style="bold red"))] if found.doubts and not found.why_not else []),
-        headed("The logs", _checks(found)),
+        shown(_checks(found)),
         sentences("Model", list(_model(found))),
     ]
     if found.steps and not found.why_not:
         never = "; never: not before the next step" if _unsettled(found) else ""
-        parts += [headed("Gains, as this ECU writes them; the number behind x: over the present gain", _gains(found)),
-                  headed(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
-                         _figures(found)),
+        title = f"What the model says they do: steps of 10 to 70 % of the travel and back{never}"
+        parts += [shown(_gains(found)), shown(_figures(found, title)),
                   sentences("Next", list(_next(found)))]  # fmt: skip
     lacks = [f"{each.name} ({each.found:.3g} of {each.needed:g} {each.unit}): {each.record}" for each in found.lacks]
     parts.append(sentences("To record next, for surer gains", lacks))
@@ -46,10 +46,10 @@ def _compromise(found: Any) -> bool:
     return bool(found.doubts or (found.result is not None and found.result.state.cautions))
 
 
-def _checks(found: Any) -> RenderableType:
+def _checks(found: Any) -> Table:
     rows = [(c.name, "ok" if c.passed else "STOPS" if c.stops else "doubtful",
              c.says if c.passed else f"{c.says}. {c.cure}") for c in found.input.checks]  # fmt: skip
-    return filled(("check", "", "found"), rows, left=2, prose=("found",))
+    return of_texts("The logs", ("check", "", "found"), rows, 2, {"found": "prose"})
 
 
 def _model(found: Any) -> list[str]:
@@ -77,7 +77,7 @@ def percent(share: float) -> str:
     return "over 99.9" if 0.999 < share < 1.0 else f"{100.0 * share:.1f}"
 
 
-def _gains(found: Any) -> RenderableType:
+def _gains(found: Any) -> Table:
     units, first, rows = found.profile.notation.of_each, found.written(found.steps[0].gains), []
     for step in found.steps:
         cells = []
@@ -86,18 +86,19 @@ def _gains(found: Any) -> RenderableType:
             cells.append(f"{short(gain, 4)}{factor}")
         rows.append((NAMES[step.name], *cells))
     head = (f"{name}\n{unit}" for name, unit in zip(found.profile.gains, units, strict=True))
-    return filled(("step", *head), rows)
+    return of_texts("Gains, as this ECU writes them; the number behind x: over the present gain", ("step", *head), rows)
 
 
-def _figures(found: Any) -> RenderableType:
+def _figures(found: Any, title: str) -> Table:
     doubted, rows = _compromise(found), []
     for step in found.steps:
         chance = ("-", "-") if doubted else (
             f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip
         rows.append((NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
                      short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance))  # fmt: skip
-    return filled(("step", "overshoot\n% of step", "settling\ns", "RMSE\n%", "gain\nmargin dB",
-                   "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
+    heads = ("step", "overshoot\n% of step", "settling\ns", "RMSE\n%", "gain\nmargin dB", "phase\nmargin deg",
+             "P(meets all)", "P(better)")  # fmt: skip
+    return of_texts(title, heads, rows)
 
 
 def _range(each: tuple[float, float, float]) -> str:

@@ -34,7 +34,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "reason_code": result.reason_code,
         "model": {"effects": list(effects_of(result))},
         "parameters": parameters_json(result),
-        "lumped": _lumped_json(result),
+        "lumped": lumped_json(result),
         **influence_json(result),
         **budget_json(result),
         "score": score_json(result),
@@ -109,7 +109,7 @@ def _parameter(parameter: Parameter | None, interval: Interval, reading: float |
     })  # fmt: skip
 
 
-def _lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
+def lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
     read = readings_of(result)
     return {
         symbol: plain({"value": i.value, "unit": LUMPS[symbol].unit, "stderr": i.stderr,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from ...car_log import Study, record_next
@@ -13,9 +14,9 @@ from ...car_log.criteria import Judgement, Verdict
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
 from ...rig.base import RigConfig
-from ..blocks import dashed, filled, headed, rig_title, sentences, spaced, stacked, table
-from ..html import Table
+from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
 from ..numbers import short
+from ..table import Cell, Kind, Table, of_texts
 
 _MOST = 20  # steps that a table shows, the least good ones
 _NAMES = {"good": "good", "not good": "NOT GOOD", "cannot be said": "not known"}
@@ -36,10 +37,12 @@ def says_of(each: Study) -> tuple[str, ...]:
 
 def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
     """A row a threshold."""
-    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}", _NAMES[j.word], j.where,
-             j.source) for j in judgements]  # fmt: skip
-    marked = frozenset(k for k, j in enumerate(judgements) if j.word == "not good")
-    return Table(caption, ("figure", "found", "good is", "verdict", "where", "threshold from"), rows, 6, marked)
+    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}",
+             Cell(_NAMES[j.word], "bad" if j.word == "not good" else ""), j.where, j.source)
+            for j in judgements]  # fmt: skip
+    kinds: dict[str, Kind] = {"verdict": "word", "where": "prose", "threshold from": "prose"}
+    return of_texts(caption, ("figure", "found", "good is", *kinds), rows, 1, kinds, ("threshold from", "where"),
+                    file=_FILE)  # fmt: skip
 
 
 def in_a_word(verdict: Verdict) -> str:
@@ -64,9 +67,8 @@ def _steps(each: Study) -> Table:
              "-" if s.lag is None else f"{1e3 * s.lag:.0f}", f"{s.error:+.2f}", short(s.rms, 2))
             for s in sorted(worst, key=lambda s: s.begin)]  # fmt: skip
     more = f", the {_MOST} slowest of {len(each.steps)}" if len(each.steps) > _MOST else ""
-    return Table(f"Steps of the setpoint{more}",
-                 ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms",
-                  "error at rest %", "rms %"), rows, 0)  # fmt: skip
+    heads = ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms", "error at rest %", "rms %")
+    return of_texts(f"Steps of the setpoint{more}", heads, rows, 0, spare=("rms %", "half way ms"), file=_FILE)
 
 
 def _ranges(each: Study) -> Table | None:
@@ -76,7 +78,7 @@ def _ranges(each: Study) -> Table | None:
         (f"{r.low:.0f} to {r.high:.0f}", short(r.seconds), short(r.rmse), f"{r.mean:+.2f}")
         for r in each.tracking.ranges
     ]
-    return Table("Error by parts of the travel", ("setpoint %", "s", "rms %", "mean %"), rows, 1)
+    return of_texts("Error by parts of the travel", ("setpoint %", "s", "rms %", "mean %"), rows)
 
 
 def _duty(each: Study) -> Table | None:
@@ -91,29 +93,35 @@ def _duty(each: Study) -> Table | None:
         ("limit", at),
         ("at its limit", f"{100.0 * d.saturated:.2g} % of the time, {d.longest:.2g} s at the longest"),
     ]
-    return Table("Duty", ("figure", "found"), rows, 2)
+    return of_texts("Duty", ("figure", "found"), rows, 2)
 
 
 def _settings(each: Study) -> Table | None:
     if each.sensors is None:
         return None
     rows = [(s.ecu, s.name, f"{s.value:g}", s.unit) for s in each.sensors.table]
-    return Table("Both sensors: what to type into the ECU", ("ECU", "setting", "value", "unit"), rows, 2)
+    return of_texts("Both sensors: what to type into the ECU", ("ECU", "setting", "value", "unit"), rows, 2,
+                    {"unit": "word"})  # fmt: skip
 
 
 # without lag: RMSE against the setpoint delayed by the lag
 _HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
           "half of power below Hz", "RMSE %", "RMSE +- %", "lag ms", "lag +- ms", "RMSE without lag %",
           "setpoint moves %/s")  # fmt: skip
-_SPARE = ("setpoint moves %/s", "half of power below Hz", "RMSE without lag %", "between %", "dominant Hz", "length")
+_SPARE = (
+    "verdict",
+    "setpoint moves %/s",
+    "half of power below Hz",
+    "RMSE without lag %",
+    "between %",
+    "dominant Hz",
+    "length",
+)
 _FILE = "drive.json of --out RUN"
-_PROSE = ("where", "threshold from")
-_MAY_GO = ("threshold from", "where", "rms %", "half way ms")
 
 
 def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     """A row a log, then each log held against the thresholds; of two logs also what changed."""
-    rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each)) for each in studies]
     logs = [each.log for each in studies]
     # as the file names them: a pedal that passes for the plate shows here
     columns = [f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
@@ -122,8 +130,7 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
                  for lack in record_next(logs)]  # fmt: skip
     return stacked(
         rig_title(config, "logs from the car"),
-        table("In per cent of the travel; +-: one standard error", ("log", *_HEADS), rows, paths=("log",), spare=_SPARE,
-              file=_FILE),
+        shown(logs_table(studies)),
         sentences("Columns that were taken", columns),
         sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         *(part for each in studies for part in _answer(each)),
@@ -132,23 +139,25 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     )  # fmt: skip
 
 
-def shown(table: Table) -> RenderableType:
-    """A table of the page in a terminal."""
-    rows = [[Text(cell, style="bold red" if k in table.marked else "") for cell in row]
-            for k, row in enumerate(table.rows)]  # fmt: skip
-    return filled(table.head, rows, left=max(table.words, 1), prose=[name for name in _PROSE if name in table.head],
-                  spare=[name for name in _MAY_GO if name in table.head], file=_FILE)  # fmt: skip
-
-
-def good_enough(each: Study) -> RenderableType:
+def good_enough(each: Study) -> Table:
     """One log held against the thresholds, with what was found at rest and of its sensors."""
-    return Group(shown(judgements_table(each.verdict.judgements)), *dashed(says_of(each)))
+    return replace(
+        judgements_table(each.verdict.judgements), title=f"{each.log.name}: good enough?", notes=says_of(each)
+    )
 
 
 def _answer(each: Study) -> Iterator[RenderableType]:
     yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
     yield from dashed(says_of(each))
-    yield from (headed(f"{each.log.name}: {one.caption}", shown(one)) for one in tables_of(each))
+    yield from (shown(replace(one, title=f"{each.log.name}: {one.title}")) for one in tables_of(each))
+
+
+def logs_table(studies: Sequence[Study]) -> Table:
+    """A row a log."""
+    rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each), in_a_word(each.verdict))
+            for each in studies]  # fmt: skip
+    return of_texts("In per cent of the travel; +-: one standard error", ("log", *_HEADS, "verdict"), rows, 1,
+                    {"log": "path", "verdict": "word"}, _SPARE, file=_FILE)  # fmt: skip
 
 
 def _cells(each: Study) -> tuple[str, ...]:

@@ -15,8 +15,9 @@ from rich.text import Text
 
 from ...errors import first_names
 from ...ranges import check_ranges, real, whole
-from ..blocks import sentences, stacked, table
+from ..blocks import all_shown, stacked
 from ..numbers import Digits, short
+from ..table import Cell, Kind, Notes, Table, of_texts
 
 Content = Mapping[str, Any]  # fleet.json
 
@@ -147,6 +148,7 @@ def _effects_found(content: Content, judgement: Judgement) -> Iterator[Sentence]
 
 
 _FILE = "RUN/fleet.json"
+_UNIT: Mapping[str, Kind] = {"unit": "word"}
 _MOST = 20  # rows of units; fleet.json and the page have them all
 
 
@@ -154,15 +156,17 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
     """fleet.json for stdout."""
     return stacked(
         _head(content, judgement),
-        _population(content, judgement),
-        _capability(content, judgement),
-        _odd(content),
-        _drift(content),
-        _effects(content),
-        _figures(content),
-        _gauge(content, judgement),
-        _without("Not converged", content.get("not_converged") or ()),
-        _without("Failed, and in nothing above", content.get("failed") or ()),
+        all_shown(
+            _population(content, judgement),
+            _capability(content, judgement),
+            _odd(content),
+            _drift(content),
+            _effects(content),
+            _figures(content),
+            _gauge(content, judgement),
+            _without("Not converged", content.get("not_converged") or ()),
+            _without("Failed, and in nothing above", content.get("failed") or ()),
+        ),
     )
 
 
@@ -174,11 +178,11 @@ def _head(content: Content, judgement: Judgement) -> RenderableType:
     return Group(head, *lines)
 
 
-def _population(content: Content, judgement: Judgement) -> RenderableType | None:
+def _population(content: Content, judgement: Judgement) -> Table:
     rows = []
     for symbol, each in (content.get("population") or {}).items():
         mean = _by(each["mean"], each["mean_ci95"], each["sd"])
-        spread = (Text("shared by all", style="dim"), "-") if each.get("shared", False) else (
+        spread = (Cell("shared by all", "dim"), "-") if each.get("shared", False) else (
             _by(each["sd"], each["sd_ci95"], None), _span(each["sd_ci95"]))  # fmt: skip
         count = "-" if (informed := each.get("informed")) is None else f"{informed:,}"
         rows.append((symbol, mean, _span(each["mean_ci95"]), *spread, _cpk(each.get("cpk"), judgement), count,
@@ -186,7 +190,7 @@ def _population(content: Content, judgement: Judgement) -> RenderableType | None
     head = ("parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk",
             "units that tell it", "unit")  # fmt: skip
     spare = "units that tell it", "95 % interval of spread", "95 % interval of mean"
-    return table("Population", head, rows, words=("unit",), spare=spare, file=_FILE)
+    return of_texts("Population", head, rows, 1, _UNIT, spare, file=_FILE)
 
 
 def _by(value: float | None, interval: Sequence[float] | None, spread: float | None) -> str:
@@ -202,11 +206,11 @@ def _span(interval: Sequence[float] | None) -> str:
     return Digits.of(max(abs(low), abs(high)), 0.5 * (high - low)).span(low, high)
 
 
-def _cpk(value: float | None, judgement: Judgement) -> Text:
-    return Text(short(value), style="bold red" if value is not None and value < judgement.capable else "")
+def _cpk(value: float | None, judgement: Judgement) -> Cell:
+    return Cell(short(value), "bad" if value is not None and value < judgement.capable else "")
 
 
-def _capability(content: Content, judgement: Judgement) -> RenderableType | None:
+def _capability(content: Content, judgement: Judgement) -> Table:
     rows = []
     for name, each in (content.get("capability") or {}).items():
         of = Digits.of(each["mean"] or 0.0, each["sd"])
@@ -216,57 +220,56 @@ def _capability(content: Content, judgement: Judgement) -> RenderableType | None
                      each["unit"]))  # fmt: skip
     head = ("limit of", "low", "high", "mean", "spread, 1 sd", "Cp", "Cpk", "95 % interval of Cpk", "outside", "unit")
     spare = "Cp", "95 % interval of Cpk", "spread, 1 sd"
-    return table("Specification limits", head, rows, words=("unit",), spare=spare, file=_FILE)
+    return of_texts("Specification limits", head, rows, 1, _UNIT, spare, file=_FILE)
 
 
-def _odd(content: Content) -> RenderableType | None:
+def _odd(content: Content) -> Table:
     odd = content.get("odd") or ()
     rows = [(each["unit"], each["why"], short(each["distance"]), short(each["p"], 2)) for each in odd[:_MOST]]
-    return table(_of("Odd units, the oddest first", len(odd)), ("unit", "why", "distance", "p"), rows, left=2,
-                 prose=("why",), spare=("distance",), file=_FILE)  # fmt: skip
+    return of_texts(_of("Odd units, the oddest first", len(odd)), ("unit", "why", "distance", "p"), rows, 1,
+                    {"why": "prose"}, ("distance",), file=_FILE)  # fmt: skip
 
 
 def _of(name: str, count: int) -> str:
     return name if count <= _MOST else f"{name}: {_MOST} of {count:,}"
 
 
-def _drift(content: Content) -> RenderableType | None:
+def _drift(content: Content) -> Table:
     rows = [(each["symbol"], each["since"], f"{each['size']:+.3g}", each.get("unit"),
              "-" if (sd := each.get("size_sd")) is None else f"{sd:+.2g}", short(each.get("p"), 2))
             for each in content.get("drift") or ()]  # fmt: skip
-    return table("Drift", ("drift of", "since unit", "size", "unit", "in sd", "p"), rows, left=2, words=("unit",))
+    return of_texts("Drift", ("drift of", "since unit", "size", "unit", "in sd", "p"), rows, 2, _UNIT)
 
 
-def _effects(content: Content) -> RenderableType | None:
+def _effects(content: Content) -> Table:
     rows = [(name, f"{len(each['units']):,}", f"{each['of']:,}", short(each["median"]), each.get("symbol"),
              each.get("unit")) for name, each in (content.get("effects") or {}).items()]  # fmt: skip
     head = "effect", "units with it", "of", "median", "parameter", "unit"
-    return table("Effects beyond Eqs. 1-2", head, rows, words=("parameter", "unit"))
+    return of_texts("Effects beyond Eqs. 1-2", head, rows, 1, {"parameter": "word", "unit": "word"})
 
 
-def _figures(content: Content) -> RenderableType | None:
+def _figures(content: Content) -> Table:
     rows = []
     for name, each in (content.get("figures") or {}).items():
         of = Digits.of(each["mean"] or 0.0, each["sd"])
         cells = of(each["mean"]), of(each["sd"]), of.span(each["low"], each["high"])
         rows.append((name.replace("_", " "), each["meaning"], *cells, each["unit"]))
     head = "figure", "meaning", "mean", "spread, 1 sd", "95 % of units", "unit"
-    return table("What the line measures", head, rows, left=2, words=("unit",), prose=("meaning",), spare=("meaning",),
-                 file=_FILE)  # fmt: skip
+    return of_texts("What the line measures", head, rows, 1, {"meaning": "prose", "unit": "word"}, ("meaning",),
+                    file=_FILE)  # fmt: skip
 
 
-def _gauge(content: Content, judgement: Judgement) -> RenderableType | None:
+def _gauge(content: Content, judgement: Judgement) -> Table:
     rows = []
     for name, each in (content.get("gauge") or {}).items():
         sizes = (short(each[key]) for key in ("repeatability", "reproducibility", "part", "total"))
         share: Any = each["rr_percent"]
         bad = share is not None and share > judgement.gauge
-        percent = Text("-" if share is None else f"{short(share)} %", style="bold red" if bad else "")
+        percent = Cell("-" if share is None else f"{short(share)} %", "bad" if bad else "")
         rows.append((name, *sizes, percent, short(each["ndc"], 2), each["unit"]))
     head = "gauge of", "repeatability", "reproducibility", "part", "total", "R&R", "ndc", "unit"
-    return table("Gauge R&R, standard deviations", head, rows, words=("unit",), spare=("total", "part"), file=_FILE)
+    return of_texts("Gauge R&R, standard deviations", head, rows, 1, _UNIT, ("total", "part"), file=_FILE)
 
 
-def _without(name: str, units: Sequence[Any]) -> RenderableType | None:
-    lines = [f"{each['unit']}: {each['why']}" for each in units[:_MOST]]
-    return sentences(_of(name, len(units)), lines)
+def _without(name: str, units: Sequence[Any]) -> Notes:
+    return Notes(_of(name, len(units)), [f"{each['unit']}: {each['why']}" for each in units[:_MOST]])
