@@ -191,10 +191,8 @@ class Fit(View):
         count = f"{len(self._traces) - held_out} traces fitted, {held_out} held out"
         shown = self._shown
         lost = [row["symbol"] for row in shown.rows if row["status"] == LOST]
-        texts = [{cell.kind if cell.kind != "figure" else column.head: cell.text
-                  for column, cell in zip(shown.columns, row, strict=True)} for row in shown.cells]  # fmt: skip
-        known = "; ".join(f"{c['symbol']} {c['value']} ± {c['std. error']} {c['unit']}".replace(" ± -", "")
-                          for c in texts if c["95 % interval"] != "-")  # fmt: skip
+        known = "; ".join(f"{c['parameter']} {c['value']} ± {c['std. error']} {c['unit']}".replace(" ± -", "")
+                          for c in shown.texts if c["95 % interval"] != "-")  # fmt: skip
         return views.block(
             f"Fit of {views.name_of(self.result.rig.config)}: {self._model}; {count}",
             self._outcome,

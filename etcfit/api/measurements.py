@@ -14,14 +14,13 @@ from ..car_log import Study, record_next
 from ..car_log.steps import Step
 from ..car_log.study import verdict
 from ..errors import UsageError
-from ..experiment.advice import Advice, Option
+from ..experiment.advice import Advice
 from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
 from ..reporting.check_table import options_table, traces_table
-from ..reporting.numbers import short
 from ..rig.base import RigConfig
 from . import views
-from .views import View, indexed, numbers, texts
+from .views import View, frame, indexed, numbers
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -40,30 +39,18 @@ class Checked(View):
     @property
     def traces(self) -> pd.DataFrame:
         """Indexed by file: test, held_out, samples, duration (s), rate (Hz), gaps, channels."""
-        every = self.result.traces
-        columns = {
-            "test": texts(t.test for t in every),
-            "held_out": np.array([t.held_out for t in every], dtype=bool),
-            "samples": np.array([t.clock.samples for t in every], dtype=np.int64),
-            "duration": numbers(t.clock.duration for t in every),
-            "rate": numbers(t.clock.rate for t in every),
-            "gaps": np.array([t.clock.gaps for t in every], dtype=np.int64),
-            "channels": texts(", ".join(c.name for c in t.channels) for t in every),
-        }
-        return indexed(columns, [t.file for t in every], "file")
+        keys = ("test", "held_out", "samples", "duration", "rate", "gaps", "channels")
+        return frame(traces_table(self.result.traces).rows, "file", keys)
 
     @property
     def findings(self) -> pd.DataFrame:
         """Mistakes and habits of the rig itself, indexed by kind: test, file, channel ("" where it is none in
         particular), size, unit, chance, found, mend, and sure: physics rules the data out, and `fit` refuses them.
         """
-        every = self.result.rig.findings
-        columns = {key: texts(getattr(f, key) or "" for f in every) for key in ("test", "file", "channel")}
-        columns |= {key: numbers(getattr(f, key) for f in every) for key in ("size", "chance")}
-        columns |= {key: texts(getattr(f, key) for f in every) for key in ("unit", "found", "mend")}
-        columns |= {"sure": np.array([f.sure for f in every], dtype=bool)}
-        order = ("test", "file", "channel", "size", "unit", "chance", "found", "mend", "sure")
-        return indexed({key: columns[key] for key in order}, [f.kind for f in every], "kind")
+        rows = [
+            {key: "" if each is None else each for key, each in asdict(f).items()} for f in self.result.rig.findings
+        ]
+        return frame(rows, "kind", ("test", "file", "channel", "size", "unit", "chance", "found", "mend", "sure"))
 
     @property
     def not_identifiable(self) -> tuple[str, ...]:
@@ -135,15 +122,7 @@ class Advised(View):
         """One more trace each, best first, indexed by rig test: how it is made, again (it repeats a trace that is
         there), mean (geometric, of the widths), separates (the pair that it tells apart best, or ""), remark (what was
         assumed)."""
-        every = self.advice.options
-        columns = {
-            "how": texts(option.says for option in every),
-            "again": np.array([option.again for option in every], dtype=bool),
-            "mean": numbers(option.mean for option in every),
-            "separates": texts(_pair(option) for option in every),
-            "remark": texts(option.remark for option in every),
-        }
-        return indexed(columns, [option.test for option in every], "test")
+        return frame(options_table(self.advice).rows, "test", ("how", "again", "mean", "separates", "remark"))
 
     @property
     def widths(self) -> pd.DataFrame:
@@ -195,10 +174,6 @@ class Advised(View):
         )
 
 
-def _pair(option: Option) -> str:
-    return "" if option.separates is None else " and ".join(option.separates.symbols)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Planned(View):
     """The next tests, as files to play: `etcfit.plan(fit)`.
@@ -213,17 +188,10 @@ class Planned(View):
     def tests(self) -> pd.DataFrame:
         """In the order in which they are made, indexed by file: test, how, seconds, current (largest, A), temperature
         (of the winding, highest, degC), pause (s, after it), remark (what was assumed)."""
-        every, ambient = self.campaign.tests, self.campaign.settings.ambient
-        columns = {
-            "test": texts(t.candidate.plan.test for t in every),
-            "how": texts(t.candidate.plan.says for t in every),
-            "seconds": numbers(t.candidate.seconds for t in every),
-            "current": numbers(float(np.abs(t.forecast.shown.get("current", np.zeros(1))).max()) for t in every),
-            "temperature": numbers(ambient + float(t.forecast.warmth.max()) for t in every),
-            "pause": numbers(t.pause for t in every),
-            "remark": texts(self.campaign.remark(t) for t in every),
-        }
-        return indexed(columns, [t.file for t in every], "file")
+        from ..reporting.plan_sheet import tests_table
+
+        keys = ("test", "how", "seconds", "current", "temperature", "pause", "remark")
+        return frame(tests_table(self.campaign).rows, "file", keys)
 
     @property
     def stderr(self) -> pd.DataFrame:
@@ -284,19 +252,11 @@ class Driven(View):
         """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
         lag_s, lag_stderr, demand_pct_s; NaN where a log does not tell.
         """
-        every = self.studies
-        columns = {
-            "seconds": numbers(float(np.ptp(s.log.position.time)) for s in every),
-            "share_between": numbers(s.usage.between for s in every),
-            "dominant_hz": numbers(None if s.spectrum is None else s.spectrum.dominant for s in every),
-            "half_hz": numbers(None if s.spectrum is None else s.spectrum.half for s in every),
-            "rmse_pct": numbers(None if s.tracking is None else s.tracking.rmse for s in every),
-            "rmse_stderr": numbers(None if s.tracking is None else s.tracking.stderr for s in every),
-            "lag_s": numbers(None if s.tracking is None else s.tracking.lag for s in every),
-            "lag_stderr": numbers(None if s.tracking is None else s.tracking.lag_stderr for s in every),
-            "demand_pct_s": numbers(None if s.tracking is None else s.tracking.demand for s in every),
-        }
-        return indexed(columns, [s.log.name for s in every], "log")
+        from ..reporting.car_log import logs_table
+
+        keys = ("seconds", "share_between", "dominant_hz", "half_hz", "rmse_pct", "rmse_stderr", "lag_s", "lag_stderr",
+                "demand_pct_s")  # fmt: skip
+        return frame(logs_table(self.studies).rows, "log", keys)
 
     @cached_property
     def verdict(self) -> str:
@@ -359,11 +319,12 @@ class Driven(View):
         return drive_table(self.config, self.studies)
 
     def __repr__(self) -> str:
-        from ..reporting.car_log import in_a_word
+        from ..reporting.car_log import logs_table
 
-        lines = [f"{name}: {row['seconds']:.0f} s, RMSE {short(row['rmse_pct'])} %, lag "
-                 f"{short(1e3 * row['lag_s'])} ms. {in_a_word(study.verdict)}"
-                 for study, (name, row) in zip(self.studies, self.table.iterrows(), strict=True)]  # fmt: skip
+        cells = logs_table(self.studies).texts
+        lines = [
+            f"{c['log']}: {c['length']}, RMSE {c['RMSE %']} %, lag {c['lag ms']} ms. {c['verdict']}" for c in cells
+        ]
         return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
 
     def _repr_html_(self) -> str:

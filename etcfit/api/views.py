@@ -121,7 +121,7 @@ def frame(rows: Iterable[Mapping[str, Any]], index: str | None, keys: Sequence[s
     """
     every = list(rows)
     shown = keys or [key for key in (every[0] if every else ()) if key != index]
-    columns = {key: _column([row[key] for row in every]) for key in shown}
+    columns = {key: _column([row.get(key) for row in every]) for key in shown}
     return pd.DataFrame(columns) if index is None else indexed(columns, [row[index] for row in every], index)
 
 
@@ -130,7 +130,10 @@ def _column(values: Sequence[Any]) -> Any:
         return texts(values)
     kinds = {bool: bool, np.bool_: bool, int: np.int64}
     same = {kinds.get(type(value)) for value in values}
-    return np.array(values, dtype=same.pop()) if len(same) == 1 and None not in same else numbers(values)
+    if len(same) == 1 and None not in same:
+        return np.array(values, dtype=same.pop())
+    words = any(isinstance(value, str | list | tuple) for value in values)
+    return pd.Series(values, dtype="object") if words else numbers(values)
 
 
 def indexed(columns: Mapping[str, Any], names: Sequence[str], index: str = "symbol") -> pd.DataFrame:

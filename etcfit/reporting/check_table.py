@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from ..experiment.advice import Advice, Pair
+from ..experiment.advice import Advice
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..rig.base import Finding
 from .blocks import PlainTable, dashed, headed, rig_title, sentences, shown, spaced, stacked
 from .car_log import good_enough
 from .numbers import short
-from .table import Cell, Kind, Table, of_texts
+from .table import Cell, Column, Kind, Table, of_texts
 
 
 def check_table(result: CheckResult) -> RenderableType:
@@ -36,16 +37,20 @@ def check_table(result: CheckResult) -> RenderableType:
 
 def traces_table(traces: Iterable[TraceCheck]) -> Table:
     """The clock of each, and what it holds."""
-    rows = []
-    for trace in traces:
-        c = trace.clock
-        gaps = f"{c.gaps}, longest {short(c.longest)} s" if c.gaps else "0"
-        figures = str(c.samples), short(c.duration, 4), short(c.rate, 4), f"{100.0 * c.jitter:.1f}", gaps
-        channels = ", ".join(channel.name for channel in trace.channels)
-        rows.append((trace.file, *figures, "held out" if trace.held_out else "fitted", channels))
-    head = "file", "samples", "duration s", "rate Hz", "clock jitter %", "gaps", "use", "channels"
-    return of_texts("Traces", head, rows, 1, {"file": "path", "use": "word", "channels": "prose"},
-                    ("channels", "samples", "duration s"))  # fmt: skip
+    rows = [{"file": t.file, "test": t.test, "held_out": t.held_out, "samples": t.clock.samples,
+             "duration": t.clock.duration, "rate": t.clock.rate, "gaps": t.clock.gaps, "jitter": t.clock.jitter,
+             "longest": t.clock.longest, "channels": ", ".join(channel.name for channel in t.channels)}
+            for t in traces]  # fmt: skip
+
+    def gaps(row: Mapping[str, Any]) -> str:
+        return f"{row['gaps']}, longest {short(row['longest'])} s" if row["gaps"] else "0"
+
+    return Table("Traces", (
+        Column("file", "file", "path"), Column("samples", "samples", spare=2),
+        Column("duration s", "duration", spare=3, digits=4), Column("rate Hz", "rate", digits=4),
+        Column("clock jitter %", lambda row: f"{100.0 * row['jitter']:.1f}"), Column("gaps", gaps),
+        Column("use", lambda row: "held out" if row["held_out"] else "fitted", "word"),
+        Column("channels", "channels", "prose", spare=1)), rows)  # fmt: skip
 
 
 def _channels(traces: Iterable[TraceCheck]) -> Table:
@@ -123,18 +128,23 @@ def advice_table(advice: Advice) -> RenderableType:
 
 def options_table(advice: Advice) -> Table:
     """One more trace of each rig test, best first."""
-    rows = [(o.test, o.says + (f" ({o.remark})" if o.remark else ""), f"{o.mean:.2f}", _pair(o.separates))
+    rows = [{"test": o.test, "how": o.says, "again": o.again, "mean": o.mean, "remark": o.remark,
+             "separates": "" if o.separates is None else " and ".join(o.separates.symbols), "pair": o.separates}
             for o in advice.options]  # fmt: skip
-    return of_texts("One more trace, best first; mean width: of all 95 % intervals after it, 1 is now",
-                    ("test", "how", "mean width", "separates"), rows, 1, {"how": "prose", "separates": "prose"},
-                    ("separates",), file="advice.json of --out RUN")  # fmt: skip
+
+    def apart(row: Mapping[str, Any]) -> str:
+        pair = row["pair"]
+        return "-" if pair is None else f"{row['separates']} (correlation {pair.before:.3f} -> {pair.after:.3f})"
+
+    return Table("One more trace, best first; mean width: of all 95 % intervals after it, 1 is now", (
+        Column("test", "test", "word"), Column("how", with_remark, "prose"),
+        Column("mean width", lambda row: f"{row['mean']:.2f}"), Column("separates", apart, "prose", spare=1)),
+        rows, file="advice.json of --out RUN")  # fmt: skip
 
 
-def _pair(pair: Pair | None) -> str:
-    if pair is None:
-        return "-"
-    first, second = pair.symbols
-    return f"{first} and {second} (correlation {pair.before:.3f} -> {pair.after:.3f})"
+def with_remark(row: Mapping[str, Any]) -> str:
+    """How a trace is made, and what was assumed."""
+    return row["how"] + (f" ({row['remark']})" if row["remark"] else "")
 
 
 def _shares(advice: Advice) -> Table:

@@ -82,8 +82,9 @@ class Table:
         return [[column.cell(row) for column in self.columns] for row in self.rows]
 
     @property
-    def heads(self) -> list[str]:
-        return [column.head for column in self.columns]
+    def texts(self) -> list[dict[str, str]]:
+        """What each row shows, by head."""
+        return [{column.head: cell.text for column, cell in zip(self.columns, row, strict=True)} for row in self.cells]
 
 
 def of_texts(

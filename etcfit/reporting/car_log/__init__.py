@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
@@ -16,7 +17,7 @@ from ...car_log.usage import SHARE
 from ...rig.base import RigConfig
 from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
 from ..numbers import short
-from ..table import Cell, Kind, Table, of_texts
+from ..table import Cell, Column, Kind, Table, of_texts
 
 _MOST = 20  # steps that a table shows, the least good ones
 _NAMES = {"good": "good", "not good": "NOT GOOD", "cannot be said": "not known"}
@@ -104,19 +105,6 @@ def _settings(each: Study) -> Table | None:
                     {"unit": "word"})  # fmt: skip
 
 
-# without lag: RMSE against the setpoint delayed by the lag
-_HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
-          "half of power below Hz", "RMSE %", "RMSE +- %", "lag ms", "lag +- ms", "RMSE without lag %",
-          "setpoint moves %/s")  # fmt: skip
-_SPARE = (
-    "verdict",
-    "setpoint moves %/s",
-    "half of power below Hz",
-    "RMSE without lag %",
-    "between %",
-    "dominant Hz",
-    "length",
-)
 _FILE = "drive.json of --out RUN"
 
 
@@ -154,26 +142,45 @@ def _answer(each: Study) -> Iterator[RenderableType]:
 
 def logs_table(studies: Sequence[Study]) -> Table:
     """A row a log."""
-    rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each), in_a_word(each.verdict))
-            for each in studies]  # fmt: skip
-    return of_texts("In per cent of the travel; +-: one standard error", ("log", *_HEADS, "verdict"), rows, 1,
-                    {"log": "path", "verdict": "word"}, _SPARE, file=_FILE)  # fmt: skip
+    return Table("In per cent of the travel; +-: one standard error", (
+        Column("log", "log", "path"), Column("length", lambda row: f"{row['seconds']:.0f} s", spare=7),
+        Column("between %", lambda row: "{:g}..{:g}".format(*row["study"].usage.bounds), spare=5),
+        Column("share of time %", lambda row: f"{100.0 * row['share_between']:.1f}"),
+        Column(f"{100 * SHARE:.0f} % of time within %",
+               lambda row: "{:.1f} .. {:.1f}".format(*row["study"].usage.shortest)),
+        Column("dominant Hz", "dominant_hz", spare=6),
+        Column("half of power below Hz", lambda row: _fixed(row["half_hz"], 2), spare=3),
+        Column("RMSE %", lambda row: _fixed(row["rmse_pct"], 2)),
+        Column("RMSE +- %", lambda row: _spread(row["rmse_stderr"], 0.01)),
+        Column("lag ms", lambda row: _fixed(row["lag_s"], 0, 1e3)),
+        Column("lag +- ms", lambda row: _spread(row["lag_stderr"] if row["lag_s"] is not None else None, 0.1, 1e3)),
+        # against the setpoint delayed by the lag
+        Column("RMSE without lag %", "left_pct", spare=4), Column("setpoint moves %/s", "demand_pct_s", spare=2),
+        Column("verdict", lambda row: in_a_word(row["study"].verdict), "word", spare=1)),
+        [_row(each) for each in studies], file=_FILE)  # fmt: skip
 
 
-def _cells(each: Study) -> tuple[str, ...]:
-    use, tones, follows = each.usage, each.spectrum, each.tracking
-    where = (
-        f"{use.bounds[0]:g}..{use.bounds[1]:g}",
-        f"{100.0 * use.between:.1f}",
-        "{:.1f} .. {:.1f}".format(*use.shortest),
-    )
-    speed = ("-", "-") if tones is None else (short(tones.dominant), f"{tones.half:.2f}")
-    if follows is None:
-        return (*where, *speed, "-", "-", "-", "-", "-", "-")
-    lag = None if follows.lag is None else 1e3 * follows.lag
-    off = f"{follows.rmse:.2f}", _spread(follows.stderr, 0.01)
-    late = ("-", "-") if lag is None else (f"{lag:.0f}", _spread(follows.lag_stderr, 0.1, 1e3))
-    return (*where, *speed, *off, *late, short(follows.left), short(follows.demand))
+def _row(each: Study) -> dict[str, Any]:
+    """A record of a log; None for what it does not tell."""
+    follows, tones = each.tracking, each.spectrum
+    return {
+        "log": each.log.name,
+        "seconds": float(np.ptp(each.log.position.time)),
+        "share_between": each.usage.between,
+        "dominant_hz": tones and tones.dominant,
+        "half_hz": tones and tones.half,
+        "rmse_pct": follows and follows.rmse,
+        "rmse_stderr": follows and follows.stderr,
+        "lag_s": follows and follows.lag,
+        "lag_stderr": follows and follows.lag_stderr,
+        "left_pct": follows and follows.left,
+        "demand_pct_s": follows and follows.demand,
+        "study": each,
+    }
+
+
+def _fixed(value: float | None, decimals: int, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{scale * value:.{decimals}f}"
 
 
 def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:

@@ -88,10 +88,11 @@ def how_to_read(pid: Pid) -> Notes:
                 "-: not settled before the setpoint changes again; duty %: its standard deviation while the setpoint "
                 "rests", *said]  # fmt: skip
     said += _judges(pid)
+    known = ((pid.get("rules") or {}).get("as_found") or {}).get("gains")
     if "period_s" in pid["ecu"] and "delay_s" in pid["ecu"]:
         habits = ", ".join(_habits(pid["ecu"]))
-        said.append(f"ECU: {habits}; what the command does not give is [ecu]'s of rig.toml")
-    if "as_found" in (pid.get("rules") or {}):
+        said.append(f"ECU: {habits}" + ("; what the command does not give is [ecu]'s of rig.toml" if known else ""))
+    if known:
         said.append("as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them")
     return Notes("How to read it", said)
 

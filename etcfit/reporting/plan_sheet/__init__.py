@@ -19,6 +19,7 @@ from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
 from .. import style
 from ..blocks import rig_title, sentences, shown, stacked
+from ..check_table import with_remark
 from ..html import environment
 from ..numbers import short
 from ..page.pictures import Picture, carried
@@ -41,13 +42,14 @@ def plan_table(campaign: Campaign) -> RenderableType:
 
 def tests_table(campaign: Campaign) -> Table:
     """The tests in the order in which they are made."""
-    rows = []
-    for test in campaign.tests:
-        note = campaign.remark(test)
-        says = test.candidate.plan.says + (f" ({note})" if note else "")
-        rows.append((test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}"))
-    heads = ("record as", "what", "current, A", "winding, degC", "pause, s")
-    return of_texts("In this order", heads, rows, 1, {"record as": "path", "what": "prose"})
+    rows = [{"file": t.file, "test": t.candidate.plan.test, "how": t.candidate.plan.says,
+             "seconds": t.candidate.seconds, "current": amps(t), "temperature": hottest(t, campaign),
+             "pause": t.pause, "remark": campaign.remark(t)} for t in campaign.tests]  # fmt: skip
+    return Table("In this order", (
+        Column("record as", "file", "path"), Column("what", with_remark, "prose"),
+        Column("current, A", lambda row: f"{row['current']:.1f}"),
+        Column("winding, degC", lambda row: f"{row['temperature']:.0f}"),
+        Column("pause, s", lambda row: f"{row['pause']:.0f}")), rows)  # fmt: skip
 
 
 def amps(test: PlannedTest) -> float:
