@@ -18,7 +18,7 @@ from ..control.safety import Safety
 from ..files import plain
 from ..model.feed_forward import as_asked
 from ..reporting.control.gains import GAINS, figures_table, refused, rule_rows, rules_table, scenario_table
-from ..reporting.control.plant import coefficients_table, constants_table, plant_parts
+from ..reporting.control.plant import coefficients_table, constants_table, plant_tables
 from ..reporting.control.sentence import doubt, sentence
 from ..run_folder.pid import PID
 from ..run_folder.plant import reduction_json
@@ -138,7 +138,7 @@ class Reduced(View):
         return " ".join(self.fit.result.state.cautions)
 
     def _repr_html_(self) -> str:
-        parts = map(views.table, plant_parts(self._plant))
+        parts = map(views.table, plant_tables(self._plant))
         return views.card(self.fit.result.rig.config, f"transfer function, {self.unit}", *parts, alarm=self._alarm)
 
 

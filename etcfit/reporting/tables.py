@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -12,7 +13,7 @@ from ..estimation.explained import explained, motion_explained, share_of
 from ..estimation.identifiability import listed
 from ..estimation.joint_fit import FitResult
 from ..model.effects import PAPER
-from ..run_folder.fit import fit_json
+from ..run_folder.fit import directions_json, known_json
 from .blocks import all_shown, outcome, rig_title, sentences, spaced, stacked
 from .numbers import Digits, short
 from .pool import entries, errors_table
@@ -26,7 +27,7 @@ _Z_95 = 1.96
 
 def fit_table(result: FitResult) -> RenderableType:
     """A fit for stdout: parameters, score, what is not identifiable, starts and warnings."""
-    fit = fit_json(result)
+    fit = known_json(result) | {"not_identifiable": directions_json(result)}
     ended = outcome(result.converged, ("Converged", "NOT CONVERGED"),
                     f"{result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}")  # fmt: skip
     rig, model = result.rig, f"{model_words(result)}, {len(result.problem.batch.traces)} traces"
@@ -35,11 +36,10 @@ def fit_table(result: FitResult) -> RenderableType:
         entries(result.score_fit, result.score_holdout,
                 share=lambda rows: share_of(explained(rows, rig.measurements), (rows[0].channel,))),
         False, _FILE)  # fmt: skip
-    starts = Table(
-        "Starts of the search: sum of squared residuals, each divided by its noise, before and after",
-        (Column("start", "name", "word"), Column("before", "chi2_before", digits=4),
-         Column("after", "chi2_after", digits=4), Column("steps", "steps", spare=1)), fit["starts"], file=_FILE,
-    )  # fmt: skip
+    starts = Table("Starts of the search: sum of squared residuals, each divided by its noise, before and after", (
+        Column("start", "name", "word"), Column("before", "chi2_before", digits=4),
+        Column("after", "chi2_after", digits=4), Column("steps", "steps", spare=1)),
+        [asdict(start) for start in result.starts], file=_FILE)  # fmt: skip
     parts = parameters_table(fit["parameters"], fit["lumped"]), errors, *knowledge_parts(fit), starts
     at_last = spaced(Group(ended, Text(said)) if said else ended), sentences("Warnings", result.warnings)
     return stacked(rig_title(rig.config, model), all_shown(*parts), *at_last)

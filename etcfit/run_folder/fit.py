@@ -33,12 +33,9 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "reason": result.reason,
         "reason_code": result.reason_code,
         "model": {"effects": list(effects_of(result))},
-        "parameters": parameters_json(result),
-        "lumped": lumped_json(result),
-        **influence_json(result),
-        **budget_json(result),
+        **known_json(result),
         "score": score_json(result),
-        "not_identifiable": _directions(result),
+        "not_identifiable": directions_json(result),
         "starts": plain(result.starts),
         "warnings": list(result.warnings),
         "noise": _noise(result.rig),
@@ -47,6 +44,16 @@ def fit_json(result: FitResult) -> dict[str, Any]:
         "folder": result.rig.folder,
         "files": hashes(result.rig),
         "versions": versions(),
+    }
+
+
+def known_json(result: FitResult) -> dict[str, Any]:
+    """What is known of the parameters, and what pulls at them."""
+    return {
+        "parameters": parameters_json(result),
+        "lumped": lumped_json(result),
+        **influence_json(result),
+        **budget_json(result),
     }
 
 
@@ -119,7 +126,7 @@ def lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def _directions(result: FitResult) -> list[dict[str, Any]]:
+def directions_json(result: FitResult) -> list[dict[str, Any]]:
     directions = result.identifiability.directions
     return [
         plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd, "says": says})

@@ -13,9 +13,10 @@ from .sentence import state_of
 Plant = Mapping[str, Any]
 
 
-def plant_parts(plant: Plant) -> list[Part]:
+def plant_tables(plant: Plant) -> list[Table]:
     """Coefficients, poles, gain and operating point; constants of a feed-forward where they were asked for."""
-    return there(coefficients_table(plant), constants_table(plant)) if plant else []
+    every = (coefficients_table(plant), constants_table(plant)) if plant else ()
+    return [table for table in every if table is not None]
 
 
 def coefficients_table(plant: Plant) -> Table:

@@ -15,12 +15,12 @@ from ..blocks import all_shown, cautioned, rig_title, stacked
 from ..numbers import short
 from ..table import Column, Table
 from .gains import design_parts, gains_table
-from .plant import plant_parts, sine_parts
+from .plant import plant_tables, sine_parts
 
 
 def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
     """Coefficients with standard errors, poles, gain and operating point."""
-    parts = plant_parts(reduction_json(fitted, reduction, pade_order))
+    parts = plant_tables(reduction_json(fitted, reduction, pade_order))
     return cautioned(stacked(rig_title(fitted.config, "transfer function"), all_shown(*parts)), fitted.state)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ..control.gains import design_parts
-from ..control.plant import plant_parts, sine_parts
+from ..control.plant import plant_tables, sine_parts
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import environment, polynomial, symbol
 from ..pool import entries, errors_table
@@ -105,7 +105,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "unexplained": _unexplained(diagnosis),
         "plant": plant,
         "formula": {key: polynomial(plant[key]) for key in ("num", "den")} if plant else None,
-        "plant_parts": plant_parts(plant),
+        "plant_tables": plant_tables(plant),
         "plant_cautions": cautions(plant),
         "sines": sine_parts(response) if response.get("points") else [],
         "gains": design_parts(pid) if pid else [],

@@ -83,12 +83,12 @@ def test_it_says_what_the_files_say(full: Path) -> None:
     assert "SYNTHETIC DATA" in text
     for said in ("limp home spring", "limp home spring = backlash", "a slow ramp through the default angle",
                  "A torque that depends on angle", "explains most <of it>", "not identifiable", "ziegler nichols",
-                 "103.9", "MISS on the nominal model: settling time 0.310 s (limit 0.2 s)", "probability 0.040",
+                 "103.87", "MISS on the nominal model: settling time 0.310 s (limit 0.2 s)", "probability 0.040",
                  "it was 40.0 σ",
                  "about 25 % of the travel (0.4400 rad)", "V/rad, ticks", "in red where fit, profile and",
                  "one-sided", "static gain 1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
                  "−20.00",
-                 "Loop: 1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
+                 "1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
                  "something is odd"):  # fmt: skip
         assert said in text
     for kind in ("fit", *runs.LATER):
@@ -100,7 +100,7 @@ def test_it_says_what_the_files_say(full: Path) -> None:
 def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
     assert "taken as exact" not in read(full).text
     runs.changed(full, "posterior", exact=["limp_home_spring"])
-    assert "formulas of effects taken as exact (the intervals above allow for inexact ones)" in read(full).text
+    assert "formulas of effects taken as exact (intervals of the fit allow for inexact ones)" in read(full).text
 
 
 def test_the_verdict_is_five_sentences_and_names_what_is_lost(full: Path) -> None:
