@@ -394,9 +394,7 @@ def _on(channel: Channel, time: np.ndarray) -> np.ndarray:
     return out
 
 
-def _rig_toml(
-    name: str, model: str, known: KnownEcu, within: float, held_out: str, limp_home: float | None
-) -> str:
+def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str, limp_home: float | None) -> str:
     held = HELD_AT_NOMINAL | ({"t_a": known.ecu.delay} if model == DUTY else {})
     lines = ["# written by `etcfit tune`", "[rig]", f"name = {toml_string(name)}", f"supply_V = {known.supply:.6g}", "",
              "[noise]  # sensor, and rows that are up to a tick of the ECU old",
