@@ -6,7 +6,6 @@ import inspect
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -449,19 +448,6 @@ def test_design_passes_on_what_is_given_and_no_more(
     assert invoke("design", "bench", "--quiet", *shlex.split(words)).exit_code == 0
     (request,) = asked
     assert {name: getattr(request, name) for name in given} == given
-
-
-@pytest.mark.slow
-def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invoke) -> None:
-    shutil.copytree(Path(__file__).parents[1] / "measurements" / "bench_twin", "measurements/bench_twin")
-    save_fit(Path("runs/twin"), results.bench_twin(Path("measurements/bench_twin")))
-    done = invoke("reduce", "runs/twin", "--output", "deg", "--pade", "2", "--quiet")
-    assert (done.exit_code, done.stderr) == (0, "")
-    assert "SYNTHETIC DATA" in done.stdout
-    found = json.loads(Path("runs/twin/transfer_function.json").read_text())
-    assert found["schema"] == "etcfit.transfer_function/1"
-    assert found["output"]["unit"] == "deg"
-    assert Path("runs/twin/pictures/control/bode.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
