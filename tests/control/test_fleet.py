@@ -42,7 +42,7 @@ SPREAD = 0.22  # so wide that no gains please all units: a promise of 100 % woul
 QUICK = DesignSettings(
     draws=40,
     front=FrontSettings(rounds=1),
-    optimum=OptimumSettings(searches=1, sweeps=3, population=24, elite=6, rounds=10, starts=1, last_rounds=6),
+    optimum=OptimumSettings(searches=1, sweeps=3, population=24, elite=6, rounds=10, last_rounds=6),
 )
 
 
