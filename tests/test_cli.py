@@ -20,7 +20,6 @@ from typer.testing import CliRunner, Result
 import campaigns
 import diagnoses
 import etcfit
-import folders
 import results
 import runs
 from equality import equal
@@ -148,15 +147,6 @@ def test_check_prints_its_verdict(invoke, tmp_path: Path) -> None:
     done = invoke("check", "rig", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "response/1.csv" in done.stdout
-
-
-def test_check_of_a_folder_that_no_fit_would_take_shows_it_and_says_why(invoke, tmp_path: Path) -> None:
-    toml = folders.TOML + '\n[holdout]\nfiles = ["response/1.csv"]\n'
-    folders.write(tmp_path / "rig", {"rig.toml": toml, "response/1.csv": folders.response().text()})
-    done = invoke("check", "rig", "--quiet")
-    assert done.exit_code == 1
-    assert "response/1.csv" in done.stdout
-    assert "no trace that can be fitted" in done.stderr
 
 
 @pytest.fixture
@@ -348,13 +338,6 @@ def test_what_cannot_be_is_a_usage_error_in_words_before_any_work(
     assert (done.exit_code, done.stdout) == (2, "")
     assert said in flat(done.stderr)
     assert [path.name for path in tmp_path.iterdir()] == ["bench"]
-
-
-def test_fetch_refuses_to_overwrite(invoke) -> None:
-    Path("bench/mine.txt").write_text("precious")
-    done = invoke("fetch", "emps", "--to", "bench")
-    assert done.exit_code == 2
-    assert "bench is already there" in done.stderr
 
 
 def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path) -> None:
