@@ -148,7 +148,8 @@ class TraceBatch:
             traces: those of the batch, some of them with another such instant.
             config, substeps: as of `batch_of`.
         """
-        parts = {"steps": self.steps, "resets": self.resets, "slots": self.slots, "disturbance": self.disturbance}
+        parts: dict[str, Any] = {"steps": self.steps, "resets": self.resets, "slots": self.slots}
+        parts["disturbance"] = self.disturbance
         if self.steps.command is not None:
             parts["command"] = self.steps.command
 
