@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.bank import under_ecu as bank
+from ecu_folders import FREE, KNOWN, under_ecu
 from etcfit.estimation.intervals import intervals, lumped
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.experiment.check import check
 from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
 from independent import draw_truth
-from ecu_folders import FREE, KNOWN, under_ecu
 
 
 def test_known_gains_read_the_plate_but_for_what_the_integral_hides(tmp_path: Path) -> None:

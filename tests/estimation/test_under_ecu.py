@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from ecu_folders import FREE, GAINS, under_ecu
 from etcfit.control.setpoint import trapezoid
 from etcfit.diagnosis.composition import compose
 from etcfit.estimation.intervals import intervals
@@ -30,7 +31,6 @@ from independent.strengths import MEDIUM
 from independent.under_ecu import Log
 from measurements import channel
 from rigs import loop, one
-from ecu_folders import FREE, GAINS, under_ecu
 
 ECU = Ecu()
 CONFIG = RigConfig(
