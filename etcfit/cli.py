@@ -220,10 +220,12 @@ _ANYWAY = _option(False, "Give gains for an ECU even where the fit did not conve
 
 
 def _must_be_writable(out: Path | None) -> None:
-    """See `files.require_writable`; None for nothing to write."""
-    from .files import require_writable
-
+    """See `files.require_writable`; nor is it a measurement folder. None for nothing to write."""
     if out is not None:
+        from .files import require_writable
+        from .run_folder.state import refuse_measurement_folder
+
+        refuse_measurement_folder(out)
         require_writable(out)
 
 
@@ -394,6 +396,10 @@ def drive(
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
+        if out is not None and logs.is_dir():  # of logs alone, without a rig.toml: drive.json would pass for one there
+            from .run_folder.state import refuse_among_measurements
+
+            refuse_among_measurements(logs, out)
         from .car_log import study
         from .car_log.place import logs_at
         from .car_log.study import chosen
@@ -806,8 +812,10 @@ def new(
     like: Annotated[
         str | None, typer.Option(help="A known nameplate: bosch-0280750148 or kassel.", metavar="NAME")
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """A rig.toml with every key explained, and a folder for each rig test that says what to record."""
+    del quiet  # it shows no progress; scripts give every command the same options
     from .importing.new import new_folder
     from .reporting.closing import of_new
 

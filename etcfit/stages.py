@@ -107,7 +107,7 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
         out: where files will be written; RUN itself where None.
         folder: the measurements, where they will be fitted.
     Raises:
-        UsageError: another version wrote it, or it lies among the measurements.
+        UsageError: another version wrote it, or it (or `out`) lies among measurements.
         OSError: no file can be written there.
     """
     from .files import require_writable
@@ -118,6 +118,10 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
         from .run_folder.state import refuse_among_measurements  # it needs the rig tests, which nobody else here does
 
         refuse_among_measurements(folder, run)
+    if out is not None:
+        from .run_folder.state import refuse_measurement_folder
+
+        refuse_measurement_folder(out)
     read_records(run)
     require_writable(out or run)
     return RunFolder(run)

@@ -345,6 +345,7 @@ def export(
         from ..files import require_writable
         from ..run_folder.pid import design_json
         from ..run_folder.reading import read_design
+        from ..run_folder.state import refuse_measurement_folder
         from .controller import Designed
         from .fit import Fit
         from .work import exported
@@ -356,6 +357,7 @@ def export(
         format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
         own = None if into is None else Path(into)
         format_.require(own)
+        refuse_measurement_folder(folder)
         require_writable(folder)
         pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
