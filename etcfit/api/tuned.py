@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from ..rig.base import Rig
 
 LOGS = "logs"  # the measurement folder, below the run folder
+TIMES = {"period": "--ecu-period", "delay": "--ecu-delay"}  # field of `Ecu` -> option of `etcfit tune`
 _IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # of the work, when each is done
 
 
@@ -63,13 +64,31 @@ class TuneRequest:
     anyway: bool = False
     settings: TuneSettings = field(default_factory=TuneSettings)
 
+    def options(self, of_files: bool = False) -> list[str]:
+        """The options that ask for it once more, the present gains apart, which change from log to log.
+
+        Args:
+            of_files: those too that are about a column of one file.
+        """
+        words = ["--ecu", self.profile]
+        for key, value in self.ecu:
+            if option := TIMES.get(key):
+                words += [option, f"{1e3 * value:.10g}ms"]
+        if self.supply is not None:
+            words += ["--supply", f"{self.supply:.10g}"]
+        if self.settings.hold_out != TuneSettings().hold_out:
+            words += ["--hold-out", f"{100.0 * self.settings.hold_out:.10g}"]
+        for option in self.answers.options(of_files):
+            words += ["--column", option]
+        return [*words, *(["--anyway"] if self.anyway else [])]
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned:
     """What logs of a car came to.
 
     Args:
-        profile: the make of ECU.
+        asked: for which ECU, and what is known of it.
         input: what the logs hold, and what drives the model.
         lacks: what to record next.
         result: the final model; None where the logs stop it before.
@@ -82,7 +101,7 @@ class Tuned:
         doubts: why gains would be withheld without `anyway`.
     """
 
-    profile: EcuProfile
+    asked: TuneRequest
     input: TuneInput
     lacks: tuple[Lack, ...]
     result: FitResult | None = None
@@ -103,6 +122,11 @@ class Tuned:
     def __repr__(self) -> str:
         said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"
         return f"Gains for {self.profile.title} from logs of the car: {said}"
+
+    @property
+    def profile(self) -> EcuProfile:
+        """The make of ECU."""
+        return named(self.asked.profile)
 
     @property
     def held_out_error(self) -> float | None:
@@ -144,10 +168,10 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
         lacks = record_next([as_log(log, logs.config) for log in logs.measurements if "position" in log.channels])
         if prepared.stopped_by:
             why = " ".join(f"{each.says[0].upper()}{each.says[1:]}. {each.cure}" for each in prepared.stopped_by)
-            found = Tuned(profile, prepared, lacks, why_not=why)
+            found = Tuned(asked, prepared, lacks, why_not=why)
         else:
             found = _worked_out(run, prepared, lacks, profile, given, asked, report)
-        keep_tuned(run.path, found, asked, report)
+        keep_tuned(run.path, found, report)
     return found
 
 
@@ -254,7 +278,7 @@ def _worked_out(
         design = replace(design, anyway=True)
     keep_design(run, final, design, replace(request, anyway=design.anyway).recorded())
     why_not = "" if asked.anyway else " ".join(doubts)
-    return Tuned(profile, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
+    return Tuned(asked, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
 
 
 def _borne(
@@ -322,19 +346,19 @@ def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np
             yield trace.instants, trace.data[:, k], result.predicted[trace.measurement.file][:, k]
 
 
-def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = silent) -> None:
+def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
     """RUN/tune.json and RUN/pictures/tune.png."""
     from ..reporting.tune import draw_tune
 
-    write_json(run / "tune.json", "tune", tuned_json(found, asked))
+    write_json(run / "tune.json", "tune", tuned_json(found))
     if found.steps:
         report("drawing", 0.97)
         draw_tune(run / "pictures" / "tune.png", found)
 
 
-def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
+def tuned_json(found: Tuned) -> dict[str, Any]:
     """The object of tune.json."""
-    make, result = found.profile, found.result
+    make, result, asked = found.profile, found.result, found.asked
     withheld = bool(found.why_not)
     held_out, fitted = found.explained
     return plain({

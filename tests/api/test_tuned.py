@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,11 +48,11 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> Tuned:
     design = propose(result.fitted(), task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
     steps = gain_steps(design, Gains(*(0.5 * gain for gain in design.proposed)))
     told = TuneInput(DUTY, "so", (LogCheck("fast enough", True, True, "so"),), {}, "", 12.0, 1e-3)
-    return Tuned(rusefi, told, (), result, design, steps, (0.97, 0.98))
+    return Tuned(ASKED, told, (), result, design, steps, (0.97, 0.98))
 
 
 def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
-    written = validated({"schema": "etcfit.tune/1"} | tuned_json(tuned, ASKED))
+    written = validated({"schema": "etcfit.tune/1"} | tuned_json(tuned))
     assert written["verdict"] == "gains"
     assert [step["name"] for step in written["steps"]] == ["present", "half_way", "proposed"]
     assert written["steps"][1]["factors"] == pytest.approx(dict.fromkeys("PID", 2**0.5))
@@ -113,11 +114,45 @@ def test_what_the_next_log_should_show_is_a_sentence_even_where_nothing_settles(
 def test_the_next_command_names_the_half_way_gains_and_spares_this_run(tuned: Tuned, tmp_path: Path) -> None:
     """The proposed gains are needed once the half-way ones are confirmed."""
     said = of_tune(tuned, tmp_path / "car", [Path("lap.csv")]).next
-    assert said.endswith(f"--out {tmp_path / 'NEXT_RUN'}")
+    assert said.endswith(f"--out {tmp_path / 'car_2'}")
     given = said.partition("--present ")[2].split()[0].split(",")
     assert [float(gain) for gain in given] == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
     alone = replace(tuned, steps=tuned.steps[-1:])
     assert "etcfit tune lap.csv" in of_tune(alone, tmp_path / "car", [Path("lap.csv")]).next
+
+
+class _Asked(Exception):
+    """What the command line made of its words."""
+
+
+def asked_by(monkeypatch: pytest.MonkeyPatch, words: list[str]) -> TuneRequest:
+    def told(files: list[Path], run: object, report: object, request: TuneRequest) -> None:
+        raise _Asked(request)
+
+    monkeypatch.setattr("etcfit.stages.tune_logs", told)
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, _Asked), done.output
+    return done.exception.args[0]
+
+
+def test_the_next_command_keeps_what_the_user_said(
+    tuned: Tuned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is typed once more: the same request but for gains, logs and run folder."""
+    monkeypatch.chdir(tmp_path)
+    given = ["--ecu", "generic", "--present", "1,5,0.01", "--ecu-period", "1.5ms", "--ecu-delay", "700us", "--supply",
+             "12.6", "--hold-out", "30", "--column", "TPS 1=position [%]"]  # fmt: skip
+    given += ["--column", "lap.csv:PPS=ignore"]
+    first = asked_by(monkeypatch, ["tune", "lap.csv", *given, "--out", "car"])
+    found = replace(tuned, asked=first)
+    _, _, command = of_tune(found, tmp_path / "car", [Path("lap.csv")]).next.partition("If not: etcfit ")
+    again = asked_by(monkeypatch, shlex.split(command))
+    of_this_log = {("", "TPS 1"): first.answers.columns["", "TPS 1"]}  # the next log has another name
+    assert again.gains == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
+    assert replace(again, gains=first.gains) == replace(first, answers=replace(first.answers, columns=of_this_log))
+    withheld = replace(found, why_not="The parameters behind this are a compromise.")
+    _, _, command = of_tune(withheld, tmp_path / "car", [Path("lap.csv")]).next.partition("all the same: etcfit ")
+    assert asked_by(monkeypatch, shlex.split(command)) == replace(first, anyway=True)
 
 
 def compromised(tuned: Tuned) -> Tuned:
@@ -131,7 +166,7 @@ def compromised(tuned: Tuned) -> Tuned:
 
 def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
     far = replace(compromised(tuned), why_not="The parameters behind this are a compromise.")
-    written = validated({"schema": "etcfit.tune/1"} | tuned_json(far, ASKED))
+    written = validated({"schema": "etcfit.tune/1"} | tuned_json(far))
     assert written["verdict"] == "not from this log"
     assert [step["gains"] is None for step in written["steps"]] == [False, True, True]
     assert {step["probability_met"] for step in written["steps"]} == {None}
@@ -160,7 +195,7 @@ def test_a_compromise_gives_gains_where_the_loops_bear_what_it_misses(tuned: Tun
 
 
 def test_the_picture_is_drawn(tuned: Tuned, tmp_path: Path) -> None:
-    keep_tuned(tmp_path, tuned, ASKED)
+    keep_tuned(tmp_path, tuned)
     assert (tmp_path / "pictures" / "tune.png").stat().st_size > 10_000
 
 

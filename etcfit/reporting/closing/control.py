@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
+import itertools
+import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,24 +101,34 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
         again = _again(found, map(str, files), "P,I,D", run)
         return Closing(f"Proposed gains: {words}.{doubt}",
                        f"say which gains are in the ECU now, for a half-way step: {again}", look)  # fmt: skip
-    again = _again(found, ["NEXT_LOG"], ",".join(gains), run.with_name("NEXT_RUN"))
+    again = _again(found, ["NEXT_LOG"], ",".join(gains), next_run(run))
     return Closing(f"Half-way gains to try first: {words}.{doubt}",
                    "type them in, engine off, and log the same moves again. Are overshoot and settling as foretold "
                    f"(etcfit drive NEXT_LOG)? Then type in the proposed gains. If not: {again}", look)  # fmt: skip
 
 
 def _again(found: Any, logs: Iterable[str], present: str, run: Path) -> str:
-    """The command that tunes once more."""
-    return command("tune", *logs, "--ecu", found.profile.name, "--present", present, "--out", run)
+    """The command that tunes once more; what was said of the columns of single files goes for other logs no further."""
+    logs = list(logs)
+    options = found.asked.options(of_files=logs != ["NEXT_LOG"])
+    return command("tune", *logs, *options, *(["--present", present] if present else []), "--out", run)
+
+
+def next_run(run: Path) -> Path:
+    """A run folder beside, of which there is none yet: runs/car_2 after runs/car."""
+    base = re.sub(r"_\d+$", "", run.name)
+    every = (run.with_name(f"{base}_{k}") for k in itertools.count(2))
+    return next(each for each in every if not each.exists() and each != run)
 
 
 def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
     stopped = found.input.stopped_by
     if stopped:
         return stopped[0].cure
-    listed = " ".join(shlex.quote(str(file)) for file in files)
-    return (f"look at {command('report', run)}; the gains all the same: etcfit tune {listed} --ecu "
-            f"{found.profile.name} --anyway --out {shlex.quote(str(run))}")  # fmt: skip
+    present = "" if found.asked.gains is None else ",".join(f"{gain:.10g}" for gain in found.asked.gains)
+    anyway = replace(found, asked=replace(found.asked, anyway=True))
+    return (f"look at {command('report', run)}; the gains all the same: "
+            f"{_again(anyway, map(str, files), present, run)}")  # fmt: skip
 
 
 def of_fleet(content: Content, run: Path) -> Closing:
