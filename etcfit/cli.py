@@ -420,7 +420,10 @@ class TuneOptions:
     """Options of `etcfit tune`."""
 
     ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME")
-    present: str | None = _option(None, "P,I,D that are in it now, as it writes them.", "P,I,D")
+    present: list[str] | None = _option(
+        None, "P,I,D that are in it now, as it writes them; once a log where these differ, the last are in it now.",
+        "P,I,D",
+    )  # fmt: skip
     msq: Path | None = _option(None, "Its tune, in which they stand.", "FILE", exists=True, dir_okay=False)
     hold_out: float = _option(40.0, "Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
     supply: float | None = _option(None, "V.", None, "as logged, else 13.5", min=1.0, max=100.0)
@@ -445,10 +448,13 @@ def tune(
     from .importing.answers import parsed
     from .importing.tuning import TuneSettings
 
-    ecu, present = options.ecu, options.present
-    if present is not None and options.msq is not None:
+    ecu, present = options.ecu, [_three_gains(each) for each in options.present or ()]
+    if len(present) > 1 and len(present) != len(logs):
+        raise UsageError(f"--present is there {len(present)} times for {len(logs)} logs. Give it once, or once for each "
+                         "log in their order.")  # fmt: skip
+    if present and options.msq is not None:
         raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
-    gains = None if present is None else _three_gains(present)
+    gains = present[-1] if present else None
     if options.msq is not None:
         from .exporting.tune import gains_in
         from .model.ecus import named
@@ -460,7 +466,8 @@ def tune(
     _refuse_what_a_make_fixes(ecu, given)
     answers = parsed(options.column or (), (), [str(file) for file in logs])
     request = TuneRequest(ecu, gains, tuple(given.items()), options.supply, answers, options.anyway,
-                          TuneSettings(hold_out=0.01 * options.hold_out))  # fmt: skip
+                          TuneSettings(hold_out=0.01 * options.hold_out),
+                          tuple(present) if len(present) > 1 else ())  # fmt: skip
     with _progress(quiet) as progress:
         done = stages.tune_logs(logs, stages.opened(out), progress, request)
     _tell(done)

@@ -436,7 +436,7 @@ def tune(
     logs: Folder | Sequence[Folder],
     ecu: str,
     out: Folder,
-    gains: tuple[float, float, float] | None = None,
+    gains: tuple[float, float, float] | Sequence[tuple[float, float, float]] | None = None,
     *,
     anyway: bool = False,
     supply: float | None = None,
@@ -450,7 +450,8 @@ def tune(
         logs: files of any known format, all of one car.
         ecu: make of the ECU that made the logs and gets the gains.
         out: the run folder; made if absent.
-        gains: P, I and D that are in the ECU now, as it writes them.
+        gains: P, I and D that are in the ECU now, as it writes them; where logs were made under different ones, those
+            of each log, the last of which are in it now.
         anyway: give gains even where the model is a compromise or did not converge.
         supply: V; as logged where None, else 13.5.
         settings: what decides whether logs can tell gains; the defaults where None.
@@ -463,11 +464,14 @@ def tune(
     with working(quiet) as report:
         from ..importing.tuning import TuneSettings
         from ..run_folder.folder import RunFolder
-        from .tuned import TuneRequest, tune_logs
+        from .tuned import TuneRequest, sets_of, tune_logs
 
         files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
-        asked = TuneRequest(ecu, gains, tuple(controller.items()), supply, anyway=anyway,
-                            settings=settings or TuneSettings())  # fmt: skip
+        every = sets_of(gains)
+        if len(every) > 1 and len(every) != len(files):
+            raise UsageError(f"gains: {len(every)} sets for {len(files)} logs. Give one, or one for each log.")
+        asked = TuneRequest(ecu, every[-1] if every else None, tuple(controller.items()), supply, anyway=anyway,
+                            settings=settings or TuneSettings(), of_logs=every if len(every) > 1 else ())  # fmt: skip
         return tune_logs(files, RunFolder(Path(out)), asked, report)
 
 
