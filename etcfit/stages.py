@@ -258,12 +258,14 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     """From logs of a car to gains: RUN/tune.json with its picture, and what fit, diagnosis and design leave."""
     keep_compiled()
     from .api.tuned import tune_logs as tune
+    from .api.tuned import tuned_json
     from .reporting.closing.control import of_tune
     from .reporting.tune import tune_table
 
     found = tune(files, run, asked, report)
     unfinished = "" if found.result is None else failure(found.result)
-    return Done(tune_table(found), unfinished, closing=of_tune(found, run.path, files), stopped=found.why_not)
+    shown, closing = tune_table(tuned_json(found)), of_tune(found, run.path, files)
+    return Done(shown, unfinished, closing=closing, stopped=found.why_not)
 
 
 def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:

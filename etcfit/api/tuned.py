@@ -24,6 +24,7 @@ from ..importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tun
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
 from ..run_folder.folder import RunFolder
+from ..run_folder.manifest import digest
 from .progress import Report, part_of, silent
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class TuneRequest:
         answers: what the user said of the columns.
         anyway: give gains even where the model is a compromise or did not converge.
         settings: what decides whether logs can tell gains.
+        of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
     """
 
     profile: str
@@ -63,6 +65,7 @@ class TuneRequest:
     answers: Answers = field(default_factory=Answers)
     anyway: bool = False
     settings: TuneSettings = field(default_factory=TuneSettings)
+    of_logs: tuple[tuple[float, float, float], ...] = ()
 
     def options(self, of_files: bool = False) -> list[str]:
         """The options that ask for it once more, the present gains apart, which change from log to log.
@@ -117,7 +120,7 @@ class Tuned:
         from ..reporting.blocks import render
         from ..reporting.tune import tune_table
 
-        return render(tune_table(self), width)
+        return render(tune_table(tuned_json(self)), width)
 
     def __repr__(self) -> str:
         said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"
@@ -175,6 +178,16 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
     return found
 
 
+def sets_of(
+    gains: tuple[float, float, float] | Sequence[tuple[float, float, float]] | None,
+) -> tuple[tuple[float, float, float], ...]:
+    """One set of gains or one a log, as sets; none of None."""
+    if gains is None:
+        return ()
+    every: Any = [gains] if np.ndim(gains[0]) == 0 else gains  # pyright: ignore[reportArgumentType]
+    return tuple((float(p), float(i), float(d)) for p, i, d in every)
+
+
 def notation_of(profile: EcuProfile) -> Notation:
     """How a make of ECU writes gains.
 
@@ -199,7 +212,10 @@ def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> 
     # nobody publishes it: what is read at a tick acts by the next one, and the lag of the winding takes up the rest
     fields.setdefault("delay", fields.get("period", Ecu().period))
     gains = None if asked.gains is None else Terms(*asked.gains)
-    return KnownEcu(profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply)
+    of_logs = tuple(Terms(*each) for each in asked.of_logs)
+    return KnownEcu(
+        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs
+    )
 
 
 def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
@@ -350,7 +366,8 @@ def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
     """RUN/tune.json and RUN/pictures/tune.png."""
     from ..reporting.tune import draw_tune
 
-    write_json(run / "tune.json", "tune", tuned_json(found))
+    made_with = None if found.design is None else digest(run / "pid.json")
+    write_json(run / "tune.json", "tune", {**tuned_json(found), "pid": made_with})
     if found.steps:
         report("drawing", 0.97)
         draw_tune(run / "pictures" / "tune.png", found)
@@ -359,11 +376,15 @@ def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
 def tuned_json(found: Tuned) -> dict[str, Any]:
     """The object of tune.json."""
     make, result, asked = found.profile, found.result, found.asked
-    withheld = bool(found.why_not)
+    from ..reporting.tune import says_of
+
+    steps = [plain(_step_json(found, step)) for step in found.steps]
     held_out, fitted = found.explained
     return plain({
-        "verdict": "not from this log" if withheld else "gains",
+        "verdict": "not from this log" if found.why_not else "gains",
         "why_not": found.why_not or None,
+        "doubts": list(found.doubts),
+        "says": says_of(found, steps),
         "ecu": make.name,
         "model": {"input": found.input.model, "why": found.input.why,
                   "effects": None if result is None else [e.name for e in result.free_parameters.layout.types]},
@@ -375,12 +396,14 @@ def tuned_json(found: Tuned) -> dict[str, Any]:
         "supply_V": found.input.supply,
         "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
         "unit": dict(zip("PID", notation_of(make).of_each, strict=True)),
-        "steps": [_step_json(found, step, withheld) for step in found.steps],
+        "steps": steps,
         "record_next": found.lacks,
     })  # fmt: skip
 
 
-def _step_json(found: Tuned, step: GainStep, withheld: bool) -> dict[str, Any]:
+def _step_json(found: Tuned, step: GainStep) -> dict[str, Any]:
+    withheld = bool(found.why_not)
+    doubted = bool(withheld or found.doubts or (found.result is not None and found.result.state.cautions))
     written = found.written(step.gains)._asdict()
     first = found.written(found.steps[0].gains)._asdict()
     hidden = withheld and step.name != "present"
@@ -392,10 +415,11 @@ def _step_json(found: Tuned, step: GainStep, withheld: bool) -> dict[str, Any]:
         },
         "overshoot_pct": list(step.overshoot),
         "settling_s": list(step.settling),
+        "error_pct": list(step.error),
         "rmse_pct": step.figures.rmse_pct,
         "gain_margin_db": step.figures.gain_margin_db,
         "phase_margin_deg": step.figures.phase_margin_deg,
-        "probability_met": None if withheld else step.probability_met,
-        "probability_stable": None if withheld else step.probability_stable,
-        "probability_better": None if withheld else step.better,
+        "probability_met": None if doubted else step.probability_met,
+        "probability_stable": None if doubted else step.probability_stable,
+        "probability_better": None if doubted else step.better,
     }  # fmt: skip

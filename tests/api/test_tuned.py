@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shlex
 from dataclasses import replace
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 import etcfit
 import results
 from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, reasons_to_withhold, tuned_json
+from etcfit.api.work import keep_design, keep_fit
 from etcfit.cli import app
 from etcfit.control.borne import Borne
 from etcfit.control.design import ecu_of, propose, task_of
@@ -26,6 +28,10 @@ from etcfit.estimation.agreement import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.closing.control import of_tune
+from etcfit.reporting.numbers import short
+from etcfit.reporting.page import write_page
+from etcfit.reporting.tune import of_requirements
+from etcfit.run_folder.folder import RunFolder
 from independent.cars import draw_car, log_of, tracking_errors, write_log
 
 SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "tune.schema.json"
@@ -52,7 +58,7 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> Tuned:
 
 
 def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
-    written = validated({"schema": "etcfit.tune/1"} | tuned_json(tuned))
+    written = validated({"schema": "etcfit.tune/1", "pid": None} | tuned_json(tuned))
     assert written["verdict"] == "gains"
     assert [step["name"] for step in written["steps"]] == ["present", "half_way", "proposed"]
     assert written["steps"][1]["factors"] == pytest.approx(dict.fromkeys("PID", 2**0.5))
@@ -121,6 +127,52 @@ def test_the_next_command_names_the_half_way_gains_and_spares_this_run(tuned: Tu
     assert "etcfit tune lap.csv" in of_tune(alone, tmp_path / "car", [Path("lap.csv")]).next
 
 
+def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> None:
+    run = RunFolder(tmp_path)
+    assert tuned.result is not None
+    assert tuned.design is not None
+    keep_fit(run, tuned.result)
+    keep_design(run, tuned.result, tuned.design, {})
+    keep_tuned(tmp_path, tuned)
+    told = validated(json.loads((tmp_path / "tune.json").read_text(encoding="utf-8")))
+    shown = " ".join(tuned.summary(1000).split())
+    page = html.unescape(write_page(tmp_path).path.read_text(encoding="utf-8"))
+    said = told["says"]
+    assert said["requirements"]
+    for sentence in (*said["model"], said["requirements"], *said["next"]):
+        assert sentence in shown
+        assert sentence in page
+    assert said["answer"] in page
+    assert said["answer"] == of_tune(tuned, tmp_path, [Path("lap.csv")]).answer
+    for step in told["steps"]:
+        assert all(short(gain, 4) in shown and short(gain, 4) in page for gain in step["gains"].values())
+    assert "MISS" not in page.partition('aria-label="Verdict"')[2].partition("</section>")[0]  # no second verdict
+    assert 'alt="rig, tune"' in page
+    keep_design(run, tuned.result, replace(tuned.design, limits=("other",)), {})  # other gains, by its hash
+    assert said["next"][0] not in html.unescape(write_page(tmp_path).path.read_text(encoding="utf-8"))
+
+
+def of_gains(settling: float, worst: float, limits: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What matters here of pid.json."""
+    hardest = {"supply_V": 9.0, "winding_degC": 110.0, "friction_over_bench": 1.5}
+    return {"requirements": {"settling_s": 0.2}, "nonlinear": {"settling_s": settling}, "limits": limits,
+            "conditions": {"stable": True, "worst": {"settling_s": worst}, "hardest": hardest}}  # fmt: skip
+
+
+def test_what_the_proposed_gains_miss_comes_with_what_it_means_and_what_decides() -> None:
+    better, worse = ([{"rmse_pct": 4.0}, {"rmse_pct": now}] for now in (2.0, 5.0))
+    assert "meet every requirement" in of_requirements(of_gains(0.1, 0.15), better)
+    said = of_requirements(of_gains(0.1, 0.3), better)
+    assert "on the fitted model they meet everything" in said
+    assert "(9 V, winding at 110 °C, dry friction 1.5 times that of the log) they miss settling time 0.300 s" in said
+    assert "track better than the present ones all the same (RMSE 2.00 instead of 4.00 %" in said
+    assert "log there before you rely on it" in said
+    said = of_requirements(of_gains(0.25, 0.3, ("dry friction", "the supply voltage")), worse)
+    assert "on the fitted model they miss settling time 0.250 s (limit 0.2 s)" in said
+    assert "Nor do they track better" in said
+    assert "would let gains meet everything: dry friction; the supply voltage." in said
+
+
 class _Asked(Exception):
     """What the command line made of its words."""
 
@@ -166,7 +218,7 @@ def compromised(tuned: Tuned) -> Tuned:
 
 def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
     far = replace(compromised(tuned), why_not="The parameters behind this are a compromise.")
-    written = validated({"schema": "etcfit.tune/1"} | tuned_json(far))
+    written = validated({"schema": "etcfit.tune/1", "pid": None} | tuned_json(far))
     assert written["verdict"] == "not from this log"
     assert [step["gains"] is None for step in written["steps"]] == [False, True, True]
     assert {step["probability_met"] for step in written["steps"]} == {None}
@@ -212,7 +264,7 @@ def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path)
     assert not (tmp_path / "a" / "fit.json").exists()
 
 
-SLIPS = [(("--present", "1,2"), "three numbers"), (("--present", "1,-2,3"), "negative"),
+SLIPS = [(("--present", "1,2"), "three numbers"), (("--present", "1,2,3", "--present", "4,5,6"), "2 times for 1 logs"), (("--present", "1,-2,3"), "negative"),
          (("--ecu-period", "1ms"), "rusefi fixes it"), (("--ecu", "maxxecu"), "does not publish the unit")]  # fmt: skip
 
 

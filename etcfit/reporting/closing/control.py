@@ -15,6 +15,7 @@ from ...errors import command
 from ...model.ecus import ECUS, Pasting
 from ..control.verdicts import answer
 from ..numbers import short
+from ..tune import answer as tune_answer
 from . import Closing, number_of
 
 if TYPE_CHECKING:
@@ -90,28 +91,25 @@ def _with(state: FitState, run: Path, further: str) -> str:
 
 def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     """The half-way gains where the present ones are known, else the proposed ones; or why there are none."""
-    look = (run / "pictures" / "tune.png",)
+    look, said = (run / "pictures" / "tune.png",), tune_answer(found)
     if found.why_not:
-        return Closing(f"Not from this log. {found.why_not}", _mended(found, run, files), look)
-    step = found.steps[min(1, len(found.steps) - 1)]
-    gains = [short(gain, 4) for gain in found.written(step.gains)]
-    words = ", ".join(f"{name} {gain}" for name, gain in zip(found.profile.gains, gains, strict=True))
-    doubt = " In spite of this: " + " ".join(found.doubts) if found.doubts else ""
+        return Closing(said, _mended(found, run, files), look)
     if len(found.steps) == 1:
-        again = _again(found, map(str, files), "P,I,D", run)
-        return Closing(f"Proposed gains: {words}.{doubt}",
-                       f"say which gains are in the ECU now, for a half-way step: {again}", look)  # fmt: skip
-    again = _again(found, ["NEXT_LOG"], ",".join(gains), next_run(run))
-    return Closing(f"Half-way gains to try first: {words}.{doubt}",
-                   "type them in, engine off, and log the same moves again. Are overshoot and settling as foretold "
-                   f"(etcfit drive NEXT_LOG)? Then type in the proposed gains. If not: {again}", look)  # fmt: skip
+        again = _again(found, map(str, files), ["P,I,D"], run)
+        return Closing(said, f"say which gains are in the ECU now, for a half-way step: {again}", look)
+    again = _again(found, ["NEXT_LOG"], [",".join(short(g, 4) for g in found.written(found.steps[1].gains))],
+                   next_run(run))  # fmt: skip
+    return Closing(said, "type them in, engine off, and log the same moves again. Are overshoot and settling as "
+                   "foretold (etcfit drive NEXT_LOG)? Then type in the proposed gains. "
+                   f"If not: {again}", look)  # fmt: skip
 
 
-def _again(found: Any, logs: Iterable[str], present: str, run: Path) -> str:
+def _again(found: Any, logs: Iterable[str], present: Iterable[str], run: Path) -> str:
     """The command that tunes once more; what was said of the columns of single files goes for other logs no further."""
     logs = list(logs)
     options = found.asked.options(of_files=logs != ["NEXT_LOG"])
-    return command("tune", *logs, *options, *(["--present", present] if present else []), "--out", run)
+    return command("tune", *logs, *options, *(word for gains in present for word in ("--present", gains)), "--out",
+                   run)  # fmt: skip
 
 
 def next_run(run: Path) -> Path:
@@ -125,8 +123,10 @@ def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
     stopped = found.input.stopped_by
     if stopped:
         return stopped[0].cure
-    present = "" if found.asked.gains is None else ",".join(f"{gain:.10g}" for gain in found.asked.gains)
-    anyway = replace(found, asked=replace(found.asked, anyway=True))
+    asked = found.asked
+    sets = asked.of_logs or (() if asked.gains is None else (asked.gains,))
+    present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
+    anyway = replace(found, asked=replace(asked, anyway=True))
     return (f"look at {command('report', run)}; the gains all the same: "
             f"{_again(anyway, map(str, files), present, run)}")  # fmt: skip
 
