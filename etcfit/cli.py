@@ -450,8 +450,8 @@ def tune(
 
     ecu, present = options.ecu, [_three_gains(each) for each in options.present or ()]
     if len(present) > 1 and len(present) != len(logs):
-        raise UsageError(f"--present is there {len(present)} times for {len(logs)} logs. Give it once, or once for each "
-                         "log in their order.")  # fmt: skip
+        raise UsageError(f"--present is there {len(present)} times for {len(logs)} logs. Give it once, or once for "
+                         "each log in their order.")  # fmt: skip
     if present and options.msq is not None:
         raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
     gains = present[-1] if present else None
