@@ -387,12 +387,29 @@ def drive(
     compare: Annotated[
         tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
     ] = None,
+    foretold: Annotated[
+        Path | None,
+        typer.Option(help="Is the log as this run of `etcfit tune` foretold?", metavar="RUN", exists=True,
+                     file_okay=False),
+    ] = None,
+    made_with: Annotated[
+        str | None,
+        typer.Option(help="Whose gains made it: present, half-way or proposed; with --foretold.", metavar="NAME",
+                     show_default="half-way"),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")
     ] = None,
     quiet: Quiet = False,
-) -> None:
-    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared."""
+) -> None:  # fmt: skip
+    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared.
+
+    After new gains: is the log as `etcfit tune` foretold?
+    """
+    if foretold is not None and compare is not None:
+        raise UsageError("--foretold and --compare exclude each other: the one is about one log, the other about two.")
+    if made_with is not None and foretold is None:
+        raise UsageError("--made-with goes with --foretold.")
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
@@ -409,10 +426,30 @@ def drive(
 
         config, found = logs_at(logs)
         studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
+        held = None if foretold is None else _held_against(studies, foretold, made_with)
         if out is not None:
-            write_drive(out, config, studies, progress)
+            write_drive(out, config, studies, progress, held)
+    if held is not None:
+        from .reporting.car_log.foretold import foretold_table
+        from .reporting.closing.control import of_foretold
+
+        _stdout().print(foretold_table(held))
+        return _say(of_foretold(held, logs if logs.is_file() else logs / held.log))
     _stdout().print(drive_table(config, studies))
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
+
+
+def _held_against(studies: Sequence[Any], run: Path, made_with: str | None) -> Any:
+    """One log beside what RUN foretold."""
+    from .car_log.foretold import held_against
+    from .reporting.car_log.foretold import Held
+    from .run_folder.reading import read_foretold
+
+    if len(studies) != 1:
+        raise UsageError(f"--foretold is about one log, and there are {', '.join(each.log.name for each in studies)}. "
+                         "Name the file of the one that the new gains made.")  # fmt: skip
+    told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
+    return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))
 
 
 @dataclass(frozen=True)

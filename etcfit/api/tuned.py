@@ -396,9 +396,17 @@ def tuned_json(found: Tuned) -> dict[str, Any]:
         "supply_V": found.input.supply,
         "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
         "unit": dict(zip("PID", notation_of(make).of_each, strict=True)),
+        "large_steps": None if found.design is None else _large_steps(found.design),
         "steps": steps,
+        "options": asked.options(),
         "record_next": found.lacks,
     })  # fmt: skip
+
+
+def _large_steps(design: Design) -> dict[str, float]:
+    """The steps that a next log is compared by."""
+    asked = design.settings.scenarios
+    return {"low_pct": 100.0 * asked.low, "high_pct": 100.0 * asked.high, "hold_s": asked.large_hold}
 
 
 def _step_json(found: Tuned, step: GainStep) -> dict[str, Any]:

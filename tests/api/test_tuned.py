@@ -18,6 +18,7 @@ import etcfit
 import results
 from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, reasons_to_withhold, tuned_json
 from etcfit.api.work import keep_design, keep_fit
+from etcfit.car_log.foretold import Comparison, Figure
 from etcfit.cli import app
 from etcfit.control.borne import Borne
 from etcfit.control.design import ecu_of, propose, task_of
@@ -27,7 +28,8 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.agreement import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
-from etcfit.reporting.closing.control import of_tune
+from etcfit.reporting.car_log.foretold import Held
+from etcfit.reporting.closing.control import of_foretold, of_tune
 from etcfit.reporting.numbers import short
 from etcfit.reporting.page import write_page
 from etcfit.reporting.tune import of_requirements
@@ -117,14 +119,34 @@ def test_what_the_next_log_should_show_is_a_sentence_even_where_nothing_settles(
         assert "never: not before the next step" in shown
 
 
-def test_the_next_command_names_the_half_way_gains_and_spares_this_run(tuned: Tuned, tmp_path: Path) -> None:
-    """The proposed gains are needed once the half-way ones are confirmed."""
+def test_the_next_command_asks_whether_the_next_log_is_as_foretold(tuned: Tuned, tmp_path: Path) -> None:
     said = of_tune(tuned, tmp_path / "car", [Path("lap.csv")]).next
-    assert said.endswith(f"--out {tmp_path / 'car_2'}")
-    given = said.partition("--present ")[2].split()[0].split(",")
-    assert [float(gain) for gain in given] == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
+    assert said.endswith(f"then: etcfit drive NEXT_LOG --foretold {tmp_path / 'car'}")
     alone = replace(tuned, steps=tuned.steps[-1:])
     assert "etcfit tune lap.csv" in of_tune(alone, tmp_path / "car", [Path("lap.csv")]).next
+
+
+def held(tuned: Tuned, run: Path, as_foretold: bool, made_with: str = "half_way") -> Held:
+    """A log that is as foretold, or not."""
+    figure = Figure("overshoot", "% of the step", 4.0, 6.0, -np.inf, 8.0, 5.0 if as_foretold else 20.0)
+    return Held("next.csv", run, made_with, tuned_json(tuned), Comparison(2, (figure,), True, False))
+
+
+def test_as_foretold_leads_on_and_anything_else_back_to_tune(tuned: Tuned, tmp_path: Path) -> None:
+    """The proposed gains are needed once the half-way ones are confirmed: the run is spared."""
+    run, log = tmp_path / "car", Path("next.csv")
+    proposed = [short(gain, 4) for gain in tuned.written(tuned.steps[2].gains)]
+    said = of_foretold(held(tuned, run, as_foretold=True), log).next
+    assert said.startswith("type in the proposed gains, engine off: ")
+    assert all(gain in said for gain in proposed)
+    assert said.endswith(f"etcfit drive NEXT_LOG --foretold {run} --made-with proposed")
+    assert of_foretold(held(tuned, run, True, "proposed"), log).next.startswith("keep these gains")
+    assert "type in the half-way gains" in of_foretold(held(tuned, run, True, "present"), log).next
+    run.mkdir()
+    bad = of_foretold(held(tuned, run, as_foretold=False), log)
+    assert "overshoot 20.0 % of the step, foretold 4.0..6.0" in bad.answer
+    assert f"etcfit tune {log} --ecu rusefi --present " in bad.next
+    assert bad.next.endswith(f"--out {tmp_path / 'car_2'}")
 
 
 def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> None:
@@ -197,7 +219,8 @@ def test_the_next_command_keeps_what_the_user_said(
     given += ["--column", "lap.csv:PPS=ignore"]
     first = asked_by(monkeypatch, ["tune", "lap.csv", *given, "--out", "car"])
     found = replace(tuned, asked=first)
-    _, _, command = of_tune(found, tmp_path / "car", [Path("lap.csv")]).next.partition("If not: etcfit ")
+    bad = held(found, tmp_path / "car", as_foretold=False)
+    _, _, command = of_foretold(bad, Path("next.csv")).next.partition("with this log: etcfit ")
     again = asked_by(monkeypatch, shlex.split(command))
     of_this_log = {("", "TPS 1"): first.answers.columns["", "TPS 1"]}  # the next log has another name
     assert again.gains == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)

@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from ...control.linearise import Reduction
     from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
+    from ..car_log.foretold import Held
     from ..fleet import Content
 
 _TUNE = "msq"  # a format of `etcfit export`
+_NEXT_LOG = "NEXT_LOG"  # a file that is not recorded yet
 
 
 def of_posterior(posterior: Posterior, run: Path) -> Closing:
@@ -95,21 +97,34 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     if found.why_not:
         return Closing(said, _mended(found, run, files), look)
     if len(found.steps) == 1:
-        again = _again(found, map(str, files), ["P,I,D"], run)
+        again = _tune(map(str, files), found.asked.options(of_files=True), ["P,I,D"], run)
         return Closing(said, f"say which gains are in the ECU now, for a half-way step: {again}", look)
-    again = _again(found, ["NEXT_LOG"], [",".join(short(g, 4) for g in found.written(found.steps[1].gains))],
-                   next_run(run))  # fmt: skip
-    return Closing(said, "type them in, engine off, and log the same moves again. Are overshoot and settling as "
-                   "foretold (etcfit drive NEXT_LOG)? Then type in the proposed gains. "
-                   f"If not: {again}", look)  # fmt: skip
+    return Closing(said, f"type them in, engine off, and log the same moves again; then: "
+                   f"{command('drive', _NEXT_LOG, '--foretold', run)}", look)  # fmt: skip
 
 
-def _again(found: Any, logs: Iterable[str], present: Iterable[str], run: Path) -> str:
-    """The command that tunes once more; what was said of the columns of single files goes for other logs no further."""
-    logs = list(logs)
-    options = found.asked.options(of_files=logs != ["NEXT_LOG"])
-    return command("tune", *logs, *options, *(word for gains in present for word in ("--present", gains)), "--out",
-                   run)  # fmt: skip
+def _tune(logs: Iterable[str], options: Iterable[str], present: Iterable[str], run: Path) -> str:
+    """The command that tunes once more."""
+    sets = (word for gains in present for word in ("--present", gains))
+    return command("tune", *logs, *options, *sets, "--out", run)
+
+
+def of_foretold(held: Held, log: Path) -> Closing:
+    """A log beside what was foretold: on to the next gains, or tune again with it."""
+    steps = {step["name"]: step["gains"] for step in held.told["steps"]}
+    names, gains = ECUS[held.told["ecu"]].gains, steps[held.made_with]
+    if not held.found.as_foretold:
+        present = ",".join(short(gain, 4) for gain in gains.values())
+        again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
+        return Closing(held.says, f"do not go on to other gains; tune again with this log: {again}")
+    order = list(steps)
+    if held.made_with == order[-1]:
+        return Closing(held.says, f"keep these gains; good enough by itself? {command('drive', log)}")
+    further = order[order.index(held.made_with) + 1]
+    words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in zip(names, steps[further].values(), strict=True))
+    then = command("drive", _NEXT_LOG, "--foretold", held.run, *(["--made-with", "proposed"] * (further == "proposed")))
+    return Closing(held.says, f"type in the {further.replace('_', '-')} gains, engine off: {words}; log the same moves "
+                   f"again, then: {then}")  # fmt: skip
 
 
 def next_run(run: Path) -> Path:
@@ -126,9 +141,8 @@ def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
     asked = found.asked
     sets = asked.of_logs or (() if asked.gains is None else (asked.gains,))
     present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
-    anyway = replace(found, asked=replace(asked, anyway=True))
-    return (f"look at {command('report', run)}; the gains all the same: "
-            f"{_again(anyway, map(str, files), present, run)}")  # fmt: skip
+    again = _tune(map(str, files), replace(asked, anyway=True).options(of_files=True), present, run)
+    return f"look at {command('report', run)}; the gains all the same: {again}"
 
 
 def of_fleet(content: Content, run: Path) -> Closing:
