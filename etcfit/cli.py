@@ -420,7 +420,7 @@ def drive(
         from .car_log import study
         from .car_log.place import logs_at
         from .car_log.study import chosen
-        from .reporting.car_log import drive_table
+        from .reporting.car_log import compared_table, drive_table
         from .reporting.car_log.writing import write_drive
         from .reporting.closing.rig import of_drive
 
@@ -435,7 +435,7 @@ def drive(
 
         _stdout().print(foretold_table(held))
         return _say(of_foretold(held, logs if logs.is_file() else logs / held.log))
-    _stdout().print(drive_table(config, studies))
+    _stdout().print(drive_table(config, studies) if compare is None else compared_table(config, *studies))
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
 
 
