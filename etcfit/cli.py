@@ -417,6 +417,7 @@ def drive(
             from .run_folder.state import refuse_among_measurements
 
             refuse_among_measurements(logs, out)
+        from .api.foretold import one_held_against
         from .car_log import study
         from .car_log.place import logs_at
         from .car_log.study import chosen
@@ -426,7 +427,7 @@ def drive(
 
         config, found = logs_at(logs)
         studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
-        held = None if foretold is None else _held_against(studies, foretold, made_with)
+        held = None if foretold is None else one_held_against(studies, foretold, made_with)
         if out is not None:
             write_drive(out, config, studies, progress, held)
     if held is not None:
@@ -437,19 +438,6 @@ def drive(
         return _say(of_foretold(held, logs if logs.is_file() else logs / held.log))
     _stdout().print(drive_table(config, studies) if compare is None else compared_table(config, *studies))
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
-
-
-def _held_against(studies: Sequence[Any], run: Path, made_with: str | None) -> Any:
-    """One log beside what RUN foretold."""
-    from .car_log.foretold import held_against
-    from .reporting.car_log.foretold import Held
-    from .run_folder.reading import read_foretold
-
-    if len(studies) != 1:
-        raise UsageError(f"--foretold is about one log, and there are {', '.join(each.log.name for each in studies)}. "
-                         "Name the file of the one that the new gains made.")  # fmt: skip
-    told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
-    return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))
 
 
 @dataclass(frozen=True)

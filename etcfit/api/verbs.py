@@ -410,6 +410,8 @@ def drive(
     *,
     between: tuple[float, float] = (5.0, 45.0),
     compare: tuple[str, str] | None = None,
+    foretold: Folder | None = None,
+    made_with: str | None = None,
     quiet: bool = False,
 ) -> Driven:
     """Logs from the car: operating range, spectrum, how closely the plate follows and whether that is good enough.
@@ -418,17 +420,25 @@ def drive(
         folder: of logs, a measurement folder with logs in drive/, or one log.
         between: the share of the time between these positions, %.
         compare: only these two, before and after.
+        foretold: run folder of `etcfit.tune`; the one log is held against what it foretold, see `Driven.foretold`.
+        made_with: whose gains made that log: "present", "half_way" or "proposed"; half way where None.
         quiet: show no progress.
+    Raises:
+        MeasurementError: no log, or, of one that is held against something, no such steps in it.
+        UsageError: several logs for `foretold`, or a run folder that foretells nothing.
     """
     with working(quiet) as report:
         report("reading the logs", 0.0)
         from ..car_log import study
         from ..car_log.place import logs_at
         from ..car_log.study import chosen
+        from .foretold import one_held_against
         from .measurements import Driven
 
         config, logs = logs_at(folder)
-        return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
+        every = tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs))
+        held = None if foretold is None else one_held_against(every, Path(foretold), made_with)
+        return Driven(config, every, held)
 
 
 @typed

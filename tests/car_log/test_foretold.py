@@ -142,6 +142,15 @@ def test_the_command_leads_on_or_back_and_writes_it_down(tmp_path: Path) -> None
     assert done.stdout.strip().endswith(again)
 
 
+def test_python_says_the_same(tmp_path: Path) -> None:
+    found = etcfit.drive(
+        written(tmp_path / "bad.csv", 0.25, 30.0), foretold=ran(tmp_path / "car", 0.6, 50.0), quiet=True
+    )
+    assert found.foretold is not None
+    assert not found.foretold.found.as_foretold
+    assert found.foretold.says.startswith("Not as foretold for the half-way gains: overshoot")
+
+
 @pytest.mark.parametrize(
     ("words", "status", "said"),
     [
