@@ -288,8 +288,8 @@ class Driven:
     Args:
         config: of the rig, or what stands for it where no rig.toml lies beside the logs.
         studies: a log each.
-        foretold: the one log beside what `etcfit tune` foretold: `says`, `found.as_foretold`, `found.figures`; None where
-            that was not asked.
+        foretold: the one log beside what `etcfit tune` foretold: `says`, `found.as_foretold`, `found.figures`; None
+            where that was not asked.
     """
 
     config: RigConfig
