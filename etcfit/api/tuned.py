@@ -184,7 +184,7 @@ def sets_of(
     """One set of gains or one a log, as sets; none of None."""
     if gains is None:
         return ()
-    every: Any = [gains] if np.ndim(gains[0]) == 0 else gains  # pyright: ignore[reportArgumentType]
+    every: Any = [gains] if np.ndim(gains[0]) == 0 else gains
     return tuple((float(p), float(i), float(d)) for p, i, d in every)
 
 
