@@ -85,8 +85,8 @@ def _figures(told: Mapping[str, Any]) -> Table:
                      *(chance or "-" for chance in chances)))  # fmt: skip
     never = "; never: not before the next step" if any(None in step["settling_s"] for step in steps) else ""
     return Table(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
-                 ("step", "overshoot\n% of step", "settling\ns", "RMSE %,\ntrapezoid", "gain\nmargin dB", "phase\nmargin deg",
-                  "P(meets all)", "P(better)"), rows)  # fmt: skip
+                 ("step", "overshoot\n% of step", "settling\ns", "RMSE %,\ntrapezoid", "gain\nmargin dB",
+                  "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
 
 
 def range_of(each: Sequence[float | None]) -> str:

@@ -186,9 +186,7 @@ def test_what_the_proposed_gains_miss_comes_with_what_it_means_and_what_decides(
     assert "meet every requirement" in of_requirements(of_gains(0.1, 0.15), better)
     said = of_requirements(of_gains(0.1, 0.3), better)
     assert said.startswith("On the fitted model the proposed gains meet every requirement. But in the worst corner")
-    assert (
-        "(9 V, winding at 110 °C, dry friction 1.5 times that of the log) they miss, on the hardest steps, set" in said
-    )
+    assert "(9 V, winding at 110 °C, dry friction 1.5 times that of the log) they miss, on the hardest" in said
     assert "track better than the present ones all the same (RMSE 2.00 instead of 4.00 %" in said
     assert "log there before you rely on it" in said
     said = of_requirements(of_gains(0.25, 0.3, ("dry friction", "the supply voltage")), worse)
