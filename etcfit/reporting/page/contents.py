@@ -1,4 +1,4 @@
-"""What a run folder holds, read by the keys of docs/formats.md; others are welcome, and optional ones may be absent."""
+"""What a run folder holds, read by the keys of formats.md; others are welcome, and optional ones may be absent."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def tuned_of(run: Path, hashes: Mapping[str, str]) -> Mapping[str, Any]:
 
 
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
-    """Rows of `score` (docs/formats.md); those of a model that could not be simulated are left out."""
+    """Rows of `score` (formats.md); those of a model that could not be simulated are left out."""
     return [
         PredictionError(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]
     ]

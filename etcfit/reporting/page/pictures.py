@@ -73,7 +73,7 @@ def caption(folder: str, stem: str) -> str:
     return _EACH.get(folder, "{}.").format(name[:1].upper() + name[1:] if folder.endswith("traces") else name)
 
 
-BUDGET = 4_500_000  # bytes of the page that pictures may take; docs/commands/report.md promises less than 5 MB in all
+BUDGET = 4_500_000  # bytes of the page that pictures may take; commands/report.md promises less than 5 MB in all
 _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
