@@ -169,7 +169,7 @@ def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> No
     for step in told["steps"]:
         assert all(short(gain, 4) in shown and short(gain, 4) in page for gain in step["gains"].values())
     assert "MISS" not in page.partition('aria-label="Verdict"')[2].partition("</section>")[0]  # no second verdict
-    assert 'alt="rig, tune"' in page
+    assert 'alt="bench, tune"' in page
     keep_design(run, tuned.result, replace(tuned.design, limits=("other",)), {})  # other gains, by its hash
     assert said["next"][0] not in html.unescape(write_page(tmp_path).path.read_text(encoding="utf-8"))
 
