@@ -194,8 +194,9 @@ def test_the_tables_follow_references_lists_and_mappings() -> None:
         assert f"| `{path}` |" in shown
     assert "influence` | array | " in shown
     assert (
-        shown.count("*(optional)*") == 6
-    )  # a remark of a parameter, of a combination; what is left and what is explained in two lists of rows
+        shown.count("*(optional)*") == 7
+    )  # the end's code; a remark of a parameter, of a combination; what is left and
+    # what is explained in two lists of rows
 
 
 def test_the_response_to_sines_carries_the_state_of_the_fit(rig: Rig) -> None:
