@@ -38,12 +38,14 @@ def says_of(each: Study) -> tuple[str, ...]:
 
 def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
     """A row a threshold."""
-    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}",
-             Cell(_NAMES[j.word], "bad" if j.word == "not good" else ""), j.where, j.source)
-            for j in judgements]  # fmt: skip
+    rows = [(j.name, _found(j), _limit(j), _judged(_NAMES[j.word], j), j.where, j.source) for j in judgements]
     kinds: dict[str, Kind] = {"verdict": "word", "where": "prose", "threshold from": "prose"}
     return of_texts(caption, ("figure", "found", "good is", *kinds), rows, 1, kinds, ("threshold from", "where"),
                     file=_FILE)  # fmt: skip
+
+
+def _judged(word: str, each: Judgement) -> Cell:
+    return Cell(word, "bad" if each.word == "not good" else "")
 
 
 def in_a_word(verdict: Verdict) -> str:
@@ -125,6 +127,35 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
         sentences("To record next, on the bench as closed_loop/ or from the car", to_record),
     )  # fmt: skip
+
+
+def compared_table(config: RigConfig, before: Study, after: Study) -> RenderableType:
+    """What changed from one log to the other: the verdict, then a row a figure."""
+    was = {each.name: each for each in before.verdict.judgements}
+    rows = []
+    for now in after.verdict.judgements:
+        if (then := was.get(now.name)) is None or (then.value is None and now.value is None):
+            continue
+        limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
+        rows.append((now.name, " / ".join(limits), _judged(_change(then, now), now), _found(then), _found(now)))
+    head = ("figure", "good is", "verdict", before.log.name, after.log.name)
+    return stacked(
+        rig_title(config, "two logs from the car"),
+        spaced(Text(f"{before.log.name} -> {after.log.name}: {verdict(before, after)}")),
+        shown(of_texts("What changed", head, rows, 3, file=_FILE)),
+        sentences("At rest, and both sensors",
+                  [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
+    )  # fmt: skip
+
+
+def _limit(each: Judgement) -> str:
+    return f"{'>=' if each.at_least else '<='} {each.limit:.3g} {each.unit}"
+
+
+def _change(then: Judgement, now: Judgement) -> str:
+    """ "NOT GOOD -> good", or "good" where it was."""
+    words = _NAMES[then.word], _NAMES[now.word]
+    return words[1] if words[0] == words[1] else " -> ".join(words)
 
 
 def good_enough(each: Study) -> Table:

@@ -15,7 +15,8 @@ from ..pool import entries, errors_table
 from ..posterior import posterior_parts
 from ..table import Column, Table
 from ..tables import LOST, knowledge_parts, parameters_table
-from .contents import Contents, logs_of, rows_of
+from ..tune import tables_of_steps
+from .contents import Contents, logs_of, rows_of, tuned_of
 from .pictures import BUDGET, groups
 from .verdict import model, verdict
 
@@ -77,8 +78,10 @@ def render(contents: Contents, budget: int = BUDGET) -> str:
 
 def _parts(contents: Contents, budget: int) -> dict[str, Any]:
     fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
-    response = contents.get("frequency_response")
+    response, told = contents.get("frequency_response"), tuned_of(contents.run, contents.hashes)
     return {
+        "tuned": told,
+        "tables_of_steps": tables_of_steps(told) if told else (),
         "rig": fit["rig"],
         "synthetic": fit["synthetic"],
         "folder": fit.get("folder"),
