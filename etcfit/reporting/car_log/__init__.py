@@ -134,20 +134,20 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
 def compared_table(config: RigConfig, before: Study, after: Study) -> RenderableType:
     """What changed from one log to the other: the verdict, then a row a figure."""
     was = {each.name: each for each in before.verdict.judgements}
-    rows, marked = [], set[int]()
+    rows = []
     for now in after.verdict.judgements:
         if (then := was.get(now.name)) is None or (then.value is None and now.value is None):
             continue
-        if now.word == "not good":
-            marked.add(len(rows))
+        style = "bold red" if now.word == "not good" else ""
         limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
-        rows.append((now.name, " / ".join(limits), _change(then, now), _found(then), _found(now)))
-    head = ("figure", "good is", "verdict", before.log.name, after.log.name)
-    changes = Table("What changed", head, rows, 3, frozenset(marked))
+        cells = (now.name, " / ".join(limits), _change(then, now), _found(then), _found(now))
+        rows.append([Text(cell, style) for cell in cells])
+    changes = filled(("figure", "good is", "verdict", "before", "after"), rows, words=("good is", "verdict"),
+                     prose=("figure", "good is"))  # fmt: skip
     return stacked(
         rig_title(config, "two logs from the car"),
         spaced(Text(f"{before.log.name} -> {after.log.name}: {verdict(before, after)}")),
-        headed(changes.caption, shown(changes)),
+        headed("What changed", changes),
         sentences("At rest, and both sensors",
                   [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
     )  # fmt: skip
