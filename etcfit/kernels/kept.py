@@ -62,7 +62,7 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
     except NotWrittenError:
         return make()
     path = folder / hashlib.sha256(key.encode()).hexdigest()
-    with suppress(OSError, ValueError, LookupError):  # not there, torn, or its object file is gone
+    with suppress(OSError, ValueError, LookupError, TypeError):  # not there, torn, or its object file is gone
         found = read(json.loads(path.read_text("utf-8")))
         os.utime(path)  # used last now, see `backend.own_folder`
         return found
@@ -153,7 +153,7 @@ def read(text: Any) -> Any:
     """The value that was `written`, of those that `kept` may return.
 
     Raises:
-        LookupError, ValueError: what it names is not there, or it was never written.
+        LookupError, TypeError, ValueError: what it names is not there, or it was never written.
     """
     match text:
         case {"tuple": [*parts]}:

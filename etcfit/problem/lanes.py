@@ -82,26 +82,6 @@ class Along:
         return results.over(kernel, records, values)
 
 
-def stored(entry: TracedEntry, tree: Any) -> tuple[Stored, Kernel]:
-    """The kernel that stores a tree of nodes at each entry, a block for each leaf: leaves that are 0 at every entry are
-    left out, and take no memory.
-
-    Args:
-        entry: whose graph it is.
-        tree: a node or an array of nodes for each leaf.
-    """
-    leaves, structure = jax.tree.flatten(tree)
-    blocks: dict[int, tuple[int, int]] = {}
-    wanted: list[int] = []
-    for k, nodes in enumerate(map(nodes_of, leaves)):
-        if any(entry.graph.known(node) != 0.0 for node in nodes):
-            blocks[k] = len(wanted), len(wanted) + len(nodes)
-            wanted += nodes
-    sizes = [stop - start for start, stop in blocks.values()]
-    kernel = compiled(entry.loop(Across.LANES, stored=wanted, blocks=sizes))
-    return Stored(structure, tuple(map(np.shape, leaves)), blocks), kernel
-
-
 class Stored(NamedTuple):
     """A tree as a kernel stores it.
 
@@ -130,6 +110,26 @@ class Stored(NamedTuple):
             return Grouped(shape, records.groups, parts)
 
         return jax.tree.unflatten(self.tree, map(array, range(len(self.shapes))))
+
+
+def stored(entry: TracedEntry, tree: Any) -> tuple[Stored, Kernel]:
+    """The kernel that stores a tree of nodes at each entry, a block for each leaf: leaves that are 0 at every entry are
+    left out, and take no memory.
+
+    Args:
+        entry: whose graph it is.
+        tree: a node or an array of nodes for each leaf.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    blocks: dict[int, tuple[int, int]] = {}
+    wanted: list[int] = []
+    for k, nodes in enumerate(map(nodes_of, leaves)):
+        if any(entry.graph.known(node) != 0.0 for node in nodes):
+            blocks[k] = len(wanted), len(wanted) + len(nodes)
+            wanted += nodes
+    sizes = [stop - start for start, stop in blocks.values()]
+    kernel = compiled(entry.loop(Across.LANES, stored=wanted, blocks=sizes))
+    return Stored(structure, tuple(map(np.shape, leaves)), blocks), kernel
 
 
 def over_lanes(
