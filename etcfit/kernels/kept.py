@@ -25,8 +25,8 @@ from typing import Any
 
 import equinox
 import jax
-import jaxlib
 import numpy as np
+from jaxlib.version import __version__ as _jaxlib
 
 from ..backend import own_folder
 from ..files import whole
@@ -40,11 +40,11 @@ class NotWrittenError(Exception):
     """A value that no text stands for; its text is what it is."""
 
 
-def trace_always() -> None:
+def trace_always(always: bool = True) -> None:
     """From now on this process neither reads nor writes what is kept: for tests, which put other functions in the place
     of those that the sources have."""
     global _always_traced
-    _always_traced = True
+    _always_traced = always
 
 
 def kept(make: Callable[[], Any], *known: Any) -> Any:
@@ -58,7 +58,7 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
     if folder is None:
         return make()
     try:
-        key = json.dumps([_program(), written(known)])
+        key = json.dumps([program(), written(known)])
     except NotWrittenError:
         return make()
     path = folder / hashlib.sha256(key.encode()).hexdigest()
@@ -75,12 +75,15 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
 
 
 @cache
-def _program() -> str:
-    """A hash of all that a trace depends on besides its arguments."""
+def program(root: Path = Path(__file__).parents[1]) -> str:
+    """A hash of all that a trace depends on besides its arguments.
+
+    Args:
+        root: folder of etcfit's sources.
+    """
     digest = hashlib.sha256()
-    releases = (platform.python_version(), np.__version__, jax.__version__, jaxlib.__version__, equinox.__version__)
+    releases = (platform.python_version(), np.__version__, jax.__version__, _jaxlib, equinox.__version__)
     digest.update(repr((releases, processor())).encode())
-    root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         source = path.read_bytes()
         digest.update(f"{path.relative_to(root).as_posix()} {len(source)}\n".encode() + source)

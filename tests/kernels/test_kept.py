@@ -15,13 +15,12 @@ from numpy.testing import assert_array_equal
 from etcfit import backend
 from etcfit.kernels import kept as room
 from etcfit.kernels.graph import Graph
-from etcfit.kernels.kept import NotWrittenError, kept, read, written
+from etcfit.kernels.kept import NotWrittenError, kept, read, trace_always, written
 from etcfit.kernels.loop import Across, Loop
 from etcfit.kernels.machine import LANES, Kernel, available
 from etcfit.model.effects import EFFECTS, Backlash, State
 from etcfit.model.rig_effects import FAMILY_BY_KIND, Place
 from etcfit.problem import filter_kernels, lanes
-from etcfit.problem.free_parameters import Form
 from etcfit.problem.traced_entry import Column
 from held_plate import held_plate, problem_of
 
@@ -29,12 +28,13 @@ pytestmark = pytest.mark.skipif(not available(), reason="no llvmlite here")
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def folder(tmp_path: Path) -> Iterator[Path]:
     """That of the texts; other tests trace always (conftest)."""
-    monkeypatch.setattr(room, "_always_traced", False)
     before = backend.compiled_folder()
     backend.keep_compiled_in(tmp_path / "compiled")
+    trace_always(False)
     yield tmp_path / "compiled" / "traces"
+    trace_always()
     backend.keep_compiled_in(before)
 
 
@@ -132,23 +132,20 @@ def test_what_is_known_of_another_is_another(folder: Path) -> None:
 
 def test_of_other_sources_everything_is_made_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept(Counted(), "of")
-    monkeypatch.setattr(room, "_program", lambda: "changed")
+    monkeypatch.setattr(room, "program", lambda: "changed")
     again = Counted()
     kept(again, "of")
     assert again.times == 1
 
 
-def test_a_source_file_that_changes_changes_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    package = tmp_path / "etcfit"
-    (package / "kernels").mkdir(parents=True)
-    source = package / "kernels" / "kept.py"
-    monkeypatch.setattr(room, "__file__", str(source))
+def test_a_source_file_that_changes_changes_the_program(tmp_path: Path) -> None:
     found = set()
-    for text in ("a = 1\n", "a = 2\n"):
-        source.write_text(text)
-        found.add(room._program.__wrapped__())
-    (package / "further.py").write_text("")
-    assert len({*found, room._program.__wrapped__()}) == 3
+    for file, text in (("a.py", "a = 1\n"), ("a.py", "a = 2\n"), ("room/b.py", ""), ("readme.md", "no source")):
+        (tmp_path / file).parent.mkdir(exist_ok=True)
+        (tmp_path / file).write_text(text)
+        room.program.cache_clear()
+        found.add(room.program(tmp_path))
+    assert len(found) == 3
 
 
 def torn(path: Path) -> None:
@@ -190,26 +187,35 @@ def test_a_folder_that_others_can_write_is_not_used(folder: Path) -> None:
 # ---- kernels of a model
 
 
+def shown(given: filter_kernels.Given) -> Any:
+    """As if it stood in `filter_kernels`: a tree with a leaf that is 0 at every entry."""
+    return given.after[0], {"nothing": 0.0, "dt": (given.batch.steps.dt, None)}
+
+
+shown.__module__ = filter_kernels.__name__
+
+
 def test_of_a_model_met_before_nothing_is_traced(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     problem = problem_of(held_plate(tmp_path / "rig"))
     x = problem.layout.coordinates({"R_a": 1.5, "T_f": 0.2})
-    events = filter_kernels._events(*problem.here(x, problem.arrays()))
+    monkeypatch.setattr(filter_kernels, "shown", shown, raising=False)
 
-    def spread() -> np.ndarray:
-        """By a function that no other test has run in this process."""
-        along = filter_kernels._simulated(filter_kernels._spread, filter_kernels._spread, covariance=True)
-        return np.asarray(filter_kernels.along(along, *problem.here(x, problem.arrays()), (events,), (0.01,)))
+    def along() -> Any:
+        """By a kernel that this process has not made."""
+        found = filter_kernels.along(filter_kernels.along_path(shown), *problem.here(x, problem.arrays()))
+        return jax.tree.map(np.asarray, found)
 
-    traced = spread()
-    texts = {*folder.iterdir()}
+    traced = along()
+    (text,) = folder.iterdir()
 
     def refuse(*_: Any) -> Any:
         raise AssertionError("traced again")
 
     monkeypatch.setattr(lanes, "TracedEntry", refuse)
-    assert_array_equal(spread(), traced)
-    assert {*folder.iterdir()} == texts
-    form = problem.layout.form
-    other = Form((*form.types, type("OfANotebook", (Backlash,), {"name": "of_a_notebook"})), form.parameters, form.ties)
-    with pytest.raises(NotWrittenError):
-        written(other)
+    again = along()
+    assert jax.tree.structure(again) == jax.tree.structure(traced)
+    for before, after in zip(jax.tree.leaves(traced), jax.tree.leaves(again), strict=True):
+        assert_array_equal(after, before)
+    text.unlink()
+    with pytest.raises(AssertionError, match="traced again"):
+        along()
