@@ -28,6 +28,7 @@ import jax
 import numpy as np
 from jaxlib.version import __version__ as _jaxlib
 
+from .. import IMPORTED_AT
 from ..backend import own_folder
 from ..files import whole
 from .machine import Kernel, ObjectCode, available, processor
@@ -75,17 +76,22 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
 
 
 @cache
-def program(root: Path = Path(__file__).parents[1]) -> str:
+def program(root: Path = Path(__file__).parents[1], since: float = IMPORTED_AT) -> str:
     """A hash of all that a trace depends on besides its arguments.
 
     Args:
         root: folder of etcfit's sources.
+        since: when this process began to import them, s since the epoch.
+    Raises:
+        NotWrittenError: a source changed after that, so nobody knows which one runs here.
     """
     digest = hashlib.sha256()
     releases = (platform.python_version(), np.__version__, jax.__version__, _jaxlib, equinox.__version__)
     digest.update(repr((releases, processor())).encode())
     for path in sorted(root.rglob("*.py")):
-        source = path.read_bytes()
+        source, about = path.read_bytes(), path.stat()
+        if max(about.st_mtime, about.st_ctime) > since:
+            raise NotWrittenError(str(path))
         digest.update(f"{path.relative_to(root).as_posix()} {len(source)}\n".encode() + source)
     return digest.hexdigest()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -144,8 +145,15 @@ def test_a_source_file_that_changes_changes_the_program(tmp_path: Path) -> None:
         (tmp_path / file).parent.mkdir(exist_ok=True)
         (tmp_path / file).write_text(text)
         room.program.cache_clear()
-        found.add(room.program(tmp_path))
+        found.add(room.program(tmp_path, time.time() + 60.0))
     assert len(found) == 3
+
+
+def test_sources_that_changed_since_they_were_imported_are_not_those_that_run(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text("a = 1\n")
+    os.utime(tmp_path / "a.py", (0.0, 0.0))  # as a copy that keeps the time of its original
+    with pytest.raises(NotWrittenError, match=r"a\.py"):
+        room.program(tmp_path, time.time() - 60.0)
 
 
 def torn(path: Path) -> None:
