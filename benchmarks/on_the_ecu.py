@@ -44,7 +44,7 @@ from .processes import resumed
 GLOBAL = "global"
 LAG, NOISE = 1e-3, 0.8e-3 * TRAVEL
 ROUNDS, POPULATION = 40, 16  # of the global search; its population is that many times three gains
-NEGLIGIBLE, OVERSHOT_OF, HELD_OF = 0.002, 0.01, 0.4  # shares of the travel, as docs/commands/design.md has them
+NEGLIGIBLE, OVERSHOT_OF, HELD_OF = 0.002, 0.01, 0.4  # shares of the travel, as commands/design.md has them
 
 
 def ecu() -> Ecu:

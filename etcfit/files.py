@@ -1,4 +1,4 @@
-"""Files of a run folder: each is written whole or not at all, by one process at a time; JSON as docs/formats.md has
+"""Files of a run folder: each is written whole or not at all, by one process at a time; JSON as formats.md has
 it.
 """
 

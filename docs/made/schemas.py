@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from etcfit.run_folder.declared import schema_of_file
+from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.pid import PID
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
-DECLARED = {"pid": PID}  # kinds of files whose schema follows from a declaration
+DECLARED = {"fit": FIT, "pid": PID}  # kinds of files whose schema follows from a declaration
 
 
 def text_of(kind: str) -> str:

@@ -197,7 +197,7 @@ class RigMistake:
 
     Args:
         effect: name of the effect that takes it into account.
-        kind: of mistake, see docs/formats.md (diagnosis.json, `rig`).
+        kind: of mistake, see formats.md (diagnosis.json, `rig`).
         test, channel: where; None where it is everywhere.
         size, unit: of it, SI; a share where the unit is "".
         mend: the line of rig.toml that takes it into account.

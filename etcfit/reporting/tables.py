@@ -15,7 +15,7 @@ from ..estimation.joint_fit import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Measurement
-from ..run_folder.fit import GEAR_RATIO, budget_json, readings_of
+from ..run_folder.fit import GEAR_RATIO, budget_of, readings_of
 from .blocks import filled, headed, outcome, rig_title, sentences, spaced, stacked, table
 from .numbers import Digits, short
 from .pool import Pool, grouped
@@ -105,7 +105,7 @@ def budget_table(result: FitResult) -> RenderableType | None:
         return spaced(Text(STATISTICAL_ONLY, style="dim"))
     units = {parameter.symbol: parameter.unit for parameter in result.free_parameters.layout.parameters}
     rows = []
-    for symbol, row in budget_json(result)["budget"].items():
+    for symbol, row in budget_of(result).items():
         shares = dict(row["shares"])
         own = shares.pop("statistical")
         largest = sorted(((share, source) for source, share in shares.items() if share > _NAMED_SHARE), reverse=True)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 from ..model.figure import figures_of
 
+Source = str | Callable[[Any], Any] | None
 _TYPES = {"number": "number", "text": "string", "flag": "boolean", "whole": "integer", "object": "object"}
 _ABSENT = object()
 
@@ -23,15 +24,26 @@ class Record:
     Args:
         meaning: of the object, where the key that holds it says nothing else.
         ref: its name in `$defs` of the schema; "" where it is written out at each place.
-        keys: made by `key`, in order.
+        keys: made by `key`, in order; one without a source is the attribute of its own name.
     """
 
-    def __init__(self, meaning: str = "", ref: str = "", **keys: Key) -> None:
-        self.meaning, self.ref, self.keys = meaning, ref, keys
+    def __init__(self, meaning: str = "", ref: str = "", /, **keys: Key) -> None:
+        self.meaning, self.ref = meaning, ref
+        self.keys = {name: each.of(name) if each.source is None else each for name, each in keys.items()}
+        self._closed = False
+
+    def closed(self) -> Record:
+        """The same, where no later version may add a key."""
+        self._closed = True
+        return self
+
+    def within(self, path: str) -> dict[str, Key]:
+        """Its keys, for a record of which it is a part: taken from that attribute, dotted, of what the other is of."""
+        return {name: each.of(_beyond(path, each.source)) for name, each in self.keys.items()}
 
     def written(self, source: Any) -> dict[str, Any]:
         """The object of what it is taken from; a mapping that lacks a key leaves it out."""
-        every = {name: each.value(source, name) for name, each in self.keys.items()}
+        every = {name: each.value(source) for name, each in self.keys.items()}
         return {name: value for name, value in every.items() if value is not _ABSENT}
 
     def schema(self) -> dict[str, Any]:
@@ -39,8 +51,14 @@ class Record:
         return {
             "type": "object",
             "properties": {name: each.schema() for name, each in self.keys.items()},
-            "required": [name for name, each in self.keys.items() if not each.optional],
+            "required": self.required,
+            **({"additionalProperties": False} if self._closed else {}),
         }
+
+    @property
+    def required(self) -> list[str]:
+        """Names of the keys that are always there."""
+        return [name for name, each in self.keys.items() if not each.optional]
 
     def refs(self) -> dict[str, Record]:
         """The records in it that stand in `$defs`, by name."""
@@ -50,21 +68,39 @@ class Record:
 
 
 class Many(NamedTuple):
-    """Several records: a list, or, where `named`, an object of them by name; `meaning` is that of one."""
+    """Several records: a list, or, where `named`, an object of them by name.
+
+    Args:
+        meaning: of one.
+        null: whether one may be null.
+    """
 
     record: Record
     named: bool
     meaning: str
+    null: bool
+
+    def written(self, source: Any) -> Any:
+        if self.named:
+            return {name: self._one(entry) for name, entry in source.items()}
+        return [self._one(entry) for entry in source]
+
+    def _one(self, entry: Any) -> dict[str, Any] | None:
+        return None if entry is None and self.null else self.record.written(entry)
+
+    def schema(self) -> dict[str, Any]:
+        one = _schema_of(self.record, self.null) | ({"description": self.meaning} if self.meaning else {})
+        return {"type": "object" if self.named else "array", "additionalProperties" if self.named else "items": one}
 
 
-def list_of(record: Record) -> Many:
+def list_of(record: Record, null: bool = False) -> Many:
     """A list of records."""
-    return Many(record, False, record.meaning)
+    return Many(record, False, record.meaning, null)
 
 
-def by_name(record: Record, meaning: str = "") -> Many:
+def by_name(record: Record, meaning: str = "", null: bool = False) -> Many:
     """An object of records by name."""
-    return Many(record, True, meaning or record.meaning)
+    return Many(record, True, meaning or record.meaning, null)
 
 
 class Key(NamedTuple):
@@ -72,25 +108,26 @@ class Key(NamedTuple):
 
     kind: str | Record | Many
     meaning: str
-    source: str | Callable[[Any], Any] | None
+    source: Source
     scale: float
     null: bool
     optional: bool
+    each: dict[str, Any]
     more: dict[str, Any]
 
-    def value(self, source: Any, name: str) -> Any:
-        """What is written under a name; `_ABSENT` for nothing."""
-        value = _taken(source, name if self.source is None else self.source)
+    def of(self, source: Source) -> Key:
+        """The same key, taken from elsewhere."""
+        return self._replace(source=source)
+
+    def value(self, source: Any) -> Any:
+        """What is written; `_ABSENT` for nothing."""
+        value = _taken(source, self.source)
         if value is None and self.optional and not self.null:
             return _ABSENT
         if value is None or value is _ABSENT:
             return value
-        if isinstance(self.kind, Record):
+        if isinstance(self.kind, Record | Many):
             return self.kind.written(value)
-        if isinstance(self.kind, Many):
-            if self.kind.named:
-                return {symbol: self.kind.record.written(entry) for symbol, entry in value.items()}
-            return [self.kind.record.written(entry) for entry in value]
         if self.scale == 1.0:
             return value
         return [self.scale * entry for entry in value] if isinstance(value, tuple) else self.scale * value
@@ -99,21 +136,19 @@ class Key(NamedTuple):
         about = {"description": self.meaning} if self.meaning else {}
         if isinstance(self.kind, Record):
             return about | _schema_of(self.kind, self.null) | self.more
-        if isinstance(self.kind, Many):
-            entry = _schema_of(self.kind.record) | ({"description": self.kind.meaning} if self.kind.meaning else {})
-            inner = {"additionalProperties" if self.kind.named else "items": entry}
-            return about | _nullable({"type": "object" if self.kind.named else "array", **inner}, self.null) | self.more
-        return about | _nullable(_plain_schema(self.kind), self.null) | self.more
+        found = self.kind.schema() if isinstance(self.kind, Many) else _plain_schema(self.kind, self.each)
+        return about | _nullable(found, self.null) | self.more
 
 
 def key(
     kind: str | Record | Many,
     meaning: str,
-    source: str | Callable[[Any], Any] | None = None,
+    source: Source = None,
     scale: float = 1.0,
     *,
     null: bool = False,
     optional: bool = False,
+    each: Mapping[str, Any] | None = None,
     **more: Any,
 ) -> Key:
     """A key of a record.
@@ -127,11 +162,12 @@ def key(
         null: whether it may be null.
         optional: whether it may be absent: readers of older files must do without. One that cannot be null is left out
             where there is none.
-        more: further keywords of its JSON schema.
+        each: further keywords of the JSON schema of each entry, of a plain list or object.
+        more: likewise of its own.
     """
     if isinstance(kind, str) and kind.endswith("?"):
-        return Key(kind.removesuffix("?"), meaning, source, scale, True, optional, more)
-    return Key(kind, meaning, source, scale, null, optional, more)
+        kind, null = kind.removesuffix("?"), True
+    return Key(kind, meaning, source, scale, null, optional, dict(each or {}), more)
 
 
 def figures(result: Any, meaning: str, symbols: Iterable[str] | None = None, ref: str = "") -> Record:
@@ -159,10 +195,14 @@ def schema_of_file(kind: str, record: Record) -> dict[str, Any]:
     }
 
 
-def _taken(source: Any, where: str | Callable[[Any], Any]) -> Any:
-    if not isinstance(where, str):
+def _beyond(path: str, own: Source) -> Callable[[Any], Any]:
+    return lambda source: _taken(_taken(source, path), own)
+
+
+def _taken(source: Any, where: Source) -> Any:
+    if callable(where):
         return where(source)
-    for part in filter(None, where.split(".")):
+    for part in filter(None, (where or "").split(".")):
         source = source.get(part, _ABSENT) if isinstance(source, Mapping) else getattr(source, part)
         if source is None or source is _ABSENT:
             return source
@@ -176,11 +216,11 @@ def _schema_of(record: Record, null: bool = False) -> dict[str, Any]:
     return {"anyOf": [ref, {"type": "null"}]} if null else ref
 
 
-def _plain_schema(kind: str) -> dict[str, Any]:
-    """ "[number?]" -> {"type": "array", "items": {"type": ["number", "null"]}}"""
+def _plain_schema(kind: str, each: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """ "[number?]" -> {"type": "array", "items": {"type": ["number", "null"], **each}}"""
     bare = kind.removesuffix("?")
     if bare[0] in "[{":
-        inner = _plain_schema(bare[1:-1])
+        inner = _plain_schema(bare[1:-1]) | dict(each or {})
         found = (
             {"type": "array", "items": inner} if bare[0] == "[" else {"type": "object", "additionalProperties": inner}
         )

@@ -15,7 +15,7 @@ from ..estimation.result import FitResult
 from ..files import plain, put_aside
 from ..rig.base import Finding
 from . import codec
-from .fit import effects_of, hashes, influence_json, parameters_json, rows_json, score_json, versions
+from .fit import AGREEMENT, FIT, ROW, SCORE, effects_of, rows_of, score_of, versions
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
 
 
@@ -35,7 +35,7 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "verdict": list(diagnosis.verdict),
         "start": {"effects": list(effects_of(before))},
         "final": {"effects": list(effects_of(after))},
-        "rounds": [_round(each, effects_of(before)) for each in diagnosis.rounds],
+        "rounds": [_round(each, tuple(effects_of(before))) for each in diagnosis.rounds],
         "added": list(diagnosis.added),
         "removed": list(diagnosis.removed),
         "sets": [plain(each) for each in diagnosis.sets],
@@ -52,17 +52,18 @@ def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
         "probabilities": plain(dict(diagnosis.probabilities)),
         "unexplained": _unexplained(unknown) if unknown is not None else None,
         "discrepancy": [plain(each) for each in diagnosis.discrepancy],
-        "before": score_json(before),
-        "after": score_json(after),
+        "before": plain(SCORE.written(score_of(before))),
+        "after": plain(SCORE.written(score_of(after))),
         "after_with_unknown": None if unknown is None else {
-            "fit": rows_json(unknown.fit), "holdout": rows_json(unknown.holdout)
+            "fit": [plain(ROW.written(row)) for row in rows_of(unknown.fit)],
+            "holdout": [plain(ROW.written(row)) for row in rows_of(unknown.holdout)],
         },
-        "parameters": parameters_json(after),
-        **influence_json(after),
+        "parameters": plain(FIT.keys["parameters"].value(after)),
+        **plain(AGREEMENT.written(after)),
         "settings": plain(diagnosis.settings),
         "warnings": list(after.warnings),
         "folder": after.rig.folder,
-        "files": hashes(after.rig),
+        "files": dict(after.rig.digests),
         "versions": versions(),
     }  # fmt: skip
 

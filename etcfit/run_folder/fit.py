@@ -1,9 +1,9 @@
-"""fit.json, and the parts of it that other files of the run folder share."""
+"""fit.json, declared: every key, what it means and what of a fit it is; and what other files share."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from importlib import metadata
 from typing import Any
 
@@ -11,81 +11,34 @@ import numpy as np
 
 from .. import __version__
 from ..estimation.explained import Explained, by_place, explained, share_of
+from ..estimation.fitted_model import Fitted
 from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
-from ..estimation.result import FitResult
+from ..estimation.result import FitResult, Reason
 from ..files import plain
-from ..model.parameters import Parameter
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
+from .declared import Record, by_name, key, list_of
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
+SYMBOL = {"pattern": "^[A-Za-z][A-Za-z0-9_.]*$"}
+_STATISTICAL, _STATED = "statistical only", "statistical and stated accuracy"
+_LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
 
 
 def fit_json(result: FitResult) -> dict[str, Any]:
-    """The object of fit.json (docs/formats.md), and what else a reader may want to know."""
-    config = result.rig.config
-    return {
-        "schema": "etcfit.fit/1",
-        "rig": config.name,
-        "synthetic": config.synthetic,
-        "converged": result.converged,
-        "reason": result.reason,
-        "reason_code": result.reason_code,
-        "model": {"effects": list(effects_of(result))},
-        "parameters": parameters_json(result),
-        "lumped": _lumped_json(result),
-        **influence_json(result),
-        **budget_json(result),
-        "score": score_json(result),
-        "not_identifiable": _directions(result),
-        "starts": plain(result.starts),
-        "warnings": list(result.warnings),
-        "noise": _noise(result.rig),
-        "widening": plain(result.widening),
-        "settings": plain(result.settings),
-        "folder": result.rig.folder,
-        "files": hashes(result.rig),
-        "versions": versions(),
-    }
+    """The object of fit.json."""
+    return plain(FIT.written(result))
 
 
-def parameters_json(result: FitResult) -> dict[str, dict[str, Any]]:
-    """Every parameter as docs/formats.md has it."""
-    declared = {p.symbol: p for p in result.free_parameters.layout.parameters}
-    read = readings_of(result)
-    return {symbol: _parameter(declared.get(symbol), interval, read.get(symbol))
-            for symbol, interval in intervals(result).items()}  # fmt: skip
+def ends(interval: Interval) -> list[float] | None:
+    """[low, high]; None where there is none."""
+    return None if interval.low is None or interval.high is None else [interval.low, interval.high]
 
 
-def effects_of(result: FitResult) -> tuple[str, ...]:
-    """Names of all effects of a fit's model, those of Eqs. 1-2 among them."""
-    return tuple(effect.name for effect in result.free_parameters.layout.types)
-
-
-def score_json(result: FitResult) -> dict[str, Any]:
-    """Errors of a model, see docs/formats.md: of the fitted channels also what is left by the one rule
-    (`estimation.goodness`)."""
-    left = {(each.file, each.channel): each.left for each in result.goodness}
-    fitted, held_out = (explained(rows, result.rig.measurements) for rows in (result.score_fit, result.score_holdout))
-    rows = zip(result.score_fit, rows_json(result.score_fit, fitted), strict=True)
-    return {
-        "fit": [{**row, "left": left[own.file, own.channel]} for own, row in rows],
-        "holdout": rows_json(result.score_holdout, held_out),
-        "chi2_per_dof": plain(float(result.chi2_per_dof)),
-        "explained": plain(share_of(fitted)),
-        "explained_holdout": plain(share_of(held_out)),
-    }
-
-
-def rows_json(rows: Iterable[PredictionError], found: Iterable[Explained] = ()) -> list[dict[str, Any]]:
-    """Free-running errors, a row of `score` each, see docs/formats.md; with the share that is explained, where it is
-    known."""
-    keys = ("file", "test", "channel", "unit", "n", "rms", "sigma")
-    shares = by_place(found)
-    return [plain({key: getattr(row, key) for key in keys}
-                  | ({"explained": shares[row.file, row.channel]} if (row.file, row.channel) in shares else {}))
-            for row in rows]  # fmt: skip
+def effects_of(result: FitResult | Fitted) -> list[str]:
+    """Names of all effects of a model, those of Eqs. 1-2 among them."""
+    return [effect.name for effect in result.free_parameters.layout.types]
 
 
 def readings_of(result: FitResult) -> dict[str, float]:
@@ -95,98 +48,237 @@ def readings_of(result: FitResult) -> dict[str, float]:
     return {s: float(v) for s, v in readings.values.items() if s not in assumed and np.isfinite(v)}
 
 
-def _parameter(parameter: Parameter | None, interval: Interval, reading: float | None) -> dict[str, Any]:
-    ci95 = None if interval.low is None else [interval.low, interval.high]
-    return plain({
-        "value": interval.value,
-        "unit": parameter.unit if parameter else "1",
-        "stderr": interval.stderr,
-        "ci95": ci95,
-        "status": interval.status,
-        "reading": reading,
-        "meaning": parameter.meaning if parameter else GEAR_RATIO,
-        **({"remark": interval.remark} if interval.remark else {}),
-    })  # fmt: skip
-
-
-def _lumped_json(result: FitResult) -> dict[str, dict[str, Any]]:
-    read = readings_of(result)
-    return {
-        symbol: plain({"value": i.value, "unit": LUMPS[symbol].unit, "stderr": i.stderr,
-                       "ci95": None if i.low is None else [i.low, i.high], "status": i.status,
-                       "reading": read.get(symbol), "meaning": LUMPS[symbol].meaning})
-        for symbol, i in lumped(result).items()
-    }  # fmt: skip
-
-
-def _directions(result: FitResult) -> list[dict[str, Any]]:
-    directions = result.identifiability.directions
-    return [
-        plain({"symbols": d.symbols, "shares": d.shares, "null": d.null, "sd": None if d.null else d.sd, "says": says})
-        for d, says in zip(directions, sentences(directions, result.problem.batch.traces), strict=True)
-    ]
-
-
-def _noise(rig: Rig) -> list[dict[str, Any]]:
-    """One entry for each sensor of each test, in SI."""
-    seen: dict[tuple[str, str, float], dict[str, Any]] = {}
-    for trace in rig.measurements:
-        for name, channel in trace.channels.items():
-            origin = "estimated" if channel.sigma_estimated else "given"
-            seen.setdefault((trace.test, name, channel.sigma), {
-                "test": trace.test, "channel": name, "sigma": channel.sigma, "quantum": channel.quantum,
-                "origin": origin,
-            })  # fmt: skip
-    return plain(list(seen.values()))
-
-
-def hashes(rig: Rig) -> dict[str, str]:
-    """SHA-256 of every file (or data frame) that was read, by its name."""
-    return dict(rig.digests)
-
-
 def versions() -> dict[str, str]:
+    """Of etcfit, Python and the numerical libraries."""
     ours = {"etcfit": __version__, "python": platform.python_version()}
     return ours | {name: metadata.version(name) for name in ("jax", "optimistix", "numpy", "scipy")}
 
 
-def budget_json(result: FitResult) -> dict[str, Any]:
-    """`intervals` says what they allow for; `budget` has the shares of each parameter's variance, by source."""
+def rows_of(rows: Iterable[PredictionError], found: Iterable[Explained] = ()) -> list[dict[str, Any]]:
+    """Free-running errors, with the share that is explained where it is known."""
+    shares, own = by_place(found), [((row.file, row.channel), vars(row)) for row in rows]
+    return [row | ({"explained": shares[place]} if place in shares else {}) for place, row in own]
+
+
+def budget_of(result: FitResult) -> dict[str, dict[str, Any]]:
+    """Of each free parameter that is known its standard error without [accuracy] of rig.toml, and the shares of its
+    variance, by source; {} where rig.toml has none."""
     budget = result.budget
     if budget is None:
-        return {"intervals": "statistical only", "budget": {}}
+        return {}
     slope = np.abs(result.free_parameters.layout.numbers(result.x)[1])
     statistical = slope * np.sqrt(np.maximum(np.diag(budget.statistical), 0.0))
-    shares = budget.shares()
-    known = [s not in result.identifiability.lost for s in result.free_parameters.layout.free]
+    shares, names = budget.shares(), (*budget.sources, "statistical")
     return {
-        "intervals": "statistical and stated accuracy",
-        "budget": {
-            symbol: plain({
-                "stderr_statistical": float(statistical[k]),
-                "shares": dict(zip((*budget.sources, "statistical"), shares[:, k].tolist(), strict=True)),
-            })
-            for k, symbol in enumerate(result.free_parameters.layout.free)
-            if known[k]
-        },
+        symbol: {
+            "stderr_statistical": float(statistical[k]),
+            "shares": dict(zip(names, shares[:, k].tolist(), strict=True)),
+        }
+        for k, symbol in enumerate(result.free_parameters.layout.free)
+        if symbol not in result.identifiability.lost
+    }
+
+
+def described(result: FitResult, found: Mapping[str, Interval]) -> dict[str, dict[str, Any]]:
+    """Intervals by symbol, each with unit, meaning and reading."""
+    read, declared = readings_of(result), {p.symbol: p for p in result.free_parameters.layout.parameters} | LUMPS
+    return {
+        s: vars(each) | {
+            "ci95": ends(each),
+            "unit": declared[s].unit if s in declared else "1",
+            "meaning": declared[s].meaning if s in declared else GEAR_RATIO,
+            "reading": read.get(s),
+        }
+        for s, each in found.items()
     }  # fmt: skip
 
 
-_LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
-
-
-def influence_json(result: FitResult) -> dict[str, Any]:
-    """The keys `influence`, `only_told_by`, `contradictions` and `compromise`."""
-    layout = result.free_parameters.layout
-    unit = {p.symbol: p.unit for p in layout.parameters}
+def score_of(result: FitResult) -> dict[str, Any]:
+    """Of the fitted channels also what is left by the one rule (`estimation.goodness`)."""
+    left = {(each.file, each.channel): each.left for each in result.goodness}
+    fitted, held_out = (explained(rows, result.rig.measurements) for rows in (result.score_fit, result.score_holdout))
     return {
-        "influence": [plain({"test": p.test, "file": p.file, "parameter": p.parameter, "pull": p.pull})
-                      for p in result.influence.largest(_LEAST, _MOST)],
-        "only_told_by": dict(result.influence.alone),
-        "contradictions": [
-            plain({"test": c.test, "parameter": c.parameter, "pull": c.pull, "value": c.value, "without": c.without,
-                   "unit": unit[c.parameter], "p": c.p, "share": c.share})
-            for c in result.contradictions
-        ],
-        "compromise": None if result.compromise is None else result.compromise.why,
-    }  # fmt: skip
+        "fit": [row | {"left": left[row["file"], row["channel"]]} for row in rows_of(result.score_fit, fitted)],
+        "holdout": rows_of(result.score_holdout, held_out),
+        "chi2_per_dof": result.chi2_per_dof,
+        "explained": share_of(fitted),
+        "explained_holdout": share_of(held_out),
+    }
+
+
+def _directions(result: FitResult) -> list[dict[str, Any]]:
+    directions = result.identifiability.directions
+    said = sentences(directions, result.problem.batch.traces)
+    return [vars(each) | {"null": each.null, "says": says} for each, says in zip(directions, said, strict=True)]
+
+
+def _contradictions(result: FitResult) -> list[dict[str, Any]]:
+    unit = {p.symbol: p.unit for p in result.free_parameters.layout.parameters}
+    return [vars(each) | {"unit": unit[each.parameter]} for each in result.contradictions]
+
+
+def _sensors(rig: Rig) -> list[dict[str, Any]]:
+    """One entry for each sensor of each test, in SI."""
+    seen: dict[tuple[str, str, float], dict[str, Any]] = {}
+    for trace in rig.measurements:
+        for name, channel in trace.channels.items():
+            seen.setdefault((trace.test, name, channel.sigma), vars(channel) | {"test": trace.test, "channel": name})
+    return list(seen.values())
+
+
+RIG = key("text", "Name of the rig, from rig.toml.", "rig.config.name")
+SYNTHETIC = key("flag", "The data came from a simulation.", "rig.config.synthetic")
+VERSIONS = key("{text}", "Versions of etcfit, Python and the numerical libraries that made this file.",
+    lambda _: versions())  # fmt: skip
+CONVERGED = key("flag", "Whether the end is an optimum. False also means exit status 3.")
+REASON = key("text", "Why (not), in words.")
+WARNINGS = key("[text]", "What a reader must know, one sentence each.")
+FOLDER = key("text", "The measurement folder as it was given.", "rig.folder")
+FILES = key("{text?}", "SHA-256 of every measurement file that was read, by its path in the measurement folder; null "
+    "for one that was gone by then.", "rig.digests", each={"pattern": "^[0-9a-f]{64}$"})  # fmt: skip
+MODEL = Record(
+    effects=key("[text]", "Names of all its effects, those of Eqs. 1-2 among them (see the catalogue of effects).",
+        effects_of),
+)  # fmt: skip
+FIT_STATE = Record(
+    chi2_per_dof=key("number?", "Of its residual, per degree of freedom; 1 where only noise is left."),
+    converged=key("flag", "Whether it is at an optimum."),
+    reason=key("text", "In words why (not)."),
+    compromise=key("text?", "Why its parameters are no estimates; null where they are. Else errors and draws are as "
+        "wide as the ranges that subsets of the data give, and a share of draws is no probability."),
+)  # fmt: skip
+PARAMETER = Record(
+    "One parameter, SI.", "parameter",
+    value=key("number?", "At the optimum. Of a parameter that is not identifiable it is where the search stopped, and "
+        "means nothing."),
+    unit=key("text", "SI unit."),
+    stderr=key("number?", "Standard error; null where it is fixed or not identifiable."),
+    ci95=key("[number]?", "95 % interval [low, high]; null where there is none. Where status is compromise: the range "
+        "that subsets of the data give, not a statistical interval.", minItems=2, maxItems=2),
+    status=key("text", "estimated; fixed (given in rig.toml); tied (equal to another parameter); not identifiable "
+        "(these data do not tell it); compromise (the model is far from its data, so the value is a compromise "
+        "between its errors).", enum=["estimated", "fixed", "tied", "not identifiable", "compromise"]),
+    reading=key("number?", "What the paper's method of reading graphs gives; null where it reads nothing."),
+    meaning=key("text", "In words."),
+    remark=key("text", "What else must be known of it, such as: at its bound, or K_m = K_b. Absent where there is "
+        "nothing to say.", lambda each: each["remark"] or None, optional=True),
+)  # fmt: skip
+PULL = Record(
+    "One influence.",
+    test=key("text", "Which rig test is left out."),
+    file=key("text?", "Which file of it; null for the whole test."),
+    parameter=key("text", "Symbol."),
+    pull=key("number", "By how much leaving it out would move the parameter, in standard errors of noise alone (not "
+        "widened)."),
+)  # fmt: skip
+CONTRADICTION = Record(
+    "One test.",
+    test=key("text", "The rig test."),
+    parameter=key("text", "The parameter that it pulls most, symbol."),
+    pull=key("number", "By how much leaving the test out moves it, in standard errors of noise alone."),
+    value=key("number", "Of that parameter, with the test."),
+    without=key("number", "And without it: the fit made again to the other tests."),
+    unit=key("text", "SI unit of both."),
+    p=key("number", "Probability of so large a disagreement, or a larger one, where there is none.",
+        minimum=0, maximum=1),
+    share=key("number", "Share of the misfit that is gone if this test may have parameters of its own.",
+        minimum=0, maximum=1),
+)  # fmt: skip
+BUDGET = Record(
+    "One parameter.",
+    stderr_statistical=key("number?", "Standard error without the instruments' accuracy, SI."),
+    shares=key("{number}", "Share of the variance by source: \"scale of current\", \"zero of position\", \"gear "
+        "ratio\", \"statistical\"; they add up to 1."),
+).closed()  # fmt: skip
+ROW = Record(
+    "Free-running error of one channel of one trace.", "row",
+    file=key("text", "The trace, relative to the measurement folder."),
+    test=key("text", "The rig test, which is the name of its folder."),
+    channel=key("text", "The quantity that is compared, such as position."),
+    unit=key("text", "Unit of rms and sigma: the one in which the channel was logged."),
+    n=key("whole", "Samples compared.", minimum=0),
+    rms=key("number?", "Root mean square of measured minus simulated, the model running free from the logged input."),
+    sigma=key("number", "Standard deviation of one sample's noise, in the same unit."),
+    explained=key("number?", "1 - sum (y - y_hat)^2 / sum (y - mean y)^2; null: the channel hardly moves, or was not "
+        "logged itself.", optional=True),
+    left=key("text", "What is left in a fitted channel. fits: noise, and the free run within 3 sigma; strays: noise, "
+        "the free run further off; more: larger than its noise, or not independent; far: a mean squared residual of 2 "
+        "or more.", optional=True, enum=["fits", "strays", "more", "far"]),
+)  # fmt: skip
+SCORE = Record(
+    fit=key(list_of(ROW), "Of the fitted traces."),
+    holdout=key(list_of(ROW), "Of the traces held out: never fitted, only predicted."),
+    chi2_per_dof=key("number?", "Sum of squares of the whitened residual over the degrees of freedom: 1 where the "
+        "model explains the data up to their noise."),
+    explained=key("number?", "Share of the motion that is explained, all fitted traces together: of position, else of "
+        "speed; null where nothing moves."),
+    explained_holdout=key("number?", "Likewise of the traces held out."),
+)  # fmt: skip
+DIRECTION = Record(
+    "One direction.",
+    symbols=key("[text]", "The parameters it mixes, largest share first."),
+    shares=key("[number]", "Their shares."),
+    null=key("flag", "The data do not determine it at all."),
+    sd=key("number?", "Standard deviation along it, relative; null where the data say nothing.",
+        lambda found: None if found["null"] else found["sd"]),
+    says=key("text", "The same in words, with the measurement that would tell."),
+)  # fmt: skip
+START = Record(
+    "One start.",
+    name=key("text", "reading, or the number of a scattered start."),
+    chi2_before=key("number?", "Sum of squares before."),
+    chi2_after=key("number?", "And after."),
+    steps=key("whole", "Levenberg-Marquardt steps."),
+)  # fmt: skip
+SENSOR = Record(
+    "One sensor.",
+    test=key("text", "Rig test."),
+    channel=key("text", "Quantity."),
+    sigma=key("number", "Standard deviation of one sample."),
+    quantum=key("number", "Resolution of the logger; 0 where none is seen."),
+    origin=key("text", "given in rig.toml, or estimated from the data.",
+        lambda sensor: "estimated" if sensor["sigma_estimated"] else "given", enum=["given", "estimated"]),
+)  # fmt: skip
+AGREEMENT = Record(
+    influence=key(list_of(PULL), "What leaving a rig test, or one file of it, out would do to each parameter; the "
+        "largest first. Half a standard error at least, 50 entries at most.",
+        lambda result: result.influence.largest(_LEAST, _MOST)),
+    only_told_by=key("{text}", "By symbol: the rig test, or the file, that alone tells this parameter. Nothing checks "
+        "it there, and leaving it out has no figure.", "influence.alone"),
+    contradictions=key(list_of(CONTRADICTION), "Rig tests that the others contradict, worst first; empty where none "
+        "does.", _contradictions),
+    compromise=key("text?", "Why parameters are a compromise; null where they are estimates.", "compromise.why"),
+)  # fmt: skip
+FIT = Record(
+    "The joint fit of all traces: written by `etcfit fit`.",
+    rig=RIG,
+    synthetic=SYNTHETIC,
+    converged=CONVERGED,
+    reason=REASON,
+    reason_code=key("text?", "The same for programs; null where no joint fit judged the end.", optional=True,
+        enum=[*map(str, Reason), None]),
+    model=key(MODEL, "The model.", ""),
+    parameters=key(by_name(PARAMETER), "By symbol, every parameter of the model, of the tests' circuits "
+        "(series_ohm.TEST), and the gear ratio N.", lambda result: described(result, intervals(result)),
+        propertyNames=SYMBOL),
+    lumped=key(by_name(PARAMETER), "By symbol, combinations that may be known where their parts are not: J_eq, B_eq, "
+        "and in volts V_PL, V_f, V_s, V_w.", lambda result: described(result, lumped(result)), propertyNames=SYMBOL),
+    **AGREEMENT.keys,
+    intervals=key("text", "What the intervals allow for; the latter where rig.toml has [accuracy].",
+        lambda result: _STATISTICAL if result.budget is None else _STATED, enum=[_STATISTICAL, _STATED]),
+    budget=key(by_name(BUDGET), "Where the uncertainty of each free parameter that is known comes from; {} where "
+        "intervals are statistical only.", budget_of),
+    score=key(SCORE, "How well the fitted model predicts, running free.", score_of),
+    not_identifiable=key(list_of(DIRECTION), "Combinations of parameters that these data determine badly or "
+        "not at all, worst first.", _directions),
+    starts=key(list_of(START), "Where each start of the fit began and ended."),
+    warnings=WARNINGS,
+    noise=key(list_of(SENSOR), "The noise assumed of each sensor of each test, SI.",
+        lambda result: _sensors(result.rig)),
+    widening=key("{number?}", "By symbol: factor by which intervals were widened, because residuals are larger than "
+        "their noise or not independent."),
+    settings=key("object", "What the fit decided by: every field of `etcfit.FitSettings`."),
+    folder=FOLDER,
+    files=FILES,
+    versions=VERSIONS,
+)  # fmt: skip

@@ -20,7 +20,7 @@ from .design import (
     supply_table_json,
     written_for,
 )
-from .fit import versions
+from .fit import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS
 
 
 def design_json(design: Design) -> dict[str, Any]:
@@ -37,17 +37,6 @@ METRICS = figures(
     "How well a loop follows its setpoint, and what that costs; null is infinite, absent, or not computed there.",
     ref="metrics",
 )
-MODEL = Record(
-    effects=key("[text]", "Names of all its effects, those of Eqs. 1-2 among them (see the catalogue of effects).",
-        lambda fitted: [each.name for each in fitted.free_parameters.layout.types]),
-)  # fmt: skip
-FIT_STATE = Record(
-    chi2_per_dof=key("number?", "Of its residual, per degree of freedom; 1 where only noise is left."),
-    converged=key("flag", "Whether it is at an optimum."),
-    reason=key("text", "In words why (not)."),
-    compromise=key("text?", "Why its parameters are no estimates; null where they are. Else errors and draws are as "
-        "wide as the ranges that subsets of the data give, and a share of draws is no probability."),
-)  # fmt: skip
 GAINS = Record(
     Kp=key("number", "V/rad."),
     Ki=key("number", "V/(rad s)."),
@@ -377,8 +366,8 @@ PARTS = Record(
 )  # fmt: skip
 PID = Record(
     "PID gains, every rule compared: written by `etcfit design`.",
-    rig=key("text", "Name of the rig, from rig.toml.", "fitted.config.name"),
-    synthetic=key("flag", "The data came from a simulation.", "fitted.config.synthetic"),
+    rig=RIG.of("fitted.config.name"),
+    synthetic=SYNTHETIC.of("fitted.config.synthetic"),
     model=key(MODEL, "The model.", "fitted"),
     fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
     anyway=key("flag", "The gains were asked for with --anyway: table and page give what is typed into an ECU even "
@@ -435,6 +424,5 @@ PID = Record(
     parts=key(PARTS, "How gains fare on the parts of one design; only where a fleet was given (--parts), over whose "
         "drawn units `optimal` was sought then.", optional=True),
     settings=key("object", "What the design decided by: every field of `etcfit.DesignSettings`."),
-    versions=key("{text}", "Versions of etcfit, Python and the numerical libraries that made this file.",
-        lambda _: versions()),
+    versions=VERSIONS,
 )  # fmt: skip

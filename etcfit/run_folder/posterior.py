@@ -20,7 +20,7 @@ from ..files import plain, whole
 from ..posterior.profile import Profile
 from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
-from .fit import effects_of, hashes, versions
+from .fit import effects_of, versions
 
 _ENGINE = "h5netcdf"  # of xarray
 
@@ -53,7 +53,7 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands:
         "settings": plain(posterior.settings),
         "warnings": list(_warnings(posterior)),
         "folder": fit.rig.folder,
-        "files": hashes(fit.rig),
+        "files": dict(fit.rig.digests),
         "versions": versions(),
     }  # fmt: skip
 

@@ -16,7 +16,6 @@ from etcfit.api.work import design_of
 from etcfit.control.design import Design, design, ecu_of
 from etcfit.control.linearise import reduce
 from etcfit.control.request import DesignRequest
-from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.agreement import Compromise
 from etcfit.estimation.intervals import Z_95, intervals
 from etcfit.estimation.joint_fit import FitResult, quiet
@@ -33,9 +32,7 @@ from etcfit.run_folder.plant import reduction_json
 
 FAR = "the model is far from the data (chi2/dof 17)"
 SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
-BRIEF = DesignSettings(
-    draws=40, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
-)
+BRIEF = replace(results.BRIEF, draws=40)
 
 
 @pytest.fixture(scope="module")

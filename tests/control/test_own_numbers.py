@@ -18,7 +18,6 @@ from etcfit.control.design import ecu_of, gains_as_found, propose, task_of
 from etcfit.control.own_numbers import checked, said, shares
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.linear_loop import closed, sampled
-from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
@@ -113,10 +112,9 @@ def test_present_gains_of_an_ecu_with_a_known_unit_are_judged_as_found(fitted: F
 
 
 def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tmp_path: Path) -> None:
-    brief = DesignSettings(draws=2, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1,
-                                                            last_rounds=1))  # fmt: skip
     make = ECUS["maxxecu"]
-    given = task_of(fitted, ecu_of(fitted, **make.completed({"compensated": 1.0})), settings=brief, profile=make,
+    ecu, brief = ecu_of(fitted, **make.completed({"compensated": 1.0})), replace(results.BRIEF, draws=2)
+    given = task_of(fitted, ecu, settings=brief, profile=make,
                     feed_forward=True, present={"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0})  # fmt: skip
     found = propose(fitted, replace(given, as_found=Gains(100.0, 200.0, 1.0)), "manual", {"manual": RULES["manual"]},
                     "laplace")  # fmt: skip

@@ -106,10 +106,10 @@ def test_an_interval_that_was_not_widened_is_not_said_to_be(widest: float, said:
 
 
 def test_what_a_row_of_a_file_says_is_the_same_rule(tmp_path: Path) -> None:
-    from etcfit.run_folder.fit import score_json
+    from etcfit.run_folder.fit import score_of
 
     result = results.result(results.rig(tmp_path), off=0.6)
-    written = {(row["file"], row["channel"]): row["left"] for row in score_json(result)["fit"]}
+    written = {(row["file"], row["channel"]): row["left"] for row in score_of(result)["fit"]}
     assert written == {(each.file, each.channel): each.left for each in result.goodness}
     assert len(set(written.values())) > 1
 

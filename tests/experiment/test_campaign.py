@@ -213,7 +213,7 @@ def test_ramps_are_straight() -> None:
 def test_planned_tests_do_what_they_promise_on_the_true_plant(tmp_path: Path, seed: int) -> None:
     """Played on the independent plant within every limit; refitted, as sure as promised; more than the paper's tell.
 
-    Left out: L_a and K_b, whose promise was missed by up to a factor of 4 (docs/commands/plan.md).
+    Left out: L_a and K_b, whose promise was missed by up to a factor of 4 (commands/plan.md).
     """
     outcome = one(seed, tmp_path)
     assert outcome.converged

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,9 @@ from etcfit.errors import MeasurementError
 from etcfit.importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tune_input
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import RUSEFI
-from etcfit.rig.base import Rig
+from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.reader import read_folder
+from independent.cars import draw_car, log_of
 
 DEFAULT = TuneSettings()
 GAINS = Terms(6.2, 40.0, 0.05)
@@ -36,8 +38,10 @@ def log(rate: float, amplitude: float = 30.0, at_limit: float = 0.0, duration: f
     return Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
 
 
-def made(rig: Rig, gains: Terms | None = None, settings: TuneSettings = DEFAULT) -> TuneInput:
-    return tune_input(rig, "car", known(gains), settings)
+def made(
+    rig: Rig, gains: Terms | None = None, settings: TuneSettings = DEFAULT, of_logs: tuple[Terms, ...] = ()
+) -> TuneInput:
+    return tune_input(rig, "car", replace(known(gains), of_logs=of_logs), settings)
 
 
 def stops(found: TuneInput) -> set[str]:
@@ -55,6 +59,27 @@ def test_a_slower_log_takes_the_ecu_into_the_model_where_its_gains_are_known() -
     assert (found.model, stops(found)) == (ECU, set())
     assert "misses duties" in found.why
     assert "duty" not in found.files["drive/lap_1.csv"].splitlines()[1]
+
+
+def test_logs_under_different_gains_are_one_model_where_the_duty_drives_it_and_refused_where_the_ecu_does() -> None:
+    other = GAINS._replace(P=2.0 * GAINS.P)
+    fast, slow = (replace(log(rate), measurements=(*log(rate).measurements, *renamed(log(rate), "drive/lap2.csv")))
+                  for rate in (500.0, 100.0))  # fmt: skip
+    found = made(fast, other, of_logs=(GAINS, other))
+    assert (found.model, stops(found)) == (DUTY, set())
+    assert "under which gains each log was made does not matter" in found.why
+    assert {name for name in found.files if "lap2" in name}
+    found = made(slow, other, of_logs=(GAINS, other))
+    assert stops(found) == {"fast enough"}
+    assert "made under different gains" in found.stopped_by[0].says
+    assert "Give only the logs that were made under one set of gains" in found.stopped_by[0].cure
+    found = made(slow, other, of_logs=(other, other))
+    assert (found.model, stops(found)) == (ECU, set())
+    assert "taken for those of all 2 logs" in found.why
+
+
+def renamed(rig: Rig, file: str) -> list[Measurement]:
+    return [replace(measurement, file=file) for measurement in rig.measurements]
 
 
 def test_a_slow_log_of_unknown_gains_tells_nothing_and_says_what_would() -> None:
@@ -122,6 +147,23 @@ def test_what_such_a_log_cannot_tell_is_held_and_the_duty_acts_a_tick_later() ->
     assert "t_a = { fixed = 0 }" in text  # of an ECU whose delay is said to be none
     assert "R_a = { fixed" in text
     assert "actuation_delay" not in made(log(100.0), GAINS).files["rig.toml"]
+
+
+@pytest.mark.parametrize("seed", [9200, 9201, 9206])
+def test_the_fit_starts_at_the_angle_where_the_springs_hold_the_plate_alone(seed: int) -> None:
+    """Cars of the independent generator, of 100, 200 and 500 rows a second; read to half a degree."""
+    car = draw_car(seed)
+    seen = log_of(car, seed)
+    columns = {"time [s]": seen["Time (s)"], "position [%]": seen["TPS (%)"], "setpoint [%]": seen["ETB Target (%)"],
+               "duty [%]": seen["ETB Duty (%)"]}  # fmt: skip
+    rig = Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
+    lines = made(rig, GAINS).files["rig.toml"].splitlines()
+    (start,) = (float(line.split()[2]) for line in lines if line.startswith("theta_lh"))
+    assert start == pytest.approx(car.effects.limp_home_spring.angle, abs=0.009)
+
+
+def test_a_plate_that_no_duty_pulls_down_tells_no_such_angle() -> None:
+    assert "theta_lh" not in made(log(500.0)).files["rig.toml"]
 
 
 def test_pieces_are_cut_where_the_plate_rests() -> None:

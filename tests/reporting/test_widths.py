@@ -26,7 +26,7 @@ from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
 from etcfit.control.pid import RULES
-from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
+from etcfit.control.settings import FleetDesignSettings
 from etcfit.estimation.agreement import Influence, Pull
 from etcfit.estimation.identifiability import Identifiability
 from etcfit.estimation.joint_fit import FitResult
@@ -38,7 +38,7 @@ from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.target import Target
 from etcfit.reporting.blocks import PlainTable, render
-from etcfit.reporting.car_log import drive_table
+from etcfit.reporting.car_log import compared_table, drive_table
 from etcfit.reporting.check_table import advice_table, check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
 from etcfit.reporting.diagnosis import diagnosis_table
@@ -52,7 +52,6 @@ from independent import hunting
 
 WIDTHS = (80, 100, 160)
 LONG = "response/second_day_with_the_new_harness/chirp_from_1_to_20_hertz.csv"
-BRIEF = DesignSettings(optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1))
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +104,8 @@ def of_drive(fit: FitResult) -> RenderableType:
         DriveLog(name, position, setpoint),
         DriveLog("b.csv", shown["position"], shown["setpoint"], others=others),
     )
-    return drive_table(RigConfig("car"), [study(bare), study(full)])
+    every = [study(bare), study(full)]
+    return Group(drive_table(RigConfig("car"), every), compared_table(RigConfig("car"), *every))
 
 
 def of_posterior(fit: FitResult) -> RenderableType:
@@ -140,7 +140,7 @@ def of_sines(fit: FitResult, folder: Path) -> RenderableType:
 def of_design(fit: FitResult) -> RenderableType:
     """By quick rules, on a fleet and on the parts of one as well, judged by hand."""
     fitted = fit.fitted()
-    task = task_of(fitted, ecu_of(fitted), PAPERS, settings=BRIEF)
+    task = task_of(fitted, ecu_of(fitted), PAPERS, settings=results.BRIEF)
     design = propose(fitted, task, "manual", {name: RULES[name] for name in ("manual", "damping_optimum")}, "laplace")
     units = tuple(f"serial_{k}_of_line_4_week_31" for k in range(3))
     figures = LoopFigures(**{symbol: np.array([1.0, 2.0, 1234.5]) for symbol in FIGURES})

@@ -17,7 +17,6 @@ import results
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.rig.base import FRAMES, Rig, RigConfig
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder.fit import hashes
 from etcfit.run_folder.state import load_fit, must_belong, save_fit
 from folders import TOML, Sheet, back_emf, inductance, resistance, response, write
 
@@ -207,16 +206,16 @@ def test_no_frames_are_no_rig() -> None:
 
 def test_a_run_records_the_frames_by_their_hash() -> None:
     """One digit, one name, one order of columns: another hash; the same again: the same."""
-    found = hashes(Rig.from_frames(frames(), config()))
+    found = Rig.from_frames(frames(), config()).digests
     assert set(found) == {"rig.toml", *SHEETS}
     assert len(set(found.values())) == len(found)
     assert all(digest is not None and len(digest) == 64 for digest in found.values())
-    assert hashes(Rig.from_frames(frames(), config())) == found
+    assert Rig.from_frames(frames(), config()).digests == found
     others = R * (1 + 1e-15), R.rename(columns={"tps [V]": "TPS [V]"}), R.iloc[:, ::-1]
     for other in others:
-        assert hashes(Rig.from_frames(frames(**{"1": other}), config()))["response/1"] != found["response/1"]
+        assert Rig.from_frames(frames(**{"1": other}), config()).digests["response/1"] != found["response/1"]
     changed = config(TOML.replace("20.68", "20.69"))
-    assert hashes(Rig.from_frames(frames(), changed))["rig.toml"] != found["rig.toml"]
+    assert Rig.from_frames(frames(), changed).digests["rig.toml"] != found["rig.toml"]
 
 
 def test_a_fit_of_frames_is_saved_whole_though_no_folder_holds_them(tmp_path: Path) -> None:
@@ -224,7 +223,7 @@ def test_a_fit_of_frames_is_saved_whole_though_no_folder_holds_them(tmp_path: Pa
     save_fit(tmp_path / "run", results.result(rig))
     again = load_fit(tmp_path / "run")
     assert again.rig.folder == FRAMES
-    assert hashes(again.rig) == hashes(rig)
+    assert again.rig.digests == rig.digests
     with pytest.raises(UsageError, match="made from data frames"):
         must_belong(tmp_path / "run", tmp_path)
 

@@ -37,7 +37,7 @@ from etcfit.run_folder.plant import frequency_json
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "etcfit" / "run_folder" / "schemas"
 KINDS = tuple(sorted(file.name.removesuffix(".schema.json") for file in FOLDER.glob("*.schema.json")))
-# keys of the contract (docs/formats.md) that are always there; those that later versions add are optional
+# keys of the contract (formats.md) that are always there; those that later versions add are optional
 CONTRACT = {
     "fit": "schema rig synthetic converged reason model parameters influence score settings",
     "diagnosis": "schema start final rounds added ties unexplained before after parameters settings",
@@ -181,7 +181,7 @@ def test_the_manifest_is_what_the_contract_says() -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_docs_name_every_key(kind: str) -> None:
-    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
     section = page.split(f"## {kind}.json", 1)[1].split("\n## ", 1)[0]
     named = re.findall(r"^\| `([^`]+)` \|", section, re.MULTILINE)
     assert set(schema(kind)["properties"]) <= set(named)
@@ -194,8 +194,9 @@ def test_the_tables_follow_references_lists_and_mappings() -> None:
         assert f"| `{path}` |" in shown
     assert "influence` | array | " in shown
     assert (
-        shown.count("*(optional)*") == 6
-    )  # a remark of a parameter, of a combination; what is left and what is explained in two lists of rows
+        shown.count("*(optional)*") == 7
+    )  # the end's code; a remark of a parameter, of a combination; what is left and
+    # what is explained in two lists of rows
 
 
 def test_the_response_to_sines_carries_the_state_of_the_fit(rig: Rig) -> None:

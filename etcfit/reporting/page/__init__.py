@@ -1,6 +1,6 @@
 """RUN/report.html: one self-contained page of everything that a run folder holds.
 
-It is made from the folder's files alone (docs/formats.md), so that it can be made again, elsewhere and later, without a
+It is made from the folder's files alone (formats.md), so that it can be made again, elsewhere and later, without a
 fit.
 """
 

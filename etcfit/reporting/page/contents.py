@@ -1,4 +1,4 @@
-"""What a run folder holds, read by the keys of docs/formats.md; others are welcome, and optional ones may be absent."""
+"""What a run folder holds, read by the keys of formats.md; others are welcome, and optional ones may be absent."""
 
 from __future__ import annotations
 
@@ -15,7 +15,12 @@ from ...run_folder.reading import object_in
 _STAGE = {"fit": "fit", "diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
           "frequency_response": "reduce", "pid": "design"}  # fmt: skip
 KINDS = tuple(_STAGE)
-_NEEDED = {"fit": ("model", "parameters", "score"), "diagnosis": ("parameters",), "pid": ("rule", "gains")}
+_NEEDED = {
+    "fit": ("model", "parameters", "score"),
+    "diagnosis": ("parameters",),
+    "pid": ("rule", "gains"),
+    "tune": ("says", "steps"),
+}
 _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
 
 
@@ -76,8 +81,17 @@ def logs_of(run: Path) -> Mapping[str, Any]:
     return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
 
 
+def tuned_of(run: Path, hashes: Mapping[str, str]) -> Mapping[str, Any]:
+    """The object of RUN/tune.json where its gains are those of pid.json; empty where there is none, or of others."""
+    path = run / "tune.json"
+    if not path.is_file():
+        return {}
+    told = _object(path, "tune", path.read_bytes())
+    return told if told.get("pid") == hashes.get("pid.json", "") else {}
+
+
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
-    """Rows of `score` (docs/formats.md); those of a model that could not be simulated are left out."""
+    """Rows of `score` (formats.md); those of a model that could not be simulated are left out."""
     return [
         PredictionError(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]
     ]

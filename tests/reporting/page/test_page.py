@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -52,9 +53,19 @@ def read(run: Path) -> Reader:
     return Reader(write_page(run).path.read_text(encoding="utf-8"))
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with everything in it, beside its measurements."""
+    folder = tmp_path_factory.mktemp("made")
+    runs.run_folder(folder, runs.LATER, lost=("B_L",))
+    return folder
+
+
 @pytest.fixture
-def full(tmp_path: Path) -> Path:
-    return runs.run_folder(tmp_path, runs.LATER, lost=("B_L",))
+def full(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be changed."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "run"
 
 
 def test_the_page_is_whole_and_asks_for_nothing(full: Path) -> None:
