@@ -26,8 +26,11 @@ from ..model.ecus import EcuProfile, named
 from ..run_folder.folder import RunFolder
 from ..run_folder.manifest import digest
 from .progress import Report, part_of, silent
+from .views import View
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..control.borne import Borne
     from ..control.design import Design
     from ..control.pid import Gains
@@ -87,7 +90,7 @@ class TuneRequest:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tuned:
+class Tuned(View):
     """What logs of a car came to.
 
     Args:
@@ -115,12 +118,10 @@ class Tuned:
     borne: tuple[Borne, ...] = ()
     doubts: tuple[str, ...] = ()
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit tune` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.tune import tune_table
 
-        return render(tune_table(tuned_json(self)), width)
+        return tune_table(tuned_json(self))
 
     def __repr__(self) -> str:
         said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"

@@ -13,14 +13,13 @@ from jaxtyping import Bool, Float, Int
 
 from ..kernels.derivatives import forward
 from ..kernels.graph import Graph
-from ..kernels.loop import Across
 from ..kernels.lowering import lowered
 from ..kernels.machine import Kernel
 from ..model.delay import Clock, Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
-from .lanes import Stored, compiled, remembered
+from .lanes import remembered, stored
 from .records import Entries, Remembered, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
@@ -98,12 +97,10 @@ class _LagsEntry:
                 self.ways[symbol] = jax.tree.map(lambda node, of=moves: of.get(node, zero), self.late)
 
 
-@remembered(_REMEMBERED)
+@remembered(_REMEMBERED, __name__, "lags")
 def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
-    results = Stored(entry.traced.graph, (entry.late, entry.ways))
-    kernel = compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks))
-    return entry.traced.leaves, (results, kernel)
+    return entry.traced.leaves, stored(entry.traced, (entry.late, entry.ways))
 
 
 _PACKED, _CLOCKS = Remembered(), Remembered()
@@ -307,7 +304,7 @@ class Shifts:
         return Acting(*(np.array(moved) - way.input * rates + warp))
 
 
-@remembered(_REMEMBERED)
+@remembered(_REMEMBERED, __name__, "acts late")
 def _acts_late(form: Form) -> bool:
     """Whether the input of a model may be late."""
     graph = Graph()

@@ -31,6 +31,11 @@ def fit_json(result: FitResult) -> dict[str, Any]:
     return plain(FIT.written(result))
 
 
+def keys_of_fit(result: FitResult, *keys: str) -> dict[str, Any]:
+    """Some keys of fit.json."""
+    return plain(Record("", "", **{name: FIT.keys[name] for name in keys}).written(result))
+
+
 def ends(interval: Interval) -> list[float] | None:
     """[low, high]; None where there is none."""
     return None if interval.low is None or interval.high is None else [interval.low, interval.high]

@@ -13,7 +13,8 @@ import numpy as np
 
 from ...errors import command
 from ...model.ecus import ECUS, Pasting
-from ..control.verdicts import answer
+from ...run_folder.pid import design_json
+from ..control.sentence import sentence
 from ..numbers import short
 from ..tune import answer as tune_answer
 from . import Closing, number_of
@@ -61,12 +62,13 @@ def of_design(design: Design, state: FitState, run: Path) -> Closing:
         further = command("export", run, "--to", _TUNE)
     else:
         further = command("report", run)
-    return Closing(answer(design), _with(state, run, further), (run / "pictures" / "control" / "responses.png",))
+    return Closing(sentence(design_json(design)), _with(state, run, further),
+                   (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 
 def of_fleet_design(design: Design, run: Path) -> Closing:
     """Gains for the units of a fleet: one of them, the nominal one, is exported no further."""
-    return Closing(answer(design), "try the gains on one unit on the bench, its plate free of an engine",
+    return Closing(sentence(design_json(design)), "try the gains on one unit on the bench, its plate free of an engine",
                    (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 
@@ -116,6 +118,9 @@ def of_foretold(held: Held, log: Path) -> Closing:
     if not held.found.as_foretold:
         present = ",".join(short(gain, 4) for gain in gains.values())
         again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
+        if held.found.unchanged:
+            seen = "see whether these gains are in the ECU at all, and log once more; if they are,"
+            return Closing(held.says, f"{seen} tune again with this log: {again}")
         return Closing(held.says, f"do not go on to other gains; tune again with this log: {again}")
     order = list(steps)
     if held.made_with == order[-1]:
