@@ -8,11 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from etcfit.run_folder.declared import schema_of_file
+from etcfit.run_folder.diagnosis import DIAGNOSIS
 from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.pid import PID
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
-DECLARED = {"fit": FIT, "pid": PID}  # kinds of files whose schema follows from a declaration
+DECLARED = {  # kinds of files whose schema follows from a declaration
+    "diagnosis": DIAGNOSIS,
+    "fit": FIT,
+    "pid": PID,
+}
 
 
 def text_of(kind: str) -> str:
