@@ -11,12 +11,14 @@ from etcfit.run_folder.declared import schema_of_file
 from etcfit.run_folder.diagnosis import DIAGNOSIS
 from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.pid import PID
+from etcfit.run_folder.posterior import POSTERIOR
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
 DECLARED = {  # kinds of files whose schema follows from a declaration
     "diagnosis": DIAGNOSIS,
     "fit": FIT,
     "pid": PID,
+    "posterior": POSTERIOR,
 }
 
 

@@ -22,6 +22,7 @@ from .declared import Record, by_name, key, list_of
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
 SYMBOL = {"pattern": "^[A-Za-z][A-Za-z0-9_.]*$"}
+STATUSES = ["estimated", "fixed", "tied", "not identifiable", "compromise"]  # of a parameter
 _STATISTICAL, _STATED = "statistical only", "statistical and stated accuracy"
 _LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
 
@@ -157,7 +158,7 @@ PARAMETER = Record(
         "that subsets of the data give, not a statistical interval.", minItems=2, maxItems=2),
     status=key("text", "estimated; fixed (given in rig.toml); tied (equal to another parameter); not identifiable "
         "(these data do not tell it); compromise (the model is far from its data, so the value is a compromise "
-        "between its errors).", enum=["estimated", "fixed", "tied", "not identifiable", "compromise"]),
+        "between its errors).", enum=STATUSES),
     reading=key("number?", "What the paper's method of reading graphs gives; null where it reads nothing."),
     meaning=key("text", "In words."),
     remark=key("text", "What else must be known of it, such as: at its bound, or K_m = K_b. Absent where there is "
