@@ -10,6 +10,7 @@ from typing import Any
 from etcfit.run_folder.declared import schema_of_file
 from etcfit.run_folder.diagnosis import DIAGNOSIS
 from etcfit.run_folder.fit import FIT
+from etcfit.run_folder.fleet import STUDY
 from etcfit.run_folder.pid import PID
 from etcfit.run_folder.posterior import POSTERIOR
 
@@ -17,6 +18,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schema
 DECLARED = {  # kinds of files whose schema follows from a declaration
     "diagnosis": DIAGNOSIS,
     "fit": FIT,
+    "fleet": STUDY,
     "pid": PID,
     "posterior": POSTERIOR,
 }
