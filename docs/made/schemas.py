@@ -12,14 +12,17 @@ from etcfit.run_folder.diagnosis import DIAGNOSIS
 from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.fleet import STUDY
 from etcfit.run_folder.pid import PID
+from etcfit.run_folder.plan import ADVICE, PLAN
 from etcfit.run_folder.posterior import POSTERIOR
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
 DECLARED = {  # kinds of files whose schema follows from a declaration
+    "advice": ADVICE,
     "diagnosis": DIAGNOSIS,
     "fit": FIT,
     "fleet": STUDY,
     "pid": PID,
+    "plan": PLAN,
     "posterior": POSTERIOR,
 }
 

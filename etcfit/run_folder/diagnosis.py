@@ -17,26 +17,9 @@ from ..estimation.result import FitResult
 from ..files import plain, put_aside
 from . import codec
 from .declared import Record, by_name, key, list_of
-from .fit import (
-    AGREEMENT,
-    CONVERGED,
-    FILES,
-    FOLDER,
-    PARAMETER,
-    REASON,
-    RIG,
-    ROW,
-    SCORE,
-    SYMBOL,
-    SYNTHETIC,
-    VERSIONS,
-    WARNINGS,
-    described,
-    effects_of,
-    rows_of,
-    score_of,
-)
+from .fit import AGREEMENT, PARAMETER, ROW, SCORE, described, rows_of, score_of
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
+from .shared import CONVERGED, FILES, FOLDER, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS, effects_of
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -23,9 +23,9 @@ from ..rig.config import parse_config
 from ..rig.toml import Toml, written
 from .commit import settle
 from .declared import Record, by_name, key, list_of
-from .fit import SYNTHETIC, VERSIONS
 from .manifest import FLEET
 from .reading import object_in
+from .shared import SYNTHETIC, VERSIONS
 
 if TYPE_CHECKING:
     import pandas as pd

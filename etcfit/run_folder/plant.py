@@ -15,7 +15,7 @@ from ..control.frequency.response import DRIVE, POSITION, SETPOINT
 from ..control.linearise import INPUTS, SYMBOLS, UNITS, MotorConstants, Reduction
 from ..estimation.fitted_model import Fitted
 from ..files import plain
-from .fit import versions
+from .shared import versions
 
 
 def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from ..posterior.profile import Profile
 from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
 from .declared import Record, by_name, key, list_of
-from .fit import FILES, FIT_STATE, FOLDER, MODEL, REASON, RIG, STATUSES, SYNTHETIC, VERSIONS, WARNINGS
+from .fit import STATUSES
+from .shared import FILES, FIT_STATE, FOLDER, MODEL, REASON, RIG, SYNTHETIC, VERSIONS, WARNINGS
 
 _ENGINE = "h5netcdf"  # of xarray
 
