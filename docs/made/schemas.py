@@ -11,6 +11,7 @@ from etcfit.run_folder.declared import schema_of_file
 from etcfit.run_folder.diagnosis import DIAGNOSIS
 from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.fleet import STUDY
+from etcfit.run_folder.manifest import RUN
 from etcfit.run_folder.pid import PID
 from etcfit.run_folder.plan import ADVICE, PLAN
 from etcfit.run_folder.plant import FREQUENCY_RESPONSE, TRANSFER_FUNCTION
@@ -26,6 +27,7 @@ DECLARED = {  # kinds of files whose schema follows from a declaration
     "pid": PID,
     "plan": PLAN,
     "posterior": POSTERIOR,
+    "run": RUN,
     "transfer_function": TRANSFER_FUNCTION,
 }
 
