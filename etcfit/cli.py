@@ -220,10 +220,12 @@ _ANYWAY = _option(False, "Give gains for an ECU even where the fit did not conve
 
 
 def _must_be_writable(out: Path | None) -> None:
-    """See `files.require_writable`; None for nothing to write."""
-    from .files import require_writable
-
+    """See `files.require_writable`; nor is it a measurement folder. None for nothing to write."""
     if out is not None:
+        from .files import require_writable
+        from .run_folder.state import refuse_measurement_folder
+
+        refuse_measurement_folder(out)
         require_writable(out)
 
 
@@ -385,27 +387,56 @@ def drive(
     compare: Annotated[
         tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
     ] = None,
+    foretold: Annotated[
+        Path | None,
+        typer.Option(help="Is the log as this run of `etcfit tune` foretold?", metavar="RUN", exists=True,
+                     file_okay=False),
+    ] = None,
+    made_with: Annotated[
+        str | None,
+        typer.Option(help="Whose gains made it: present, half-way or proposed; with --foretold.", metavar="NAME",
+                     show_default="half-way"),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")
     ] = None,
     quiet: Quiet = False,
-) -> None:
-    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared."""
+) -> None:  # fmt: skip
+    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared.
+
+    After new gains: is the log as `etcfit tune` foretold?
+    """
+    if foretold is not None and compare is not None:
+        raise UsageError("--foretold and --compare exclude each other: the one is about one log, the other about two.")
+    if made_with is not None and foretold is None:
+        raise UsageError("--made-with goes with --foretold.")
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
+        if out is not None and logs.is_dir():  # of logs alone, without a rig.toml: drive.json would pass for one there
+            from .run_folder.state import refuse_among_measurements
+
+            refuse_among_measurements(logs, out)
+        from .api.foretold import one_held_against
         from .car_log import study
         from .car_log.place import logs_at
         from .car_log.study import chosen
-        from .reporting.car_log import drive_table
+        from .reporting.car_log import compared_table, drive_table
         from .reporting.car_log.writing import write_drive
         from .reporting.closing.rig import of_drive
 
         config, found = logs_at(logs)
         studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
+        held = None if foretold is None else one_held_against(studies, foretold, made_with)
         if out is not None:
-            write_drive(out, config, studies, progress)
-    _stdout().print(drive_table(config, studies))
+            write_drive(out, config, studies, progress, held)
+    if held is not None:
+        from .reporting.car_log.foretold import foretold_table
+        from .reporting.closing.control import of_foretold
+
+        _stdout().print(foretold_table(held))
+        return _say(of_foretold(held, logs if logs.is_file() else logs / held.log))
+    _stdout().print(drive_table(config, studies) if compare is None else compared_table(config, *studies))
     _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
 
 
@@ -414,7 +445,10 @@ class TuneOptions:
     """Options of `etcfit tune`."""
 
     ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME")
-    present: str | None = _option(None, "P,I,D that are in it now, as it writes them.", "P,I,D")
+    present: list[str] | None = _option(
+        None, "P,I,D that are in it now, as it writes them; once a log where these differ, the last are in it now.",
+        "P,I,D",
+    )  # fmt: skip
     msq: Path | None = _option(None, "Its tune, in which they stand.", "FILE", exists=True, dir_okay=False)
     hold_out: float = _option(40.0, "Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
     supply: float | None = _option(None, "V.", None, "as logged, else 13.5", min=1.0, max=100.0)
@@ -439,10 +473,13 @@ def tune(
     from .importing.answers import parsed
     from .importing.tuning import TuneSettings
 
-    ecu, present = options.ecu, options.present
-    if present is not None and options.msq is not None:
+    ecu, present = options.ecu, [_three_gains(each) for each in options.present or ()]
+    if len(present) > 1 and len(present) != len(logs):
+        raise UsageError(f"--present is there {len(present)} times for {len(logs)} logs. Give it once, or once for "
+                         "each log in their order.")  # fmt: skip
+    if present and options.msq is not None:
         raise UsageError("--present and --msq exclude each other: both say which gains are in the ECU now.")
-    gains = None if present is None else _three_gains(present)
+    gains = present[-1] if present else None
     if options.msq is not None:
         from .exporting.tune import gains_in
         from .model.ecus import named
@@ -454,7 +491,8 @@ def tune(
     _refuse_what_a_make_fixes(ecu, given)
     answers = parsed(options.column or (), (), [str(file) for file in logs])
     request = TuneRequest(ecu, gains, tuple(given.items()), options.supply, answers, options.anyway,
-                          TuneSettings(hold_out=0.01 * options.hold_out))  # fmt: skip
+                          TuneSettings(hold_out=0.01 * options.hold_out),
+                          tuple(present) if len(present) > 1 else ())  # fmt: skip
     with _progress(quiet) as progress:
         done = stages.tune_logs(logs, stages.opened(out), progress, request)
     _tell(done)
@@ -806,8 +844,10 @@ def new(
     like: Annotated[
         str | None, typer.Option(help="A known nameplate: bosch-0280750148 or kassel.", metavar="NAME")
     ] = None,
+    quiet: Quiet = False,
 ) -> None:
     """A rig.toml with every key explained, and a folder for each rig test that says what to record."""
+    del quiet  # it shows no progress; scripts give every command the same options
     from .importing.new import new_folder
     from .reporting.closing import of_new
 

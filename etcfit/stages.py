@@ -107,7 +107,7 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
         out: where files will be written; RUN itself where None.
         folder: the measurements, where they will be fitted.
     Raises:
-        UsageError: another version wrote it, or it lies among the measurements.
+        UsageError: another version wrote it, or it (or `out`) lies among measurements.
         OSError: no file can be written there.
     """
     from .files import require_writable
@@ -118,6 +118,10 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
         from .run_folder.state import refuse_among_measurements  # it needs the rig tests, which nobody else here does
 
         refuse_among_measurements(folder, run)
+    if out is not None:
+        from .run_folder.state import refuse_measurement_folder
+
+        refuse_measurement_folder(out)
     read_records(run)
     require_writable(out or run)
     return RunFolder(run)
@@ -254,12 +258,14 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     """From logs of a car to gains: RUN/tune.json with its picture, and what fit, diagnosis and design leave."""
     keep_compiled()
     from .api.tuned import tune_logs as tune
+    from .api.tuned import tuned_json
     from .reporting.closing.control import of_tune
     from .reporting.tune import tune_table
 
     found = tune(files, run, asked, report)
     unfinished = "" if found.result is None else failure(found.result)
-    return Done(tune_table(found), unfinished, closing=of_tune(found, run.path, files), stopped=found.why_not)
+    shown, closing = tune_table(tuned_json(found)), of_tune(found, run.path, files)
+    return Done(shown, unfinished, closing=closing, stopped=found.why_not)
 
 
 def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:

@@ -108,12 +108,6 @@ def test_a_command_is_one_call_and_its_table(
     assert invoke(*words, "--quiet").stderr == ""
 
 
-def test_a_step_that_no_plant_can_take_is_a_usage_error(invoke) -> None:
-    done = invoke("export", "bench", "--to", "c", "--step", "1s")
-    assert done.exit_code == 2
-    assert "step = 1.0: it must be" in " ".join(done.stderr.split())
-
-
 def test_what_an_export_cannot_hold_is_told_even_to_the_quiet(invoke, stages: Stages) -> None:
     stages.done = Done("out/plant.c", "", "No noise.\nNo [wind].")
     done = invoke("export", "bench", "--to", "c", "--out", "out", "--quiet")
@@ -198,13 +192,6 @@ def test_advice_is_printed_and_written_where_it_is_asked_for(invoke, tmp_path: P
     assert advice["settings"] == plain(AdviceSettings())
 
 
-@pytest.mark.parametrize("option", ["--at", "--out"])
-def test_what_goes_with_advice_alone_is_refused_without_it(invoke, option: str) -> None:
-    done = invoke("check", "bench", option, "bench")
-    assert done.exit_code == 2
-    assert f"{option} goes with --advise" in done.stderr
-
-
 def test_report_prints_where_the_page_is(invoke, tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
     done = invoke("report", run)
@@ -247,19 +234,6 @@ def test_run_goes_through_the_stages_and_says_what_was_done_before(invoke, monke
 
 def names_until(last: str) -> list[str]:
     return [stage.name for stage in stages_until(last)]
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--until", "report"), "--until there is no stage report to end with. There are fit, diagnose,"),
-        (("--until", "sample", "--no-sample"), "--no-sample and --until sample exclude each other"),
-    ],
-)
-def test_a_run_that_cannot_end_so_is_a_usage_error(invoke, words: tuple[str, ...], said: str) -> None:
-    done = invoke("run", "bench", "--out", "a", *words)
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert said in done.stderr
 
 
 def commands() -> dict[str, Any]:
@@ -318,13 +292,6 @@ def test_every_example_names_options_that_there_are(command: str) -> None:
     assert {word for word in words if word.startswith("--")} <= known
 
 
-def test_an_unknown_ecu_is_told_before_anything_is_fitted(invoke, tmp_path: Path) -> None:
-    done = invoke("run", "bench", "--out", tmp_path / "a", "--ecu", "teslalike")
-    assert done.exit_code == 2
-    assert "--ecu teslalike: no such engine computer. Known: " in done.stderr
-    assert not (tmp_path / "a").exists()
-
-
 @pytest.mark.parametrize(
     "words",
     [
@@ -352,6 +319,38 @@ def test_usage_errors_exit_2(invoke, words: tuple[str, ...]) -> None:
     assert done.stderr
 
 
+REFUSED = {
+    **{f"{name} bench": "holds no finished `etcfit fit`" for name in ("diagnose", "sample", "reduce", "design")},
+    "check bench --at bench": "--at goes with --advise",
+    "check bench --out bench": "--out goes with --advise",
+    "run bench --out a --until report": "--until there is no stage report to end with. There are fit, diagnose,",
+    "run bench --out a --no-sample --until sample": "--no-sample and --until sample exclude each other",
+    "run bench --out a --ecu teslalike": "--ecu teslalike: no such engine computer. Known: ",
+    "export bench --to c --step 1s": "step = 1.0: it must be",
+    "design bench --parts bench --fleet": "--parts and --fleet exclude each other",
+    "design bench --parts nowhere": "nowhere",
+    "design bench --present 60,80": "--present 60,80: three numbers between commas are required",
+    "design bench --ecu rusefi --divides-by-battery": "--divides-by-battery: rusefi fixes it",
+    "design bench --ecu rusefi --ecu-period 1ms": "--ecu-period: rusefi",
+    "design bench --ecu motronic": "--ecu motronic: no such engine computer. Known: rusefi, fome,",
+    "design bench --feed-forward-terms friction,speed":
+        "--feed-forward-terms speed: no such term of feed-forward. Known: spring, friction, rate.",
+    "design bench --sensor-noise 0.1": "an angle needs a number and a unit, deg or rad",
+    "design bench --ecu-period 0ms": "longer than 0",
+    "design bench --winding-heat 0": "winding_W: nothing stays below 0",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "said"), REFUSED.items(), ids=REFUSED)
+def test_what_cannot_be_is_a_usage_error_in_words_before_any_work(
+    invoke, tmp_path: Path, words: str, said: str
+) -> None:
+    done = invoke(*words.split(), "--quiet")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert said in flat(done.stderr)
+    assert [path.name for path in tmp_path.iterdir()] == ["bench"]
+
+
 def test_fetch_refuses_to_overwrite(invoke) -> None:
     Path("bench/mine.txt").write_text("precious")
     done = invoke("fetch", "emps", "--to", "bench")
@@ -367,13 +366,6 @@ def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path
         "Next:   etcfit check measurements/kassel-throttle",
     ]
     assert Path("measurements/kassel-throttle/rig.toml").is_file()
-
-
-def test_diagnose_without_a_fit_is_a_usage_error(invoke) -> None:
-    done = invoke("diagnose", "bench", "--quiet")
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert "holds no finished `etcfit fit`" in done.stderr
-    assert "etcfit fit" in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -429,127 +421,34 @@ finally:
     assert done.stderr.strip() == "set()"
 
 
-@pytest.mark.parametrize("command", ["reduce", "design"])
-def test_reduce_and_design_without_a_fit_are_usage_errors(invoke, command: str) -> None:
-    done = invoke(command, "bench", "--quiet")
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert "holds no finished `etcfit fit`" in done.stderr
+PASSED_ON = {
+    "--parts bench": {"parts": Path("bench")},
+    "": {"ecu": {}, "profile": None, "feed_forward": False, "limits": ASKED},
+    "--ecu-period 2ms": {"ecu": {"period": 2e-3}, "profile": None},
+    "--ecu-delay 0ms --ecu-period 5ms": {"ecu": {"period": 5e-3, "delay": 0.0}},
+    "--ecu rusefi --ecu-delay 1ms": {"ecu": {"delay": 1e-3}, "profile": "rusefi"},
+    "--ecu-filter 1ms --sensor-noise 0.1deg": {"ecu": {"lag": 1e-3, "noise": np.radians(0.1)}},
+    "--ecu link --ecu-period 1ms": {"ecu": {"period": 1e-3}, "profile": "link"},
+    "--feed-forward": {"feed_forward": True},
+    "--feed-forward-terms friction": {"feed_forward": "friction"},
+    "--feed-forward --feed-forward-terms friction,rate": {"feed_forward": "spring,friction,rate"},
+    "--ecu maxxecu --present '60, 80,120' --swings-at 120":
+        {"present": {"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0}, "ecu": {}},
+    "--ecu motec --divides-by-battery": {"present": {}, "ecu": {"compensated": 1.0}},
+    "--no-divides-by-battery": {"present": {}, "ecu": {"compensated": 0.0}},
+    "--duty-activity 3 --rms-current 2.5": {"limits": ASKED | {"duty_activity_pct": 3.0, "current_rms_A": 2.5}},
+}  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("words", "given", "make"),
-    [((), {}, None), (("--ecu-period", "2ms"), {"period": 2e-3}, None),
-     (("--ecu-delay", "0ms", "--ecu-period", "5ms"), {"period": 5e-3, "delay": 0.0}, None),
-     (("--ecu", "rusefi", "--ecu-delay", "1ms"), {"delay": 1e-3}, "rusefi"),
-     (("--ecu-filter", "1ms", "--sensor-noise", "0.1deg"), {"lag": 1e-3, "noise": np.radians(0.1)}, None),
-     (("--ecu", "link", "--ecu-period", "1ms"), {"period": 1e-3}, "link")],
-)  # fmt: skip
-def test_design_passes_on_what_is_given_of_the_ecu_and_no_more(
-    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], given: dict[str, float], make: str | None
+@pytest.mark.parametrize(("words", "given"), PASSED_ON.items(), ids=[words or "nothing" for words in PASSED_ON])
+def test_design_passes_on_what_is_given_and_no_more(
+    invoke, monkeypatch: pytest.MonkeyPatch, words: str, given: dict[str, Any]
 ) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(
-        "etcfit.stages.design_run", lambda *given: asked.append((given[2].ecu, given[2].profile)) or Done("done")
-    )
-    assert invoke("design", "bench", "--quiet", *words).exit_code == 0
-    assert asked == [(given, make)]
-
-
-@pytest.mark.parametrize(
-    ("words", "asked"),
-    [
-        ((), False),
-        (("--feed-forward",), True),
-        (("--feed-forward-terms", "friction"), "friction"),
-        (("--feed-forward", "--feed-forward-terms", "friction,rate"), "spring,friction,rate"),
-    ],
-)
-def test_design_passes_on_what_is_to_be_put_ahead(
-    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], asked: bool | str
-) -> None:
-    seen: list[object] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[2].feed_forward) or Done("done"))
-    assert invoke("design", "bench", "--quiet", *words).exit_code == 0
-    assert seen == [asked]
-
-
-def test_design_passes_on_the_fleet_of_the_parts(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[object] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: seen.append(given[2].parts) or Done("done"))
-    assert invoke("design", "bench", "--quiet", "--parts", "bench").exit_code == 0
-    assert seen == [Path("bench")]
-    both = invoke("design", "bench", "--quiet", "--parts", "bench", "--fleet")
-    assert (both.exit_code, both.stdout) == (2, "")
-    assert "--parts and --fleet exclude each other" in both.stderr
-    assert invoke("design", "bench", "--quiet", "--parts", "nowhere").exit_code == 2
-
-
-@pytest.mark.parametrize(("words", "present", "given"), [
-    (("--ecu", "maxxecu", "--present", "60, 80,120", "--swings-at", "120"),
-     {"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0}, {}),
-    (("--ecu", "motec", "--divides-by-battery"), {}, {"compensated": 1.0}),
-    (("--no-divides-by-battery",), {}, {"compensated": 0.0}),
-])  # fmt: skip
-def test_design_passes_on_what_is_known_of_the_ecus_gains(
-    invoke, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], present: dict[str, float], given: dict[str, float]
-) -> None:
-    seen: list[object] = []
-    monkeypatch.setattr(
-        "etcfit.stages.design_run", lambda *all_: seen.append((all_[2].present, all_[2].ecu)) or Done("done")
-    )
-    assert invoke("design", "bench", "--quiet", *words).exit_code == 0
-    assert seen == [(present, given)]
-
-
-@pytest.mark.parametrize(("words", "told"), [
-    (("--present", "60,80"), "--present 60,80: three numbers between commas are required"),
-    (("--ecu", "rusefi", "--divides-by-battery"), "--divides-by-battery: rusefi fixes it"),
-])  # fmt: skip
-def test_what_an_ecus_gains_cannot_be_is_a_usage_error(invoke, words: tuple[str, ...], told: str) -> None:
-    found = invoke("design", "bench", "--quiet", *words)
-    assert found.exit_code == 2
-    assert told in found.stderr
-
-
-def test_a_term_that_there_is_not_is_a_usage_error(invoke) -> None:
-    found = invoke("design", "bench", "--quiet", "--feed-forward-terms", "friction,speed")
-    assert found.exit_code == 2
-    assert "--feed-forward-terms speed: no such term of feed-forward. Known: spring, friction, rate." in found.stderr
-
-
-def test_design_passes_on_the_limits_that_there_are(invoke, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr("etcfit.stages.design_run", lambda *given: asked.append(given[2].limits) or Done("done"))
-    assert invoke("design", "bench", "--duty-activity", "3", "--rms-current", "2.5", "--quiet").exit_code == 0
-    assert asked == [ASKED | {"duty_activity_pct": 3.0, "current_rms_A": 2.5}]
-    done = invoke("design", "bench", "--winding-heat", "0", "--quiet")
-    assert (done.exit_code, len(asked)) == (2, 1)
-    assert "winding_W: nothing stays below 0" in done.stderr
-
-
-def test_a_noise_without_a_unit_is_a_usage_error(invoke) -> None:
-    done = invoke("design", "bench", "--sensor-noise", "0.1", "--quiet")
-    assert done.exit_code == 2
-    assert "an angle needs a number and a unit, deg or rad" in done.stderr
-
-
-def test_an_ecu_without_a_clock_is_a_usage_error(invoke) -> None:
-    done = invoke("design", "bench", "--ecu-period", "0ms", "--quiet")
-    assert done.exit_code == 2
-    assert "longer than 0" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("--ecu", "motronic"), "--ecu motronic: no such engine computer. Known: rusefi, fome,"),
-        (("--ecu", "rusefi", "--ecu-period", "1ms"), "--ecu-period: rusefi"),
-    ],
-)
-def test_an_engine_computer_unknown_or_contradicted_is_a_usage_error(invoke, words: tuple[str, ...], said: str) -> None:
-    done = invoke("design", "bench", *words, "--quiet")
-    assert done.exit_code == 2
-    assert said in done.stderr
+    asked: list[DesignRequest] = []
+    monkeypatch.setattr("etcfit.stages.design_run", lambda *all_: asked.append(all_[2]) or Done("done"))
+    assert invoke("design", "bench", "--quiet", *shlex.split(words)).exit_code == 0
+    (request,) = asked
+    assert {name: getattr(request, name) for name in given} == given
 
 
 @pytest.mark.slow

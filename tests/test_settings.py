@@ -7,79 +7,32 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import etcfit
 from etcfit import cli, stages
 from etcfit.api import verbs
-from etcfit.control.settings import (
-    ConditionSettings,
-    DampingSettings,
-    DesignSettings,
-    FleetDesignSettings,
-    FrequencySettings,
-    FrontSettings,
-    LoopSettings,
-    ManualSettings,
-    OptimumSettings,
-    RelaySettings,
-    SafetySettings,
-    ScenarioSettings,
-    ScheduleSettings,
-    SlidingSettings,
-)
+from etcfit.control.settings import ManualSettings, OptimumSettings
 from etcfit.diagnosis.settings import DiagnosisSettings
-from etcfit.estimation.settings import (
-    ContradictionSettings,
-    FitSettings,
-    GlobalSearchSettings,
-    GuideSettings,
-    IdentifiabilitySettings,
-    WhitenessSettings,
-)
-from etcfit.experiment.settings import AdviceSettings, CampaignSettings, CheckSettings, PlanSettings
+from etcfit.estimation.settings import FitSettings, GlobalSearchSettings
+from etcfit.experiment.settings import PlanSettings
 from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
-from etcfit.fleets.settings import EngineSettings, FleetSettings, PopulationSettings, StoreSettings
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
 from etcfit.reporting.fleet import Judgement
 
+ROOMS = [file.parent.name for file in sorted(Path(etcfit.__file__).parent.glob("*/settings.py"))]
 KINDS: list[Any] = [
-    AdviceSettings,
-    CampaignSettings,
-    CheckSettings,
-    PlanSettings,
-    ContradictionSettings,
-    FitSettings,
-    GlobalSearchSettings,
-    GuideSettings,
-    IdentifiabilitySettings,
-    WhitenessSettings,
-    SamplingSettings,
-    DesignSettings,
-    DampingSettings,
-    FrequencySettings,
-    LoopSettings,
-    ManualSettings,
-    OptimumSettings,
-    RelaySettings,
-    SafetySettings,
-    ScenarioSettings,
-    ConditionSettings,
-    FrontSettings,
-    SlidingSettings,
-    ScheduleSettings,
-    FleetDesignSettings,
-    DiagnosisSettings,
+    *(each for room in ROOMS for each in vars(import_module(f"etcfit.{room}.settings")).values()
+      if isinstance(each, type) and is_dataclass(each) and each.__module__ == f"etcfit.{room}.settings"),
     ExportSettings,
-    EngineSettings,
-    StoreSettings,
-    PopulationSettings,
-    FleetSettings,
     Judgement,
-]
+]  # fmt: skip
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 IN_ARGS = [(kind, name) for kind, name in FIELDS if kind is not DiagnosisSettings]  # its fields are explained in place
 

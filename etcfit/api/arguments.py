@@ -71,5 +71,7 @@ def in_words(annotation: str) -> str:
 
 
 def _names(annotation: str) -> list[str]:
-    """`tuple[str, str] | None` -> tuple, None."""
-    return [name.strip() for name in re.sub(r"\[[^\]]*\]", "", annotation).split("|")]
+    """`Sequence[tuple[str, str]] | None` -> Sequence, None."""
+    while (inner := re.sub(r"\[[^\[\]]*\]", "", annotation)) != annotation:
+        annotation = inner
+    return [name.strip() for name in annotation.split("|")]

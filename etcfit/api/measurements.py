@@ -16,6 +16,7 @@ from ..errors import UsageError
 from ..experiment.advice import Advice, Option
 from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
+from ..reporting.car_log.foretold import Held
 from ..reporting.numbers import short
 from ..rig.base import RigConfig
 from . import views
@@ -287,10 +288,13 @@ class Driven:
     Args:
         config: of the rig, or what stands for it where no rig.toml lies beside the logs.
         studies: a log each.
+        foretold: the one log beside what `etcfit tune` foretold: `says`, `found.as_foretold`, `found.figures`; None
+            where that was not asked.
     """
 
     config: RigConfig
     studies: tuple[Study, ...]
+    foretold: Held | None = None
 
     @property
     def table(self) -> pd.DataFrame:

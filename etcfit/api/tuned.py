@@ -24,6 +24,7 @@ from ..importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tun
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
 from ..run_folder.folder import RunFolder
+from ..run_folder.manifest import digest
 from .progress import Report, part_of, silent
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from ..rig.base import Rig
 
 LOGS = "logs"  # the measurement folder, below the run folder
+TIMES = {"period": "--ecu-period", "delay": "--ecu-delay"}  # field of `Ecu` -> option of `etcfit tune`
 _IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # of the work, when each is done
 
 
@@ -53,6 +55,7 @@ class TuneRequest:
         answers: what the user said of the columns.
         anyway: give gains even where the model is a compromise or did not converge.
         settings: what decides whether logs can tell gains.
+        of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
     """
 
     profile: str
@@ -62,6 +65,25 @@ class TuneRequest:
     answers: Answers = field(default_factory=Answers)
     anyway: bool = False
     settings: TuneSettings = field(default_factory=TuneSettings)
+    of_logs: tuple[tuple[float, float, float], ...] = ()
+
+    def options(self, of_files: bool = False) -> list[str]:
+        """The options that ask for it once more, the present gains apart, which change from log to log.
+
+        Args:
+            of_files: those too that are about a column of one file.
+        """
+        words = ["--ecu", self.profile]
+        for key, value in self.ecu:
+            if option := TIMES.get(key):
+                words += [option, f"{1e3 * value:.10g}ms"]
+        if self.supply is not None:
+            words += ["--supply", f"{self.supply:.10g}"]
+        if self.settings.hold_out != TuneSettings().hold_out:
+            words += ["--hold-out", f"{100.0 * self.settings.hold_out:.10g}"]
+        for option in self.answers.options(of_files):
+            words += ["--column", option]
+        return [*words, *(["--anyway"] if self.anyway else [])]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,7 +91,7 @@ class Tuned:
     """What logs of a car came to.
 
     Args:
-        profile: the make of ECU.
+        asked: for which ECU, and what is known of it.
         input: what the logs hold, and what drives the model.
         lacks: what to record next.
         result: the final model; None where the logs stop it before.
@@ -82,7 +104,7 @@ class Tuned:
         doubts: why gains would be withheld without `anyway`.
     """
 
-    profile: EcuProfile
+    asked: TuneRequest
     input: TuneInput
     lacks: tuple[Lack, ...]
     result: FitResult | None = None
@@ -98,11 +120,16 @@ class Tuned:
         from ..reporting.blocks import render
         from ..reporting.tune import tune_table
 
-        return render(tune_table(self), width)
+        return render(tune_table(tuned_json(self)), width)
 
     def __repr__(self) -> str:
         said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"
         return f"Gains for {self.profile.title} from logs of the car: {said}"
+
+    @property
+    def profile(self) -> EcuProfile:
+        """The make of ECU."""
+        return named(self.asked.profile)
 
     @property
     def held_out_error(self) -> float | None:
@@ -144,11 +171,21 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
         lacks = record_next([as_log(log, logs.config) for log in logs.measurements if "position" in log.channels])
         if prepared.stopped_by:
             why = " ".join(f"{each.says[0].upper()}{each.says[1:]}. {each.cure}" for each in prepared.stopped_by)
-            found = Tuned(profile, prepared, lacks, why_not=why)
+            found = Tuned(asked, prepared, lacks, why_not=why)
         else:
             found = _worked_out(run, prepared, lacks, profile, given, asked, report)
-        keep_tuned(run.path, found, asked, report)
+        keep_tuned(run.path, found, report)
     return found
+
+
+def sets_of(
+    gains: tuple[float, float, float] | Sequence[tuple[float, float, float]] | None,
+) -> tuple[tuple[float, float, float], ...]:
+    """One set of gains or one a log, as sets; none of None."""
+    if gains is None:
+        return ()
+    every: Any = [gains] if np.ndim(gains[0]) == 0 else gains
+    return tuple((float(p), float(i), float(d)) for p, i, d in every)
 
 
 def notation_of(profile: EcuProfile) -> Notation:
@@ -175,7 +212,10 @@ def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> 
     # nobody publishes it: what is read at a tick acts by the next one, and the lag of the winding takes up the rest
     fields.setdefault("delay", fields.get("period", Ecu().period))
     gains = None if asked.gains is None else Terms(*asked.gains)
-    return KnownEcu(profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply)
+    of_logs = tuple(Terms(*each) for each in asked.of_logs)
+    return KnownEcu(
+        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs
+    )
 
 
 def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
@@ -254,7 +294,7 @@ def _worked_out(
         design = replace(design, anyway=True)
     keep_design(run, final, design, replace(request, anyway=design.anyway).recorded())
     why_not = "" if asked.anyway else " ".join(doubts)
-    return Tuned(profile, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
+    return Tuned(asked, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
 
 
 def _borne(
@@ -322,24 +362,29 @@ def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np
             yield trace.instants, trace.data[:, k], result.predicted[trace.measurement.file][:, k]
 
 
-def keep_tuned(run: Path, found: Tuned, asked: TuneRequest, report: Report = silent) -> None:
+def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
     """RUN/tune.json and RUN/pictures/tune.png."""
     from ..reporting.tune import draw_tune
 
-    write_json(run / "tune.json", "tune", tuned_json(found, asked))
+    made_with = None if found.design is None else digest(run / "pid.json")
+    write_json(run / "tune.json", "tune", {**tuned_json(found), "pid": made_with})
     if found.steps:
         report("drawing", 0.97)
         draw_tune(run / "pictures" / "tune.png", found)
 
 
-def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
+def tuned_json(found: Tuned) -> dict[str, Any]:
     """The object of tune.json."""
-    make, result = found.profile, found.result
-    withheld = bool(found.why_not)
+    make, result, asked = found.profile, found.result, found.asked
+    from ..reporting.tune import says_of
+
+    steps = [plain(_step_json(found, step)) for step in found.steps]
     held_out, fitted = found.explained
     return plain({
-        "verdict": "not from this log" if withheld else "gains",
+        "verdict": "not from this log" if found.why_not else "gains",
         "why_not": found.why_not or None,
+        "doubts": list(found.doubts),
+        "says": says_of(found, steps),
         "ecu": make.name,
         "model": {"input": found.input.model, "why": found.input.why,
                   "effects": None if result is None else [e.name for e in result.free_parameters.layout.types]},
@@ -351,12 +396,22 @@ def tuned_json(found: Tuned, asked: TuneRequest) -> dict[str, Any]:
         "supply_V": found.input.supply,
         "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
         "unit": dict(zip("PID", notation_of(make).of_each, strict=True)),
-        "steps": [_step_json(found, step, withheld) for step in found.steps],
+        "large_steps": None if found.design is None else _large_steps(found.design),
+        "steps": steps,
+        "options": asked.options(),
         "record_next": found.lacks,
     })  # fmt: skip
 
 
-def _step_json(found: Tuned, step: GainStep, withheld: bool) -> dict[str, Any]:
+def _large_steps(design: Design) -> dict[str, float]:
+    """The steps that a next log is compared by."""
+    asked = design.settings.scenarios
+    return {"low_pct": 100.0 * asked.low, "high_pct": 100.0 * asked.high, "hold_s": asked.large_hold}
+
+
+def _step_json(found: Tuned, step: GainStep) -> dict[str, Any]:
+    withheld = bool(found.why_not)
+    doubted = bool(withheld or found.doubts or (found.result is not None and found.result.state.cautions))
     written = found.written(step.gains)._asdict()
     first = found.written(found.steps[0].gains)._asdict()
     hidden = withheld and step.name != "present"
@@ -368,10 +423,11 @@ def _step_json(found: Tuned, step: GainStep, withheld: bool) -> dict[str, Any]:
         },
         "overshoot_pct": list(step.overshoot),
         "settling_s": list(step.settling),
+        "error_pct": list(step.error),
         "rmse_pct": step.figures.rmse_pct,
         "gain_margin_db": step.figures.gain_margin_db,
         "phase_margin_deg": step.figures.phase_margin_deg,
-        "probability_met": None if withheld else step.probability_met,
-        "probability_stable": None if withheld else step.probability_stable,
-        "probability_better": None if withheld else step.better,
+        "probability_met": None if doubted else step.probability_met,
+        "probability_stable": None if doubted else step.probability_stable,
+        "probability_better": None if doubted else step.better,
     }  # fmt: skip

@@ -345,6 +345,7 @@ def export(
         from ..files import require_writable
         from ..run_folder.pid import design_json
         from ..run_folder.reading import read_design
+        from ..run_folder.state import refuse_measurement_folder
         from .controller import Designed
         from .fit import Fit
         from .work import exported
@@ -356,6 +357,7 @@ def export(
         format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
         own = None if into is None else Path(into)
         format_.require(own)
+        refuse_measurement_folder(folder)
         require_writable(folder)
         pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
@@ -408,6 +410,8 @@ def drive(
     *,
     between: tuple[float, float] = (5.0, 45.0),
     compare: tuple[str, str] | None = None,
+    foretold: Folder | None = None,
+    made_with: str | None = None,
     quiet: bool = False,
 ) -> Driven:
     """Logs from the car: operating range, spectrum, how closely the plate follows and whether that is good enough.
@@ -416,17 +420,25 @@ def drive(
         folder: of logs, a measurement folder with logs in drive/, or one log.
         between: the share of the time between these positions, %.
         compare: only these two, before and after.
+        foretold: run folder of `etcfit.tune`; the one log is held against what it foretold, see `Driven.foretold`.
+        made_with: whose gains made that log: "present", "half_way" or "proposed"; half way where None.
         quiet: show no progress.
+    Raises:
+        MeasurementError: no log, or, of one that is held against something, no such steps in it.
+        UsageError: several logs for `foretold`, or a run folder that foretells nothing.
     """
     with working(quiet) as report:
         report("reading the logs", 0.0)
         from ..car_log import study
         from ..car_log.place import logs_at
         from ..car_log.study import chosen
+        from .foretold import one_held_against
         from .measurements import Driven
 
         config, logs = logs_at(folder)
-        return Driven(config, tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs)))
+        every = tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs))
+        held = None if foretold is None else one_held_against(every, Path(foretold), made_with)
+        return Driven(config, every, held)
 
 
 @typed
@@ -434,7 +446,7 @@ def tune(
     logs: Folder | Sequence[Folder],
     ecu: str,
     out: Folder,
-    gains: tuple[float, float, float] | None = None,
+    gains: tuple[float, float, float] | Sequence[tuple[float, float, float]] | None = None,
     *,
     anyway: bool = False,
     supply: float | None = None,
@@ -448,7 +460,8 @@ def tune(
         logs: files of any known format, all of one car.
         ecu: make of the ECU that made the logs and gets the gains.
         out: the run folder; made if absent.
-        gains: P, I and D that are in the ECU now, as it writes them.
+        gains: P, I and D that are in the ECU now, as it writes them; where logs were made under different ones, those
+            of each log, the last of which are in it now.
         anyway: give gains even where the model is a compromise or did not converge.
         supply: V; as logged where None, else 13.5.
         settings: what decides whether logs can tell gains; the defaults where None.
@@ -461,11 +474,14 @@ def tune(
     with working(quiet) as report:
         from ..importing.tuning import TuneSettings
         from ..run_folder.folder import RunFolder
-        from .tuned import TuneRequest, tune_logs
+        from .tuned import TuneRequest, sets_of, tune_logs
 
         files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
-        asked = TuneRequest(ecu, gains, tuple(controller.items()), supply, anyway=anyway,
-                            settings=settings or TuneSettings())  # fmt: skip
+        every = sets_of(gains)
+        if len(every) > 1 and len(every) != len(files):
+            raise UsageError(f"gains: {len(every)} sets for {len(files)} logs. Give one, or one for each log.")
+        asked = TuneRequest(ecu, every[-1] if every else None, tuple(controller.items()), supply, anyway=anyway,
+                            settings=settings or TuneSettings(), of_logs=every if len(every) > 1 else ())  # fmt: skip
         return tune_logs(files, RunFolder(Path(out)), asked, report)
 
 

@@ -39,6 +39,7 @@ class GainStep:
         scenarios: of the nominal model, by scenario.
         overshoot: of the large steps, 2.5, 50 and 97.5 % of the draws, %.
         settling: the same, s; infinite where it does not settle.
+        error: rms of setpoint - position over the large steps, the same, % of the travel.
         probability_met: share of the draws that meet every requirement.
         probability_stable: share of the draws whose linear loop is stable.
         better: share of the draws on which it tracks better than the present gains; None of these, or without them.
@@ -53,6 +54,7 @@ class GainStep:
     scenarios: Mapping[str, LoopFigures]
     overshoot: tuple[float, float, float]
     settling: tuple[float, float, float]
+    error: tuple[float, float, float]
     probability_met: float
     probability_stable: float
     better: float | None
@@ -105,7 +107,7 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
         steps.append(GainStep(
             name, Gains(*(float(gain) for gain in gains)), one.figures.each(_nominal),
             {scenario: figures.each(_nominal) for scenario, figures in each.items()},
-            _spread(each[SHOWN].overshoot_pct), _spread(each[SHOWN].settling_s),
+            _spread(each[SHOWN].overshoot_pct), _spread(each[SHOWN].settling_s), _spread(each[SHOWN].rmse_pct),
             float(np.mean(one.met(task.requirements))), float(np.mean(one.figures.gain_margin_db > 0.0)), better,
             time[seen] - levels[0].begins, task.setpoint.at(time[seen]), found.share[0, k, seen],
         ))  # fmt: skip

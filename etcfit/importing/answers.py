@@ -78,6 +78,16 @@ class Answers:
                 there = ", ".join(f"'{c.label}'" for sheet in mine[:3] for c in sheet.columns[:20])
                 raise UsageError(f"--column '{label}': no file has it. There are: {there}.")
 
+    def options(self, of_files: bool) -> list[str]:
+        """What was said of columns, as `parsed` takes it.
+
+        Args:
+            of_files: what was said of one file's columns too.
+        """
+        said = [(f"{file}:{label}" if file else label, wanted) for (file, label), wanted in self.columns.items()
+                if of_files or not file]  # fmt: skip
+        return [f"{place}={to.quantity}" + (f" [{to.unit}]" if to.unit else "") for place, to in said]
+
     def accepting(self, keys: Iterable[str]) -> Answers:
         """With these guesses taken."""
         return replace(self, accepted=self.accepted | frozenset(keys))

@@ -85,6 +85,7 @@ class KnownEcu:
         notation: how it writes gains.
         gains: that are in it now, as it writes them; None where nobody said.
         supply: V; None where nobody said.
+        of_logs: gains under which each log was made, where somebody said so; else those of all logs are `gains`.
     """
 
     title: str
@@ -93,6 +94,7 @@ class KnownEcu:
     notation: Notation
     gains: Terms | None = None
     supply: float | None = None
+    of_logs: tuple[Terms, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -201,16 +203,25 @@ def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: Tun
     fast_enough = rows >= settings.a_tick if known.clock_known else slow is None
     clock = f"the ECU computes a new duty every {1e3 * known.ecu.period:g} ms"
     has_duty = all("duty" in log.channels for log in logs)
+    several = len(logs) > 1
+    unlike = len(set(known.of_logs)) > 1
     can_follow = all("setpoint" in log.channels for log in logs) and known.gains is not None
     if has_duty and fast_enough:
         because = clock if known.clock_known else "nothing shows that the duty changes between two rows"
         why = f"the logged duty is the input: {rate:.4g} rows a second, and {because}"
+        why += "; under which gains each log was made does not matter" if several else ""
         return DUTY, why, LogCheck("fast enough", True, True, why)
     lacks = ("no duty was logged" if not has_duty else
              f"at {rate:.4g} rows a second the log misses duties, for {clock}" if known.clock_known else
              f"at {rate:.4g} rows a second the duty changes between two rows")  # fmt: skip
+    if can_follow and unlike:
+        says = f"the ECU would be a part of the model, and the logs were made under different gains: {lacks}"
+        cure = (f"Give only the logs that were made under one set of gains; or log the duty at "
+                f"{settings.a_tick / known.ecu.period:.0f} Hz or faster, when gains do not matter.")  # fmt: skip
+        return ECU, says, LogCheck("fast enough", False, True, says, cure)
     if can_follow:
-        why = f"the ECU is a part of the model, with the gains that are in it now: {lacks}"
+        of_all = f", which are taken for those of all {len(logs)} logs" if several else ""
+        why = f"the ECU is a part of the model, with the gains that are in it now{of_all}: {lacks}"
         return ECU, why, LogCheck("fast enough", True, True, why)
     need = settings.a_tick / known.ecu.period
     cure = (f"Log position, duty and battery at {need:.0f} Hz or faster; or log the target too and say which gains "

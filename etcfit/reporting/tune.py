@@ -1,7 +1,8 @@
-"""What `etcfit tune` shows: a table for the terminal and one picture."""
+"""What `etcfit tune` says: sentences and tables, alike on terminal, page and in tune.json; and one picture."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,12 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..estimation.identifiability import listed
+from ..model.ecus import named
+from ..run_folder.pid import design_json
 from .blocks import filled, headed, sentences, spaced, stacked
+from .control.sentence import missed_in_corner, missed_on_nominal, place_of_corner
+from .html import Table
 from .numbers import short
 
 if TYPE_CHECKING:
@@ -21,35 +27,128 @@ NAMES = {"present": "present", "half_way": "half way", "proposed": "proposed"}
 _SECONDS = 8.0  # of the held-out part that are drawn
 
 
-def tune_table(found: Any) -> RenderableType:
-    """What the logs hold, how well the model predicts them, and the way from the present gains to the proposed ones."""
+def tune_table(told: Mapping[str, Any]) -> RenderableType:
+    """What the logs hold, how well the model predicts them, and the way from the present gains to the proposed ones.
+
+    Args:
+        told: the object of tune.json, which the page of the run shows too.
+    """
+    says, withheld = told["says"], told["why_not"]
+    doubts = [] if withheld else told["doubts"]
     parts: list[RenderableType | None] = [
-        Text(f"{found.profile.title}: gains from logs of the car", style="bold"),
-        *([spaced(Text(f"NOT FROM THIS LOG. {found.why_not}", style="bold red"))] if found.why_not else []),
-        *([spaced(Text(" ".join(found.doubts), style="bold red"))] if found.doubts and not found.why_not else []),
-        headed("The logs", _checks(found)),
-        sentences("Model", list(_model(found))),
+        Text(f"{named(told['ecu']).title}: gains from logs of the car", style="bold"),
+        *([spaced(Text(f"NOT FROM THIS LOG. {withheld}", style="bold red"))] if withheld else []),
+        *([spaced(Text(" ".join(doubts), style="bold red"))] if doubts else []),
+        headed("The logs", _checks(told)),
+        sentences("Model", says["model"]),
+        *(headed(each.caption, filled(each.head, each.rows)) for each in tables_of_steps(told)),
+        sentences("What is asked of gains", [says["requirements"]] if says["requirements"] else []),
+        sentences("Next", says["next"]),
     ]
-    if found.steps and not found.why_not:
-        never = "; never: not before the next step" if _unsettled(found) else ""
-        parts += [headed("Gains, as this ECU writes them; the number behind x: over the present gain", _gains(found)),
-                  headed(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
-                         _figures(found)),
-                  sentences("Next", list(_next(found)))]  # fmt: skip
-    lacks = [f"{each.name} ({each.found:.3g} of {each.needed:g} {each.unit}): {each.record}" for each in found.lacks]
+    lacks = [f"{each['name']} ({each['found']:.3g} of {each['needed']:g} {each['unit']}): {each['record']}"
+             for each in told["record_next"]]  # fmt: skip
     parts.append(sentences("To record next, for surer gains", lacks))
     return stacked(*parts)
 
 
-def _compromise(found: Any) -> bool:
-    """Gains come of a model that is no estimate: no probability is named."""
-    return bool(found.doubts or (found.result is not None and found.result.state.cautions))
-
-
-def _checks(found: Any) -> RenderableType:
-    rows = [(c.name, "ok" if c.passed else "STOPS" if c.stops else "doubtful",
-             c.says if c.passed else f"{c.says}. {c.cure}") for c in found.input.checks]  # fmt: skip
+def _checks(told: Mapping[str, Any]) -> RenderableType:
+    rows = [(c["name"], "ok" if c["passed"] else "STOPS" if c["stops"] else "doubtful",
+             c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in told["checks"]]  # fmt: skip
     return filled(("check", "", "found"), rows, left=2, prose=("found",))
+
+
+def tables_of_steps(told: Mapping[str, Any]) -> tuple[Table, ...]:
+    """The gains of each step as the ECU writes them, and what the model says that they do; none where withheld."""
+    if told["why_not"] or not told["steps"]:
+        return ()
+    return _gains(told), _figures(told)
+
+
+def _gains(told: Mapping[str, Any]) -> Table:
+    rows = []
+    for step in told["steps"]:
+        factors = (step["factors"] or {}) if step is not told["steps"][0] else {}
+        cells = [short(gain, 4) + (f"  x {factors[key]:.2f}" if factors.get(key) else "")
+                 for key, gain in step["gains"].items()]  # fmt: skip
+        rows.append((NAMES[step["name"]], *cells))
+    head = (f"{name}\n{told['unit'][key]}" for name, key in zip(named(told["ecu"]).gains, "PID", strict=True))
+    return Table("Gains, as this ECU writes them; the number behind x: over the present gain", ("step", *head), rows)
+
+
+def _figures(told: Mapping[str, Any]) -> Table:
+    rows, steps = [], told["steps"]
+    for step in steps:
+        chances = (None if value is None else f"{value:.2f}"
+                   for value in (step["probability_met"], step["probability_better"]))  # fmt: skip
+        rows.append((NAMES[step["name"]], range_of(step["overshoot_pct"]), range_of(step["settling_s"]),
+                     short(step["rmse_pct"]), short(step["gain_margin_db"]), short(step["phase_margin_deg"]),
+                     *(chance or "-" for chance in chances)))  # fmt: skip
+    never = "; never: not before the next step" if any(None in step["settling_s"] for step in steps) else ""
+    return Table(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
+                 ("step", "overshoot\n% of step", "settling\ns", "RMSE %,\ntrapezoid", "gain\nmargin dB",
+                  "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
+
+
+def range_of(each: Sequence[float | None]) -> str:
+    """What 95 % of the models that fit do; None is without end."""
+    low, _, high = ("never" if value is None else short(value, 2) for value in each)
+    return low if low == high else f"{low}..{high}"
+
+
+def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What tune.json says in words: terminal and page show these sentences and have none of their own.
+
+    Args:
+        found: what the logs came to, see `api.tuned.Tuned`.
+        steps: those of tune.json.
+    """
+    shown = () if found.why_not else steps
+    return {
+        "answer": answer(found),
+        "model": _model(found),
+        "requirements": of_requirements(design_json(found.design), shown) if shown else None,
+        "next": _next(shown) if shown else [],
+    }
+
+
+def answer(found: Any) -> str:
+    """The half-way gains where the present ones are known, else the proposed ones; or why there are none."""
+    if found.why_not:
+        return f"Not from this log. {found.why_not}"
+    step = found.steps[min(1, len(found.steps) - 1)]
+    gains = zip(found.profile.gains, found.written(step.gains), strict=True)
+    words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in gains)
+    doubt = " In spite of this: " + " ".join(found.doubts) if found.doubts else ""
+    return f"{'Proposed gains' if len(found.steps) == 1 else 'Half-way gains to try first'}: {words}.{doubt}"
+
+
+def of_requirements(pid: Mapping[str, Any], steps: Sequence[Mapping[str, Any]]) -> str:
+    """Which requirements the proposed gains miss, and what that means.
+
+    Args:
+        pid: the object of pid.json.
+        steps: those of tune.json, the proposed gains last.
+    """
+    here, there = missed_on_nominal(pid), missed_in_corner(pid)
+    if not here and not there:
+        return "The proposed gains meet every requirement, in the worst corner of supply, heat and friction too."
+    said = [f"On the fitted model the proposed gains miss {listed(here)}." if here else
+            "On the fitted model the proposed gains meet every requirement."]  # fmt: skip
+    if there:
+        place = place_of_corner(pid["conditions"]).replace("the bench's", "that of the log")
+        said.append(f"{'Also' if here else 'But'} in the worst corner outside the log ({place}) they miss, on the "
+                    f"hardest steps, {listed(there)}.")  # fmt: skip
+    first, last = steps[0]["rmse_pct"], steps[-1]["rmse_pct"]
+    if len(steps) > 1 and first is not None and last is not None:
+        figures = f"RMSE {short(last)} instead of {short(first)} % of the travel"
+        said.append(f"They track better than the present ones all the same ({figures})." if last < first else
+                    f"Nor do they track better than the present ones ({figures}).")  # fmt: skip
+    if not here:
+        said.append("What decides is whether your car meets that corner: log there before you rely on it.")
+    elif limits := pid.get("limits"):
+        eased = f"eased alone, each of these would let gains meet everything: {'; '.join(limits)}"
+        said.append(f"What decides: {limits[0] if limits[0].startswith('no limit') else eased}.")
+    return " ".join(said)
 
 
 def _model(found: Any) -> list[str]:
@@ -77,59 +176,27 @@ def percent(share: float) -> str:
     return "over 99.9" if 0.999 < share < 1.0 else f"{100.0 * share:.1f}"
 
 
-def _gains(found: Any) -> RenderableType:
-    units, first, rows = found.profile.notation.of_each, found.written(found.steps[0].gains), []
-    for step in found.steps:
-        cells = []
-        for gain, before in zip(found.written(step.gains), first, strict=True):
-            factor = f"  x {gain / before:.2f}" if before and step is not found.steps[0] else ""
-            cells.append(f"{short(gain, 4)}{factor}")
-        rows.append((NAMES[step.name], *cells))
-    head = (f"{name}\n{unit}" for name, unit in zip(found.profile.gains, units, strict=True))
-    return filled(("step", *head), rows)
-
-
-def _figures(found: Any) -> RenderableType:
-    doubted, rows = _compromise(found), []
-    for step in found.steps:
-        chance = ("-", "-") if doubted else (
-            f"{step.probability_met:.2f}", "-" if step.better is None else f"{step.better:.2f}")  # fmt: skip
-        rows.append((NAMES[step.name], _range(step.overshoot), _range(step.settling), short(step.figures.rmse_pct),
-                     short(step.figures.gain_margin_db), short(step.figures.phase_margin_deg), *chance))  # fmt: skip
-    return filled(("step", "overshoot\n% of step", "settling\ns", "RMSE\n%", "gain\nmargin dB",
-                   "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
-
-
-def _range(each: tuple[float, float, float]) -> str:
-    low, _, high = (short(value, 2) if np.isfinite(value) else "never" for value in each)
-    return low if low == high else f"{low}..{high}"
-
-
-def _next(found: Any) -> list[str]:
+def _next(steps: Sequence[Mapping[str, Any]]) -> list[str]:
     """What to do, and what the next log should show."""
-    if len(found.steps) == 1:
+    if len(steps) == 1:
         return ["Say which gains are in the ECU now (--present P,I,D or --msq FILE): then a half-way step is given.",
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
-    half = found.steps[1]
+    half = steps[1]
     return [
         "Type in the half-way gains first, engine off, and log the same moves again, with steps from 10 to 70 % of the "
-        f"travel and back, 0.5 s each. These should overshoot by {_range(half.overshoot)} % of the step and "
-        f"{_settles(half.settling)} (95 % of the models that fit).",
+        f"travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the step and "
+        f"{_settles(half['settling_s'])} (95 % of the models that fit).",
         "If it does, type in the proposed gains; if it does not, run tune again with that log and the half-way gains.",
     ]  # fmt: skip
 
 
-def _settles(seconds: tuple[float, float, float]) -> str:
+def _settles(seconds: Sequence[float | None]) -> str:
     """What a range of settling times says, one that ends at infinity in words."""
     low, _, high = seconds
-    if np.isfinite(high):
-        return f"settle in {_range(seconds)} s"
-    return (f"settle in {short(low, 2)} s or more, or not before the next step" if np.isfinite(low) else
+    if high is not None:
+        return f"settle in {range_of(seconds)} s"
+    return (f"settle in {short(low, 2)} s or more, or not before the next step" if low is not None else
             "not settle before the next step")  # fmt: skip
-
-
-def _unsettled(found: Any) -> bool:
-    return not all(np.isfinite(step.settling[-1]) for step in found.steps)
 
 
 def draw_tune(path: Path, found: Any) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..car_log.foretold import Foretold
 from ..errors import UsageError, command
 from .manifest import POSTERIOR, read_records, require
 
@@ -55,6 +56,42 @@ def read_design(run: Path) -> Mapping[str, Any] | None:
     if not isinstance(content["gains"], dict) or not {"Kp", "Ki", "Kd"} <= set(content["gains"]):
         raise UsageError(f"{path} holds no gains Kp, Ki and Kd. Run `{command('design', run)}` again.")
     return content
+
+
+HALF_WAY, PROPOSED, PRESENT = "half_way", "proposed", "present"  # steps of tune.json
+
+
+def read_foretold(run: Path, made_with: str | None) -> tuple[Foretold, str, Mapping[str, Any]]:
+    """What RUN/tune.json foretells of the gains that made a log, which of its steps these are, and the whole object.
+
+    Args:
+        run: of `etcfit tune`.
+        made_with: name of the step; None for the half-way one, the proposed one where there is no other.
+    Raises:
+        UsageError: no gains were given there, or none of this name.
+    """
+    path, cure = run / "tune.json", "Name the run folder of an `etcfit tune` that gave gains."
+    if not path.is_file():
+        raise UsageError(f"--foretold {run}: there is no tune.json. {cure}")
+    told = object_in(path, "tune", ("steps", "large_steps", "options"), cure)
+    if told["why_not"] or not told["steps"]:
+        raise UsageError(f"--foretold {run}: it gave no gains, so nothing was foretold. {cure}")
+    steps = {step["name"]: step for step in told["steps"]}
+    name = made_with or (HALF_WAY if HALF_WAY in steps else PROPOSED)
+    if name not in steps:
+        raise UsageError(f"--made-with {name}: {path} foretells {', '.join(steps)}.")
+    step, before = steps[name], steps.get(PRESENT) if name != PRESENT else None
+    levels = told["large_steps"]
+    found = Foretold(levels["low_pct"], levels["high_pct"], levels["hold_s"], _range(step["overshoot_pct"]),
+                     _range(step["settling_s"]), _range(step["error_pct"]),
+                     None if before is None else _range(before["error_pct"]), told["held_out"]["rms_pct"])  # fmt: skip
+    return found, name, told
+
+
+def _range(each: Sequence[float | None]) -> tuple[float, float, float]:
+    """Three numbers of a file, in which null is never."""
+    low, middle, high = (float("inf") if value is None else value for value in each)
+    return low, middle, high
 
 
 def read_draws(run: Path, fitted: Fitted, count: int, seed: int) -> np.ndarray | None:

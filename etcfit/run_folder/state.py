@@ -211,6 +211,18 @@ def refuse_among_measurements(folder: Path, run: Path) -> None:
         raise UsageError(f"{run} {what}. Name a run folder outside of it: --out {elsewhere}.")
 
 
+def refuse_measurement_folder(out: Path) -> None:
+    """As `refuse_among_measurements`, of whichever measurement folder is nearest: `out` itself or one that it lies in.
+
+    Raises:
+        UsageError: so it is.
+    """
+    target = out.resolve()
+    nearest = next((each for each in (target, *target.parents) if (each / "rig.toml").is_file()), None)
+    if nearest is not None:
+        refuse_among_measurements(nearest, out)
+
+
 def must_belong(run: Path, folder: Path) -> None:
     """Refuse a run folder that was made from other measurements.
 

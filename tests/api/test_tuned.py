@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import json
+import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +17,8 @@ from typer.testing import CliRunner
 import etcfit
 import results
 from etcfit.api.tuned import Tuned, TuneRequest, keep_tuned, reasons_to_withhold, tuned_json
+from etcfit.api.work import keep_design, keep_fit
+from etcfit.car_log.foretold import Comparison, Figure
 from etcfit.cli import app
 from etcfit.control.borne import Borne
 from etcfit.control.design import ecu_of, propose, task_of
@@ -24,7 +28,12 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.agreement import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
-from etcfit.reporting.closing.control import of_tune
+from etcfit.reporting.car_log.foretold import Held
+from etcfit.reporting.closing.control import of_foretold, of_tune
+from etcfit.reporting.numbers import short
+from etcfit.reporting.page import write_page
+from etcfit.reporting.tune import of_requirements
+from etcfit.run_folder.folder import RunFolder
 from independent.cars import draw_car, log_of, tracking_errors, write_log
 
 SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "tune.schema.json"
@@ -47,11 +56,11 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> Tuned:
     design = propose(result.fitted(), task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
     steps = gain_steps(design, Gains(*(0.5 * gain for gain in design.proposed)))
     told = TuneInput(DUTY, "so", (LogCheck("fast enough", True, True, "so"),), {}, "", 12.0, 1e-3)
-    return Tuned(rusefi, told, (), result, design, steps, (0.97, 0.98))
+    return Tuned(ASKED, told, (), result, design, steps, (0.97, 0.98))
 
 
 def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
-    written = validated({"schema": "etcfit.tune/1"} | tuned_json(tuned, ASKED))
+    written = validated({"schema": "etcfit.tune/1", "pid": None} | tuned_json(tuned))
     assert written["verdict"] == "gains"
     assert [step["name"] for step in written["steps"]] == ["present", "half_way", "proposed"]
     assert written["steps"][1]["factors"] == pytest.approx(dict.fromkeys("PID", 2**0.5))
@@ -110,14 +119,115 @@ def test_what_the_next_log_should_show_is_a_sentence_even_where_nothing_settles(
         assert "never: not before the next step" in shown
 
 
-def test_the_next_command_names_the_half_way_gains_and_spares_this_run(tuned: Tuned, tmp_path: Path) -> None:
-    """The proposed gains are needed once the half-way ones are confirmed."""
+def test_the_next_command_asks_whether_the_next_log_is_as_foretold(tuned: Tuned, tmp_path: Path) -> None:
     said = of_tune(tuned, tmp_path / "car", [Path("lap.csv")]).next
-    assert said.endswith(f"--out {tmp_path / 'NEXT_RUN'}")
-    given = said.partition("--present ")[2].split()[0].split(",")
-    assert [float(gain) for gain in given] == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
+    assert said.endswith(f"then: etcfit drive NEXT_LOG --foretold {tmp_path / 'car'}")
     alone = replace(tuned, steps=tuned.steps[-1:])
     assert "etcfit tune lap.csv" in of_tune(alone, tmp_path / "car", [Path("lap.csv")]).next
+
+
+def held(tuned: Tuned, run: Path, as_foretold: bool, made_with: str = "half_way") -> Held:
+    """A log that is as foretold, or not."""
+    figure = Figure("overshoot", "% of the step", 4.0, 6.0, -np.inf, 8.0, 5.0 if as_foretold else 20.0)
+    return Held("next.csv", run, made_with, tuned_json(tuned), Comparison(2, (figure,), True, False))
+
+
+def test_as_foretold_leads_on_and_anything_else_back_to_tune(tuned: Tuned, tmp_path: Path) -> None:
+    """The proposed gains are needed once the half-way ones are confirmed: the run is spared."""
+    run, log = tmp_path / "car", Path("next.csv")
+    proposed = [short(gain, 4) for gain in tuned.written(tuned.steps[2].gains)]
+    said = of_foretold(held(tuned, run, as_foretold=True), log).next
+    assert said.startswith("type in the proposed gains, engine off: ")
+    assert all(gain in said for gain in proposed)
+    assert said.endswith(f"etcfit drive NEXT_LOG --foretold {run} --made-with proposed")
+    assert of_foretold(held(tuned, run, True, "proposed"), log).next.startswith("keep these gains")
+    assert "type in the half-way gains" in of_foretold(held(tuned, run, True, "present"), log).next
+    run.mkdir()
+    bad = of_foretold(held(tuned, run, as_foretold=False), log)
+    assert "overshoot 20.0 % of the step, foretold 4.0..6.0" in bad.answer
+    assert f"etcfit tune {log} --ecu rusefi --present " in bad.next
+    assert bad.next.endswith(f"--out {tmp_path / 'car_2'}")
+
+
+def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> None:
+    run = RunFolder(tmp_path)
+    assert tuned.result is not None
+    assert tuned.design is not None
+    keep_fit(run, tuned.result)
+    keep_design(run, tuned.result, tuned.design, {})
+    keep_tuned(tmp_path, tuned)
+    told = validated(json.loads((tmp_path / "tune.json").read_text(encoding="utf-8")))
+    shown = " ".join(tuned.summary(1000).split())
+    page = html.unescape(write_page(tmp_path).path.read_text(encoding="utf-8"))
+    said = told["says"]
+    assert said["requirements"]
+    for sentence in (*said["model"], said["requirements"], *said["next"]):
+        assert sentence in shown
+        assert sentence in page
+    assert said["answer"] in page
+    assert said["answer"] == of_tune(tuned, tmp_path, [Path("lap.csv")]).answer
+    for step in told["steps"]:
+        assert all(short(gain, 4) in shown and short(gain, 4) in page for gain in step["gains"].values())
+    assert "MISS" not in page.partition('aria-label="Verdict"')[2].partition("</section>")[0]  # no second verdict
+    assert 'alt="bench, tune"' in page
+    keep_design(run, tuned.result, replace(tuned.design, limits=("other",)), {})  # other gains, by its hash
+    assert said["next"][0] not in html.unescape(write_page(tmp_path).path.read_text(encoding="utf-8"))
+
+
+def of_gains(settling: float, worst: float, limits: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What matters here of pid.json."""
+    hardest = {"supply_V": 9.0, "winding_degC": 110.0, "friction_over_bench": 1.5}
+    return {"requirements": {"settling_s": 0.2}, "nonlinear": {"settling_s": settling}, "limits": limits,
+            "conditions": {"stable": True, "worst": {"settling_s": worst}, "hardest": hardest}}  # fmt: skip
+
+
+def test_what_the_proposed_gains_miss_comes_with_what_it_means_and_what_decides() -> None:
+    better, worse = ([{"rmse_pct": 4.0}, {"rmse_pct": now}] for now in (2.0, 5.0))
+    assert "meet every requirement" in of_requirements(of_gains(0.1, 0.15), better)
+    said = of_requirements(of_gains(0.1, 0.3), better)
+    assert said.startswith("On the fitted model the proposed gains meet every requirement. But in the worst corner")
+    assert "(9 V, winding at 110 °C, dry friction 1.5 times that of the log) they miss, on the hardest" in said
+    assert "track better than the present ones all the same (RMSE 2.00 instead of 4.00 %" in said
+    assert "log there before you rely on it" in said
+    said = of_requirements(of_gains(0.25, 0.3, ("dry friction", "the supply voltage")), worse)
+    assert "On the fitted model the proposed gains miss settling time 0.250 s (limit 0.2 s)" in said
+    assert "Nor do they track better" in said
+    assert "would let gains meet everything: dry friction; the supply voltage." in said
+
+
+class _Asked(Exception):
+    """What the command line made of its words."""
+
+
+def asked_by(monkeypatch: pytest.MonkeyPatch, words: list[str]) -> TuneRequest:
+    def told(files: list[Path], run: object, report: object, request: TuneRequest) -> None:
+        raise _Asked(request)
+
+    monkeypatch.setattr("etcfit.stages.tune_logs", told)
+    done = CliRunner().invoke(app, words)
+    assert isinstance(done.exception, _Asked), done.output
+    return done.exception.args[0]
+
+
+def test_the_next_command_keeps_what_the_user_said(
+    tuned: Tuned, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is typed once more: the same request but for gains, logs and run folder."""
+    monkeypatch.chdir(tmp_path)
+    given = ["--ecu", "generic", "--present", "1,5,0.01", "--ecu-period", "1.5ms", "--ecu-delay", "700us", "--supply",
+             "12.6", "--hold-out", "30", "--column", "TPS 1=position [%]"]  # fmt: skip
+    given += ["--column", "lap.csv:PPS=ignore"]
+    first = asked_by(monkeypatch, ["tune", "lap.csv", *given, "--out", "car"])
+    found = replace(tuned, asked=first)
+    bad = held(found, tmp_path / "car", as_foretold=False)
+    _, _, command = of_foretold(bad, Path("next.csv")).next.partition("with this log: etcfit ")
+    again = asked_by(monkeypatch, shlex.split(command))
+    of_this_log = {("", "TPS 1"): first.answers.columns["", "TPS 1"]}  # the next log has another name
+    assert again.gains == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
+    assert replace(again, gains=first.gains) == replace(first, answers=replace(first.answers, columns=of_this_log))
+    withheld = replace(found, why_not="The parameters behind this are a compromise.")
+    _, _, command = of_tune(withheld, tmp_path / "car", [Path("lap.csv")]).next.partition("all the same: etcfit ")
+    assert asked_by(monkeypatch, shlex.split(command)) == replace(first, anyway=True)
 
 
 def compromised(tuned: Tuned) -> Tuned:
@@ -131,7 +241,7 @@ def compromised(tuned: Tuned) -> Tuned:
 
 def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
     far = replace(compromised(tuned), why_not="The parameters behind this are a compromise.")
-    written = validated({"schema": "etcfit.tune/1"} | tuned_json(far, ASKED))
+    written = validated({"schema": "etcfit.tune/1", "pid": None} | tuned_json(far))
     assert written["verdict"] == "not from this log"
     assert [step["gains"] is None for step in written["steps"]] == [False, True, True]
     assert {step["probability_met"] for step in written["steps"]} == {None}
@@ -160,7 +270,7 @@ def test_a_compromise_gives_gains_where_the_loops_bear_what_it_misses(tuned: Tun
 
 
 def test_the_picture_is_drawn(tuned: Tuned, tmp_path: Path) -> None:
-    keep_tuned(tmp_path, tuned, ASKED)
+    keep_tuned(tmp_path, tuned)
     assert (tmp_path / "pictures" / "tune.png").stat().st_size > 10_000
 
 
@@ -177,13 +287,14 @@ def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path)
     assert not (tmp_path / "a" / "fit.json").exists()
 
 
-SLIPS = [(("--present", "1,2"), "three numbers"), (("--present", "1,-2,3"), "negative"),
+SLIPS = [(("--present", "1,2,3", "--present", "4,5,6"), "2 times for 1 logs"),
+         (("--present", "1,2"), "three numbers"), (("--present", "1,-2,3"), "negative"),
          (("--ecu-period", "1ms"), "rusefi fixes it"), (("--ecu", "maxxecu"), "does not publish the unit")]  # fmt: skip
 
 
 @pytest.mark.parametrize(("options", "said"), SLIPS)
 def test_a_slip_in_an_option_is_told_before_anything_is_read(
-    tmp_path: Path, options: tuple[str, str], said: str
+    tmp_path: Path, options: tuple[str, ...], said: str
 ) -> None:
     done = CliRunner().invoke(app, ["tune", "lap.csv", "--ecu", "rusefi", "--out", str(tmp_path / "a"), *options])
     assert done.exit_code == 2

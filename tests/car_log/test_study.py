@@ -142,7 +142,12 @@ def test_the_command_prints_writes_and_compares(tmp_path: Path) -> None:
     words = ["drive", str(tmp_path), "--compare", "old.msl", "new.msl", "--out", str(tmp_path / "run"), "--quiet"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
-    assert "old.msl -> new.msl" in done.stdout
+    first, *table = [
+        line for line in done.stdout.partition("\nAnswer:")[0].splitlines() if "->" in line or "<=" in line
+    ]
+    assert first.startswith("old.msl -> new.msl: RMSE ")  # then a row a figure, and no tables of either log
+    assert [line.split("  ")[0] for line in table] == ["tracking error", "lag", "longest time off"]
+    assert len(done.stdout.splitlines()) < 25
     answer, look, further = done.stdout.splitlines()[-3:]
     assert answer.startswith("Answer: RMSE ")
     assert look == f"Look:   {tmp_path / 'run' / 'drive.html'}"

@@ -87,6 +87,9 @@ def test_the_command_says_which_file_is_to_be_filled_in(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["new", str(tmp_path / "rig"), "--like", "kassel"])
     assert done.exit_code == 0
     assert f"Look:   {tmp_path / 'rig' / 'rig.toml'}\n" in done.stdout
+    quiet = CliRunner().invoke(app, ["new", str(tmp_path / "quiet"), "--like", "kassel", "--quiet"])
+    assert (quiet.exit_code, quiet.stderr) == (0, "")
+    assert quiet.stdout.replace("quiet", "rig") == done.stdout
     again = CliRunner().invoke(app, ["new", str(tmp_path / "rig")])
     assert (again.exit_code, again.stdout) == (2, "")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from etcfit.errors import MeasurementError
 from etcfit.importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tune_input
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import RUSEFI
-from etcfit.rig.base import Rig
+from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.reader import read_folder
 
 DEFAULT = TuneSettings()
@@ -36,8 +37,10 @@ def log(rate: float, amplitude: float = 30.0, at_limit: float = 0.0, duration: f
     return Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
 
 
-def made(rig: Rig, gains: Terms | None = None, settings: TuneSettings = DEFAULT) -> TuneInput:
-    return tune_input(rig, "car", known(gains), settings)
+def made(
+    rig: Rig, gains: Terms | None = None, settings: TuneSettings = DEFAULT, of_logs: tuple[Terms, ...] = ()
+) -> TuneInput:
+    return tune_input(rig, "car", replace(known(gains), of_logs=of_logs), settings)
 
 
 def stops(found: TuneInput) -> set[str]:
@@ -55,6 +58,27 @@ def test_a_slower_log_takes_the_ecu_into_the_model_where_its_gains_are_known() -
     assert (found.model, stops(found)) == (ECU, set())
     assert "misses duties" in found.why
     assert "duty" not in found.files["drive/lap_1.csv"].splitlines()[1]
+
+
+def test_logs_under_different_gains_are_one_model_where_the_duty_drives_it_and_refused_where_the_ecu_does() -> None:
+    other = GAINS._replace(P=2.0 * GAINS.P)
+    fast, slow = (replace(log(rate), measurements=(*log(rate).measurements, *renamed(log(rate), "drive/lap2.csv")))
+                  for rate in (500.0, 100.0))  # fmt: skip
+    found = made(fast, other, of_logs=(GAINS, other))
+    assert (found.model, stops(found)) == (DUTY, set())
+    assert "under which gains each log was made does not matter" in found.why
+    assert {name for name in found.files if "lap2" in name}
+    found = made(slow, other, of_logs=(GAINS, other))
+    assert stops(found) == {"fast enough"}
+    assert "made under different gains" in found.stopped_by[0].says
+    assert "Give only the logs that were made under one set of gains" in found.stopped_by[0].cure
+    found = made(slow, other, of_logs=(other, other))
+    assert (found.model, stops(found)) == (ECU, set())
+    assert "taken for those of all 2 logs" in found.why
+
+
+def renamed(rig: Rig, file: str) -> list[Measurement]:
+    return [replace(measurement, file=file) for measurement in rig.measurements]
 
 
 def test_a_slow_log_of_unknown_gains_tells_nothing_and_says_what_would() -> None:

@@ -38,7 +38,7 @@ from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Posterior
 from etcfit.posterior.target import Target
 from etcfit.reporting.blocks import PlainTable, render
-from etcfit.reporting.car_log import drive_table
+from etcfit.reporting.car_log import compared_table, drive_table
 from etcfit.reporting.check_table import advice_table, check_table
 from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
 from etcfit.reporting.diagnosis import diagnosis_table
@@ -105,7 +105,8 @@ def of_drive(fit: FitResult) -> RenderableType:
         DriveLog(name, position, setpoint),
         DriveLog("b.csv", shown["position"], shown["setpoint"], others=others),
     )
-    return drive_table(RigConfig("car"), [study(bare), study(full)])
+    every = [study(bare), study(full)]
+    return Group(drive_table(RigConfig("car"), every), compared_table(RigConfig("car"), *every))
 
 
 def of_posterior(fit: FitResult) -> RenderableType:

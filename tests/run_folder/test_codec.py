@@ -148,14 +148,6 @@ def test_what_this_version_did_not_write_is_refused(spoil: Callable[[Path], Any]
         codec.load(tmp_path / "a")
 
 
-def test_a_file_cut_short_is_refused(fit: FitResult, tmp_path: Path) -> None:
-    codec.save(tmp_path / "a", fit)
-    whole = (tmp_path / "a").read_bytes()
-    (tmp_path / "a").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(codec.Unreadable):
-        codec.load(tmp_path / "a")
-
-
 def test_an_object_is_not_computed_again_on_the_way_in(there_and_back: Callable[[Any], Any]) -> None:
     time = np.arange(3.0)
     channel = Channel(time, time, 0.1, True, "x [V]", "V", 1.0)

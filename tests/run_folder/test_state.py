@@ -505,3 +505,29 @@ def test_a_run_of_other_measurements_is_not_overwritten(runs: Runs, tmp_path: Pa
 
 def test_without_files_nothing_is_done(runs: Runs) -> None:
     assert not any(is_done(runs.run, stage.name, runs.folder) for stage in STAGES)
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        ("drive rig --out rig", "is the measurement folder itself"),
+        ("drive logs --out logs", "is the measurement folder itself"),
+        ("drive logs/lap.csv --out rig/response", "the folder of a rig test"),
+        ("check rig --advise --out rig", "is the measurement folder itself"),
+        ("export run --to c --out rig", "is the measurement folder itself"),
+        ("export run --to c --out rig/drive/c", "the folder of a rig test"),
+    ],
+)
+def test_what_is_no_fit_is_not_written_among_measurements_either(
+    fit: FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, why: str
+) -> None:
+    save_fit(tmp_path / "run", fit)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "lap.csv").write_text("time [s],position [%]\n" + "".join(f"{k},{k}\n" for k in range(9)))
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    done = CliRunner().invoke(app, [*words.split(), "--quiet"])
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert why in done.stderr
+    assert "Name a run folder outside of it" in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before

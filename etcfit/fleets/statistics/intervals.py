@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from jaxtyping import Float
 from scipy import stats
 from scipy.optimize import root_scalar
+from scipy.special import ndtr
 
 from ..settings import PopulationSettings
-from .likelihood import Spread, View, Weighed, maximised, slope, spread_view, weigh
+from .likelihood import Spread, View, Weighed, expected_hessian, maximised, spread_view, weigh
 from .stack import Scaled
 
 ALONE = 1e-8  # 1 - T below: the direction is told by this unit alone, its scatter is not seen
@@ -93,7 +96,7 @@ def _stderr(view: View, at: Spread) -> np.ndarray:
     """Of each standard deviation if these were the truth, from the expected curvature, scaled, shape (Q,)."""
     size = len(at.d)
     free = ~view.held
-    hessian = slope(weigh(view.data, at, view.prior), at, view.prior)[1][np.ix_(free, free)]
+    hessian = expected_hessian(weigh(view.data, at, view.prior), at, view.prior)[np.ix_(free, free)]
     tiny = 1e-12 * (1.0 + np.max(np.diag(hessian)))
     inverse = np.linalg.inv(hessian + tiny * np.eye(len(hessian)))
     return np.sqrt(2.0 * np.maximum(np.diag(inverse)[:size], 0.0))
@@ -137,6 +140,12 @@ class _Profile:
         return root_scalar(self, bracket=(low, high), method="brentq", xtol=1e-4 * high, rtol=1e-3).root
 
 
+@cache
+def _ends(level: float) -> tuple[float, float]:
+    """Of the cut: where the truth is nought, and far from it."""
+    return float(stats.norm.ppf(level)) ** 2, float(stats.chi2.ppf(level, 1))
+
+
 def cut(r: float, level: float) -> float:
     """The likelihood ratio below which x ~ N(r, 1) has r >= 0 in its interval, in `level` of all cases.
 
@@ -144,14 +153,13 @@ def cut(r: float, level: float) -> float:
 
     r is the truth over its standard error.
     """
-    most = float(stats.chi2.ppf(level, 1))
+    least, most = _ends(level)
     if r * r >= most:
         return most
-    least = float(stats.norm.ppf(level)) ** 2
 
     def lacking(c: float) -> float:
         root = np.sqrt(c)
         low = r - root if r >= root else (r * r - c) / (2.0 * max(r, 1e-12))
-        return float(stats.norm.cdf(root) - stats.norm.cdf(low - r)) - level
+        return float(ndtr(root) - ndtr(low - r)) - level
 
     return float(root_scalar(lacking, bracket=(0.999 * least, 1.001 * most), method="brentq", xtol=1e-6).root)

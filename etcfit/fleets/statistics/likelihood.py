@@ -74,6 +74,12 @@ class Spread:
         return full / np.sqrt(np.sum(full**2, axis=1, keepdims=True))
 
     @property
+    def squared_lengths(self) -> Float[np.ndarray, " A"]:
+        """Of the row of each entry of a, before it was scaled: its last entry was 1."""
+        row, _ = np.tril_indices(len(self.d), -1)
+        return np.diag(self.rows)[row] ** -2
+
+    @property
     def covariance(self) -> Float[np.ndarray, "P P"]:
         """Omega, with zeros for shared symbols."""
         out = np.zeros((len(self.own), len(self.own)))
@@ -145,30 +151,30 @@ def weigh(data: Scaled, spread: Spread, prior: float) -> Weighed:
     return Weighed(determinants + squares + tied, mean, 0.5 * (inverse + inverse.T), weight, pull)
 
 
-def slope(at: Weighed, spread: Spread, prior: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient (K,) and expected Hessian (K, K) of -2 log L in (d, a).
-
-    d(-2 log L) = sum tr[(W - r r^T - W C W) dOmega],   E Hessian_kl = sum tr(W E_k W E_l),   C = (sum W)^-1
-    """
+def gradient(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, " K"]:
+    """Of -2 log L in (d, a): sum tr[(W - r r^T - W C W) dOmega],   C = (sum W)^-1."""
     own, size = spread.own, int(spread.own.sum())
-    count, all_symbols = at.pull.shape
+    all_symbols = at.pull.shape[1]
     lifted = at.weight @ at.mean_covariance
     beside = np.swapaxes(lifted, 0, 1).reshape(all_symbols, -1)  # (i, u j)
     doubled = beside @ at.weight.reshape(-1, all_symbols)  # sum W C W
     g = at.weight.sum(axis=0) - at.pull.T @ at.pull - doubled
-    e = spread.slopes
-    gradient = np.einsum("kij,ij->k", e, 0.5 * (g + g.T)[np.ix_(own, own)])
-    flat = at.weight[:, own][:, :, own].reshape(count, size * size)
+    out = np.einsum("kij,ij->k", spread.slopes, 0.5 * (g + g.T)[np.ix_(own, own)])
+    out[size:] += 2.0 * prior * spread.a / spread.squared_lengths
+    return out
+
+
+def expected_hessian(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, "K K"]:
+    """Of -2 log L in (d, a): sum tr(W E_k W E_l),   E_k = dOmega / d(d, a)_k."""
+    own, size, e = spread.own, int(spread.own.sum()), spread.slopes
+    flat = at.weight[:, own][:, :, own].reshape(len(at.weight), size * size)
     four = (flat.T @ flat).reshape(size, size, size, size)  # sum W_ab W_cd
     turned = four.transpose(1, 2, 3, 0).reshape(size * size, size * size)  # (bc), (da)
     columns = e.reshape(len(e), size * size)
     swapped = np.swapaxes(e, 1, 2).reshape(len(e), size * size)
     hessian = columns @ turned @ swapped.T
-    row, _ = np.tril_indices(size, -1)
-    long = np.diag(spread.rows)[row] ** -2
-    gradient[size:] += 2.0 * prior * spread.a / long
-    hessian[np.diag_indices(len(e))] += np.concatenate([np.zeros(size), 2.0 * prior / long])
-    return gradient, 0.5 * (hessian + hessian.T)
+    hessian[np.diag_indices(len(e))] += np.concatenate([np.zeros(size), 2.0 * prior / spread.squared_lengths])
+    return 0.5 * (hessian + hessian.T)
 
 
 def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: float = 0.0) -> Spread:
@@ -185,7 +191,7 @@ def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: 
     if np.all(held):
         return start
     free, origin = np.flatnonzero(~held), start.vector
-    _, hessian = slope(weigh(data, start, prior), start, prior)
+    hessian = expected_hessian(weigh(data, start, prior), start, prior)
     h = hessian[np.ix_(free, free)]
     root = np.linalg.cholesky(h + np.diag(1e-3 * np.diag(h) + 1e-9 * (1.0 + np.max(np.diag(h)))))
 
@@ -197,7 +203,7 @@ def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: 
     def value(z: np.ndarray) -> tuple[float, np.ndarray]:
         tried = spread(z)
         here = weigh(data, tried, prior)
-        return here.value, np.linalg.solve(root, slope(here, tried, prior)[0][free])
+        return here.value, np.linalg.solve(root, gradient(here, tried, prior)[free])
 
     nearly = float(np.sqrt(2.0 * TOLERANCE / len(free)))
     options = {"gtol": nearly, "maxiter": STEPS}

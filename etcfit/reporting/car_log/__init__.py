@@ -36,8 +36,7 @@ def says_of(each: Study) -> tuple[str, ...]:
 
 def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
     """A row a threshold."""
-    rows = [(j.name, _found(j), f"{'>=' if j.at_least else '<='} {j.limit:.3g} {j.unit}", _NAMES[j.word], j.where,
-             j.source) for j in judgements]  # fmt: skip
+    rows = [(j.name, _found(j), _limit(j), _NAMES[j.word], j.where, j.source) for j in judgements]
     marked = frozenset(k for k, j in enumerate(judgements) if j.word == "not good")
     return Table(caption, ("figure", "found", "good is", "verdict", "where", "threshold from"), rows, 6, marked)
 
@@ -130,6 +129,38 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
         sentences("To record next, on the bench as closed_loop/ or from the car", to_record),
     )  # fmt: skip
+
+
+def compared_table(config: RigConfig, before: Study, after: Study) -> RenderableType:
+    """What changed from one log to the other: the verdict, then a row a figure."""
+    was = {each.name: each for each in before.verdict.judgements}
+    rows, marked = [], set[int]()
+    for now in after.verdict.judgements:
+        if (then := was.get(now.name)) is None or (then.value is None and now.value is None):
+            continue
+        if now.word == "not good":
+            marked.add(len(rows))
+        limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
+        rows.append((now.name, " / ".join(limits), _change(then, now), _found(then), _found(now)))
+    head = ("figure", "good is", "verdict", before.log.name, after.log.name)
+    changes = Table("What changed", head, rows, 3, frozenset(marked))
+    return stacked(
+        rig_title(config, "two logs from the car"),
+        spaced(Text(f"{before.log.name} -> {after.log.name}: {verdict(before, after)}")),
+        headed(changes.caption, shown(changes)),
+        sentences("At rest, and both sensors",
+                  [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
+    )  # fmt: skip
+
+
+def _limit(each: Judgement) -> str:
+    return f"{'>=' if each.at_least else '<='} {each.limit:.3g} {each.unit}"
+
+
+def _change(then: Judgement, now: Judgement) -> str:
+    """ "NOT GOOD -> good", or "good" where it was."""
+    words = _NAMES[then.word], _NAMES[now.word]
+    return words[1] if words[0] == words[1] else " -> ".join(words)
 
 
 def shown(table: Table) -> RenderableType:

@@ -22,6 +22,7 @@ from ..html import environment
 from ..numbers import short
 from ..page.pictures import carried
 from . import in_a_word, says_of, tables_of
+from .foretold import Held
 
 _SHOWN = 8.0  # s of the log, where most is asked of the plate
 _AFTER = 0.6  # s of each answer that are drawn
@@ -179,11 +180,16 @@ def write_page(
 _PARTS = ("usage", "spectrum", "tracking", "steps", "cycle", "duty")
 
 
-def write_drive(run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None]) -> None:
-    """RUN/drive.json, RUN/drive.html and RUN/pictures/drive."""
+def write_drive(
+    run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None],
+    beside: Held | None = None,
+) -> None:  # fmt: skip
+    """RUN/drive.json, RUN/drive.html and RUN/pictures/drive; where asked, the log beside what was foretold for it."""
     lacks = record_next([each.log for each in studies])
     content = {"rig": config.name, "synthetic": config.synthetic, "logs": [_json(each) for each in studies],
                "record_next": plain(lacks)}  # fmt: skip
+    if beside is not None:
+        content["foretold"] = plain(beside.recorded())
     with held(run), style.drawing():
         write_json(run / "drive.json", "drive", content)
         drawn = []

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
+import itertools
+import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +15,7 @@ from ...errors import command
 from ...model.ecus import ECUS, Pasting
 from ..control.verdicts import answer
 from ..numbers import short
+from ..tune import answer as tune_answer
 from . import Closing, number_of
 
 if TYPE_CHECKING:
@@ -20,9 +23,11 @@ if TYPE_CHECKING:
     from ...control.linearise import Reduction
     from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
+    from ..car_log.foretold import Held
     from ..fleet import Content
 
 _TUNE = "msq"  # a format of `etcfit export`
+_NEXT_LOG = "NEXT_LOG"  # a file that is not recorded yet
 
 
 def of_posterior(posterior: Posterior, run: Path) -> Closing:
@@ -88,35 +93,56 @@ def _with(state: FitState, run: Path, further: str) -> str:
 
 def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     """The half-way gains where the present ones are known, else the proposed ones; or why there are none."""
-    look = (run / "pictures" / "tune.png",)
+    look, said = (run / "pictures" / "tune.png",), tune_answer(found)
     if found.why_not:
-        return Closing(f"Not from this log. {found.why_not}", _mended(found, run, files), look)
-    step = found.steps[min(1, len(found.steps) - 1)]
-    gains = [short(gain, 4) for gain in found.written(step.gains)]
-    words = ", ".join(f"{name} {gain}" for name, gain in zip(found.profile.gains, gains, strict=True))
-    doubt = " In spite of this: " + " ".join(found.doubts) if found.doubts else ""
+        return Closing(said, _mended(found, run, files), look)
     if len(found.steps) == 1:
-        again = _again(found, map(str, files), "P,I,D", run)
-        return Closing(f"Proposed gains: {words}.{doubt}",
-                       f"say which gains are in the ECU now, for a half-way step: {again}", look)  # fmt: skip
-    again = _again(found, ["NEXT_LOG"], ",".join(gains), run.with_name("NEXT_RUN"))
-    return Closing(f"Half-way gains to try first: {words}.{doubt}",
-                   "type them in, engine off, and log the same moves again. Are overshoot and settling as foretold "
-                   f"(etcfit drive NEXT_LOG)? Then type in the proposed gains. If not: {again}", look)  # fmt: skip
+        again = _tune(map(str, files), found.asked.options(of_files=True), ["P,I,D"], run)
+        return Closing(said, f"say which gains are in the ECU now, for a half-way step: {again}", look)
+    return Closing(said, f"type them in, engine off, and log the same moves again; then: "
+                   f"{command('drive', _NEXT_LOG, '--foretold', run)}", look)  # fmt: skip
 
 
-def _again(found: Any, logs: Iterable[str], present: str, run: Path) -> str:
+def _tune(logs: Iterable[str], options: Iterable[str], present: Iterable[str], run: Path) -> str:
     """The command that tunes once more."""
-    return command("tune", *logs, "--ecu", found.profile.name, "--present", present, "--out", run)
+    sets = (word for gains in present for word in ("--present", gains))
+    return command("tune", *logs, *options, *sets, "--out", run)
+
+
+def of_foretold(held: Held, log: Path) -> Closing:
+    """A log beside what was foretold: on to the next gains, or tune again with it."""
+    steps = {step["name"]: step["gains"] for step in held.told["steps"]}
+    names, gains = ECUS[held.told["ecu"]].gains, steps[held.made_with]
+    if not held.found.as_foretold:
+        present = ",".join(short(gain, 4) for gain in gains.values())
+        again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
+        return Closing(held.says, f"do not go on to other gains; tune again with this log: {again}")
+    order = list(steps)
+    if held.made_with == order[-1]:
+        return Closing(held.says, f"keep these gains; good enough by itself? {command('drive', log)}")
+    further = order[order.index(held.made_with) + 1]
+    words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in zip(names, steps[further].values(), strict=True))
+    then = command("drive", _NEXT_LOG, "--foretold", held.run, *(["--made-with", "proposed"] * (further == "proposed")))
+    return Closing(held.says, f"type in the {further.replace('_', '-')} gains, engine off: {words}; log the same moves "
+                   f"again, then: {then}")  # fmt: skip
+
+
+def next_run(run: Path) -> Path:
+    """A run folder beside, of which there is none yet: runs/car_2 after runs/car."""
+    base = re.sub(r"_\d+$", "", run.name)
+    every = (run.with_name(f"{base}_{k}") for k in itertools.count(2))
+    return next(each for each in every if not each.exists() and each != run)
 
 
 def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
     stopped = found.input.stopped_by
     if stopped:
         return stopped[0].cure
-    listed = " ".join(shlex.quote(str(file)) for file in files)
-    return (f"look at {command('report', run)}; the gains all the same: etcfit tune {listed} --ecu "
-            f"{found.profile.name} --anyway --out {shlex.quote(str(run))}")  # fmt: skip
+    asked = found.asked
+    sets = asked.of_logs or (() if asked.gains is None else (asked.gains,))
+    present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
+    again = _tune(map(str, files), replace(asked, anyway=True).options(of_files=True), present, run)
+    return f"look at {command('report', run)}; the gains all the same: {again}"
 
 
 def of_fleet(content: Content, run: Path) -> Closing:

@@ -168,10 +168,9 @@ def gains_in_words(pid: Mapping[str, Any]) -> str:
 
 def _nominal(pid: Mapping[str, Any]) -> str:
     """What they do on the nominal model."""
-    if pid.get("stable") is False:
+    said = missed_on_nominal(pid)
+    if said == [UNSTABLE]:
         return "make a loop that is UNSTABLE on the nominal model"
-    figures = pid.get("nonlinear") or {}
-    said = _missed(figures, pid) + missed_margins(figures, pid.get("margins_asked") or {})
     if said:
         return f"MISS on the nominal model: {listed(said)}"
     return "meet every requirement on the nominal model"
@@ -182,16 +181,38 @@ def _corner(pid: Mapping[str, Any]) -> Iterator[str]:
     found = pid.get("conditions")
     if not found:
         return
-    at, where = found["hardest"], "in the worst corner outside the bench"
-    place = (f"{at['supply_V']:g} V, winding at {at['winding_degC']:g} °C, dry friction {at['friction_over_bench']:g} "
-             "times the bench's")  # fmt: skip
+    where, place = "in the worst corner outside the bench", place_of_corner(found)
     worst = hardest(found["worst"], pid.get("requirements") or {})
-    if not found["stable"]:
+    said = missed_in_corner(pid)
+    if said == [UNSTABLE]:
         yield f"{where} the loop is UNSTABLE, at {place}"
-    elif said := _missed(found["worst"], pid):
+    elif said:
         yield f"{where} they MISS: {listed(said)}, hardest at {place}"
     elif worst is not None:
         yield f"{where} they meet every requirement too, most narrowly {worst.says}, at {place}"
+
+
+def place_of_corner(found: Mapping[str, Any]) -> str:
+    """The corner of `conditions` of pid.json that is hardest, in words."""
+    at = found["hardest"]
+    return (f"{at['supply_V']:g} V, winding at {at['winding_degC']:g} °C, dry friction {at['friction_over_bench']:g} "
+            "times the bench's")  # fmt: skip
+
+
+def missed_on_nominal(pid: Mapping[str, Any]) -> list[str]:
+    """What the gains of pid.json miss on the nominal model, in words; "UNSTABLE" alone."""
+    if pid.get("stable") is False:
+        return [UNSTABLE]
+    figures = pid.get("nonlinear") or {}
+    return _missed(figures, pid) + missed_margins(figures, pid.get("margins_asked") or {})
+
+
+def missed_in_corner(pid: Mapping[str, Any]) -> list[str]:
+    """Likewise in the worst corner of supply, winding and friction; nothing where that was not tried."""
+    found = pid.get("conditions")
+    if not found:
+        return []
+    return _missed(found["worst"], pid) if found["stable"] else [UNSTABLE]
 
 
 def _missed(figures: Mapping[str, float | None], pid: Mapping[str, Any]) -> list[str]:

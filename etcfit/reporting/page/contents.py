@@ -15,7 +15,12 @@ from ...run_folder.reading import object_in
 _STAGE = {"fit": "fit", "diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
           "frequency_response": "reduce", "pid": "design"}  # fmt: skip
 KINDS = tuple(_STAGE)
-_NEEDED = {"fit": ("model", "parameters", "score"), "diagnosis": ("parameters",), "pid": ("rule", "gains")}
+_NEEDED = {
+    "fit": ("model", "parameters", "score"),
+    "diagnosis": ("parameters",),
+    "pid": ("rule", "gains"),
+    "tune": ("says", "steps"),
+}
 _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
 
 
@@ -74,6 +79,15 @@ def logs_of(run: Path) -> Mapping[str, Any]:
     """The object of RUN/drive.json, which no stage makes; empty where there is none."""
     path = run / "drive.json"
     return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
+
+
+def tuned_of(run: Path, hashes: Mapping[str, str]) -> Mapping[str, Any]:
+    """The object of RUN/tune.json where its gains are those of pid.json; empty where there is none, or of others."""
+    path = run / "tune.json"
+    if not path.is_file():
+        return {}
+    told = _object(path, "tune", path.read_bytes())
+    return told if told.get("pid") == hashes.get("pid.json", "") else {}
 
 
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:

@@ -40,6 +40,8 @@ _ONE = {f"control/{stem}": said for stem, said in _CONTROL.items()} | {
     "diagnosis/unexplained": "What no effect of the catalogue explains: a curve and two standard deviations about it.",
     "posterior/intervals": "The 95 % interval of every parameter by the fit, by its profile and by the posterior.",
     "posterior/corner": "The posterior of every pair of parameters, and on the diagonal of each alone.",
+    "tune/tune": "Above, a part of the log that was held out, measured and predicted: two lines that lie on each other "
+    "are good. Below, large steps by each set of gains, simulated with the fitted model.",
     "posterior/profiles": "The least misfit over each parameter, all others fitted anew.",
 }
 _EACH = {
@@ -76,6 +78,7 @@ _COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
 
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
 GROUPS = {
+    "tune": "Gains, step by step",
     "diagnosis": "What the model lacked",
     "": "Parameters of the final model",
     "posterior": "How sure",
@@ -88,7 +91,7 @@ GROUPS = {
     "before/traces": "Before: trace by trace, simulated by the first fit, which the diagnosis replaced",
     "before/tests": "Before: test by test, the first fit, which the diagnosis replaced",
 }
-OPEN = ("", "diagnosis", "posterior", "control")  # shown without a click
+OPEN = ("", "tune", "diagnosis", "posterior", "control")  # shown without a click
 
 
 @dataclass(frozen=True)
@@ -135,10 +138,7 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
     """Every picture of a run folder, as many as there is room for in so many bytes, those of most interest first."""
     base, room, out = run / "pictures", budget, []
     with ThreadPoolExecutor() as pool:  # Pillow lets go of Python's lock
-        drawn = [
-            (*each, pool.map(partial(carried, folder=each[0]), sorted((base / each[0]).glob("*.png"))))
-            for each in _folders(base)
-        ]
+        drawn = [(*each, pool.map(partial(carried, folder=each[0]), _drawn(base, each[0]))) for each in _folders(base)]
     for folder, title, pictures in drawn:
         taken, left_out = [], []
         for picture in pictures:
@@ -150,6 +150,13 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
         if taken or left_out:
             out.append(Group(title, folder, tuple(taken), tuple(left_out)))
     return out
+
+
+def _drawn(base: Path, folder: str) -> list[Path]:
+    """The pictures of a group; that of `etcfit tune`, RUN/pictures/tune.png, is one by itself."""
+    if folder == "tune":
+        return [path for path in [base / "tune.png"] if path.is_file()]
+    return [path for path in sorted((base / folder).glob("*.png")) if path != base / "tune.png"]
 
 
 def carried(path: Path, folder: str = "") -> Picture:

@@ -9,7 +9,8 @@ from typing import Any
 from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ..control.sentence import cautions, why_withheld, withheld
 from ..html import Table, environment, number, symbol, unit
-from .contents import Contents, logs_of
+from ..tune import tables_of_steps
+from .contents import Contents, logs_of, tuned_of
 from .pictures import BUDGET, groups
 from .tables import (
     LOST,
@@ -87,8 +88,10 @@ def render(contents: Contents, budget: int = BUDGET) -> str:
 
 def _parts(contents: Contents, budget: int) -> dict[str, Any]:
     fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
-    response = contents.get("frequency_response")
+    response, told = contents.get("frequency_response"), tuned_of(contents.run, contents.hashes)
     return {
+        "tuned": told,
+        "tables_of_steps": tables_of_steps(told) if told else (),
         "rig": fit["rig"],
         "synthetic": fit["synthetic"],
         "folder": fit.get("folder"),

@@ -19,7 +19,7 @@ from ...rig.base import ALLOWED_FOR
 from ..control.sentence import sentence
 from ..html import number, symbol, symbols, unit
 from ..numbers import is_share, short
-from .contents import Contents, rows_of
+from .contents import Contents, rows_of, tuned_of
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
@@ -34,8 +34,19 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
         *_mistakes(contents),
         *_contradicts(contents),
         _knows(contents) + Markup("."),
-        *([escape(sentence(pid))] if pid else []),
+        *(map(escape, on_gains(contents, pid)) if pid else ()),
     )
+
+
+def on_gains(contents: Contents, pid: Mapping[str, Any]) -> Iterator[str]:
+    """What was found on the gains: of a run of `etcfit tune` what that said, so that both say the same."""
+    told = tuned_of(contents.run, contents.hashes)
+    if not told:
+        yield sentence(pid)
+        return
+    yield told["says"]["answer"]
+    if told["says"]["requirements"]:
+        yield told["says"]["requirements"]
 
 
 def left_unexplained(contents: Contents) -> float | None:

@@ -1,0 +1,100 @@
+"""What `etcfit drive --foretold` shows: a log beside what `etcfit tune` foretold, in a table and in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.text import Text
+
+from ...car_log.foretold import Comparison, Figure
+from ..blocks import filled, headed, spaced
+from ..numbers import short
+
+NAMES = {"present": "present", "half_way": "half-way", "proposed": "proposed"}
+
+
+@dataclass(frozen=True)
+class Held:
+    """One log beside what was foretold for the gains that made it.
+
+    Args:
+        log: name of its file.
+        run: of `etcfit tune`.
+        made_with: name of the step in `told`.
+        told: the object of tune.json.
+        found: the comparison.
+    """
+
+    log: str
+    run: Path
+    made_with: str
+    told: Mapping[str, Any]
+    found: Comparison
+
+    @property
+    def says(self) -> str:
+        """As foretold or not, and what that means."""
+        gains = f"the {NAMES[self.made_with]} gains"
+        if self.found.as_foretold:
+            meant = "the model can be trusted with the next step" if self.made_with != "proposed" else "keep them"
+            return f"As foretold for {gains}: {', '.join(map(_found, self.found.figures))}. So {meant}."
+        off = [_off(figure) for figure in self.found.figures if not figure.as_foretold]
+        off += ["the plate tracks no better than with the gains before"] if self.found.better is False else []
+        said = f"Not as foretold for {gains}: {'; '.join(off)}."
+        if self.found.unchanged:
+            said += " The error is that of the gains before: are the new ones in the ECU?"
+        return said
+
+    def recorded(self) -> dict[str, Any]:
+        """For drive.json."""
+        figures = [asdict(figure) | {"as_foretold": figure.as_foretold} for figure in self.found.figures]
+        return {
+            "run": str(self.run),
+            "made_with": self.made_with,
+            "as_foretold": self.found.as_foretold,
+            "says": self.says,
+            "steps": self.found.steps,
+            "better": self.found.better,
+            "figures": figures,
+        }
+
+
+def foretold_table(held: Held) -> RenderableType:
+    """A row a figure: foretold, what still is as foretold, found."""
+    levels = held.told["large_steps"]
+    rows = [(f"{figure.name}, {figure.unit}", _between(figure.low, figure.high), _allowed(figure), _value(figure.found),
+             "as foretold" if figure.as_foretold else Text("NOT as foretold", style="bold red"))
+            for figure in held.found.figures]  # fmt: skip
+    title = (f"{held.log}: {held.found.steps} steps from {levels['low_pct']:g} to {levels['high_pct']:g} % of the "
+             f"travel and back, beside what {held.run} foretold for the {NAMES[held.made_with]} gains")  # fmt: skip
+    table = filled(("figure", "foretold", "as foretold", "in this log", "verdict"), rows, words=("verdict",))
+    return Group(headed(title, table), spaced(Text(held.says)))
+
+
+def _value(value: float) -> str:
+    return short(value) if isfinite(value) else "never"
+
+
+def _between(low: float, high: float) -> str:
+    """A range in few digits."""
+    first, last = ("never" if not isfinite(value) else short(value, 2) for value in (low, high))
+    return first if first == last else f"{first}..{last}"
+
+
+def _allowed(figure: Figure) -> str:
+    if not isfinite(figure.most):
+        return "any"
+    return _between(figure.least, figure.most) if isfinite(figure.least) else f"<= {short(figure.most, 2)}"
+
+
+def _found(figure: Figure) -> str:
+    return f"{figure.name} {_value(figure.found)} {figure.unit}"
+
+
+def _off(figure: Figure) -> str:
+    return f"{_found(figure)}, foretold {_between(figure.low, figure.high)}"
