@@ -9,6 +9,7 @@ from typing import Any
 
 from etcfit.run_folder.declared import schema_of_file
 from etcfit.run_folder.diagnosis import DIAGNOSIS
+from etcfit.run_folder.drive import DRIVE
 from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.fleet import STUDY
 from etcfit.run_folder.manifest import RUN
@@ -21,6 +22,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schema
 DECLARED = {  # kinds of files whose schema follows from a declaration
     "advice": ADVICE,
     "diagnosis": DIAGNOSIS,
+    "drive": DRIVE,
     "fit": FIT,
     "fleet": STUDY,
     "frequency_response": FREQUENCY_RESPONSE,
