@@ -17,6 +17,7 @@ from etcfit.run_folder.pid import PID
 from etcfit.run_folder.plan import ADVICE, PLAN
 from etcfit.run_folder.plant import FREQUENCY_RESPONSE, TRANSFER_FUNCTION
 from etcfit.run_folder.posterior import POSTERIOR
+from etcfit.run_folder.tune import TUNE
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
 DECLARED = {  # kinds of files whose schema follows from a declaration
@@ -31,6 +32,7 @@ DECLARED = {  # kinds of files whose schema follows from a declaration
     "posterior": POSTERIOR,
     "run": RUN,
     "transfer_function": TRANSFER_FUNCTION,
+    "tune": TUNE,
 }
 
 
