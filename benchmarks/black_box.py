@@ -31,7 +31,8 @@ from jax import Array
 
 from etcfit.backend import use_compilation_cache
 from etcfit.datasets import fetch
-from etcfit.reporting.blocks import headed, plain_table, render
+from etcfit.reporting.blocks import PlainTable, headed, render
+from etcfit.reporting.table import of_texts
 from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.reader import read_folder
 
@@ -216,14 +217,14 @@ def main() -> None:
     names = parser.parse_args().names
     use_compilation_cache()
     head = ("black box, fitted: each seed", "mean path", "held out: each seed", "mean path", "ours")
-    table = plain_table("data", "unit", *head, left=2)
+    heads, texts = ("data", "unit", *head), []
     with TemporaryDirectory() as scratch:
         for name in names:
             found = measure(name, Path(scratch))
             texts = [[f"{v:.3g}" for v in found[which]] for which in ("fitted", "held out")]
             cells = [cell for text in texts for cell in (", ".join(text[:-1]), text[-1])]
-            table.add_row(name, UNITS[name][0], *cells, f"{OURS[name]:g}")
-    print(render(headed("Free run, rms", table)))
+            texts.append((name, UNITS[name][0], *cells, f"{OURS[name]:g}"))
+    print(render(headed("Free run, rms", PlainTable(of_texts("", heads, texts, 2)))))
 
 
 if __name__ == "__main__":

@@ -31,7 +31,8 @@ from benchmarks.emps_loop import records
 from etcfit.backend import use_compilation_cache
 from etcfit.datasets import fetch
 from etcfit.estimation.joint_fit import FitResult, fit
-from etcfit.reporting.blocks import headed, plain_table, render
+from etcfit.reporting.blocks import PlainTable, headed, render
+from etcfit.reporting.table import of_texts
 from etcfit.rig.base import Channel, Fixed, Measurement, Rig
 from etcfit.rig.inverse_model import equations
 from etcfit.rig.reader import read_folder
@@ -91,47 +92,47 @@ def protocol(results: dict[str, FitResult], training: Measurement, pulses: Measu
     ours = {f"etcfit, {name}": errors(result) for name, result in results.items()}
     rows = [(name, "", error) for name, error in PUBLISHED] + [(n, f"{e[0]:.2f}", e[1]) for n, e in ours.items()]
     rows.append(("the training record's positions, whatever the force", "", tape))
-    table = plain_table("model", "training, mm", "pulses, mm", left=1)
+    heads, texts = ("model", "training, mm", "pulses, mm"), []
     for name, training_error, error in sorted(rows, key=lambda row: row[2]):
-        table.add_row(name, training_error, f"{error:.2f}")
-    return table
+        texts.append((name, training_error, f"{error:.2f}"))
+    return PlainTable(of_texts("", heads, texts, 1))
 
 
 def told_apart(results: dict[tuple[str, str], FitResult]) -> RenderableType:
     """One model, each time fitted to another part of the data."""
-    table = plain_table("fitted to", "free run there, mm", "free run of", "mm", "B_L", "B_a", "T_f", left=1)
+    heads, texts = ("fitted to", "free run there, mm", "free run of", "mm", "B_L", "B_a", "T_f"), []
     for (to, other), result in results.items():
         own, held_out = errors(result)
         values = (f"{result.values[s]:.2f}" for s in ("B_L", "B_a", "T_f"))
-        table.add_row(to, f"{own:.2f}", other, f"{held_out:.2f}", *values)
-    return table
+        texts.append((to, f"{own:.2f}", other, f"{held_out:.2f}", *values))
+    return PlainTable(of_texts("", heads, texts, 1))
 
 
 def cruises(training: Measurement, pulses: Measurement) -> RenderableType:
     """Force at full speed, by period: the mean of both strokes is an offset, their half difference friction."""
     periods = [f"{k * _PERIOD * 1e-3:.1f} s" for k in range(4)]
-    table = plain_table("record", "of opening and closing", *periods, left=2)
+    heads, texts = ("record", "of opening and closing", *periods), []
     for name, trace in (("training", training), ("pulses, looked at", pulses)):
         speed, force = np.gradient(trace.channels["position"].value, trace.time), trace.channels["torque"].value
         fast = np.abs(np.abs(speed) - _CRUISE) < 0.02 * _CRUISE
         which = np.arange(force.size) // _PERIOD
         up, down = ([force[fast & (which == k) & (np.sign(speed) == way)].mean() for k in range(4)] for way in (1, -1))
         for what, values in (("mean, N", np.add(up, down)), ("half difference, N", np.subtract(up, down))):
-            table.add_row(name, what, *(f"{0.5 * v:.2f}" for v in values))
-    return table
+            texts.append((name, what, *(f"{0.5 * v:.2f}" for v in values)))
+    return PlainTable(of_texts("", heads, texts, 2))
 
 
 def sessions(training: Measurement, pulses: Measurement) -> RenderableType:
     """The inverse model of each record, and the gain of its drive: the servo's law against the drive as logged."""
     columns = ("mass, kg", "viscous, opening", "closing, N s/m", "dry, N", "offset, N", "gain of the drive")
-    table = plain_table("record", *columns, left=1)
+    heads, texts = ("record", *columns), []
     for name, trace, gain in zip(("training", "pulses, looked at"), (training, pulses), _gains(), strict=True):
         e = equations(trace, trace.channels["torque"])
         speed = e.rows[:, 1]
         system = [e.rows[:, 0], np.maximum(speed, 0.0), np.minimum(speed, 0.0), e.rows[:, 4], np.ones_like(speed)]
         found = np.linalg.lstsq(np.column_stack(system), e.right, rcond=None)[0]
-        table.add_row(name, *(f"{v:.2f}" for v in found), f"{gain:.4f}")
-    return table
+        texts.append((name, *(f"{v:.2f}" for v in found), f"{gain:.4f}"))
+    return PlainTable(of_texts("", heads, texts, 1))
 
 
 def _gains() -> list[float]:
@@ -149,15 +150,15 @@ def _gains() -> list[float]:
 
 def costs(result: FitResult) -> RenderableType:
     """By how much the free run of the pulses moves with what a model believes of the force."""
-    table = plain_table("change of the model", "moves the free run of the pulses by, mm rms", left=1)
+    heads, texts = ("change of the model", "moves the free run of the pulses by, mm rms"), []
     values = dict(result.values)
     friction = {s: 1.01 * values[s] for s in ("B_L", "B_a", "T_f") if s in values}
     changes = {"offset + 0.1 N": {"T_PL": values["T_PL"] + 0.1}, "friction + 1 %": friction,
                "mass + 1 %": {"J_L": 1.01 * values["J_L"]}}  # fmt: skip
     as_it_is = _pulses(result, {})
     for name, change in changes.items():
-        table.add_row(name, f"{rms(as_it_is, _pulses(result, change)):.2f}")
-    return table
+        texts.append((name, f"{rms(as_it_is, _pulses(result, change)):.2f}"))
+    return PlainTable(of_texts("", heads, texts, 1))
 
 
 def _pulses(result: FitResult, change: dict[str, float]) -> np.ndarray:

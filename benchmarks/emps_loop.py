@@ -43,7 +43,8 @@ from etcfit.model.effects import PAPER, State
 from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
 from etcfit.model.parameters import Scalar
 from etcfit.model.throttle import Throttle, catalogue
-from etcfit.reporting.blocks import plain_table, render
+from etcfit.reporting.blocks import PlainTable, render
+from etcfit.reporting.table import of_texts
 from etcfit.run_folder.state import load_final
 
 _TICK = 1e-3  # s
@@ -146,13 +147,13 @@ def closed_loop(models: Mapping[str, Mapping[str, float]]) -> RenderableType:
         models: by name, values in SI by symbol; what they have beyond Eqs. 1-2 and asymmetric friction does not count.
     """
     servo, files = records()
-    table = plain_table("model", *(f"{file}: {what}" for file in ("training", "pulses")
-                                   for what in ("position", "rms", "force")))  # fmt: skip
+    figures = [f"{file}: {what}" for file in ("training", "pulses") for what in ("position", "rms", "force")]
+    heads, texts = ("model", *figures), []
     for name, values in {**PUBLISHED, **models}.items():
         throttle = _throttle(values, servo)
         found = [errors(record, *follow(throttle, servo, record)) for record in files]
-        table.add_row(name, *(text for e in found for text in (f"{e[0]:.4f} %", f"{e[1]:.2f} um", f"{e[2]:.3f} %")))
-    return table
+        texts.append((name, *(text for e in found for text in (f"{e[0]:.4f} %", f"{e[1]:.2f} um", f"{e[2]:.3f} %"))))
+    return PlainTable(of_texts("", heads, texts, 1))
 
 
 def _throttle(values: Mapping[str, float], servo: Servo) -> Throttle:

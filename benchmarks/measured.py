@@ -24,8 +24,9 @@ from etcfit.datasets import fetch
 from etcfit.diagnosis import Diagnosis, diagnose
 from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.problem.prediction_error import logged_unit
-from etcfit.reporting.blocks import headed, plain_table, render
+from etcfit.reporting.blocks import PlainTable, headed, render
 from etcfit.reporting.diagnosis import diagnosis_table
+from etcfit.reporting.table import of_texts
 from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.inverse_model import equations
 from etcfit.rig.reader import read_folder
@@ -57,12 +58,12 @@ def free_run_errors(name: str, diagnosis: Diagnosis) -> RenderableType:
     """Before and after, fitted and held out, each test's traces pooled."""
     unit, size = UNITS[name]
     before, after = (_misses(result) for result in (diagnosis.before, diagnosis.after))
-    table = plain_table("test", "", "traces", "rms before", "after", "mean absolute before", "after", "unit", left=2)
+    heads, texts = ("test", "", "traces", "rms before", "after", "mean absolute before", "after", "unit"), []
     for test, which in before:
         was, now = (size * np.concatenate(each[test, which]) for each in (before, after))
         figures = (np.sqrt(np.mean(was**2)), np.sqrt(np.mean(now**2)), np.mean(np.abs(was)), np.mean(np.abs(now)))
-        table.add_row(test, which, f"{len(before[test, which])}", *(f"{v:.3f}" for v in figures), unit)
-    return table
+        texts.append((test, which, f"{len(before[test, which])}", *(f"{v:.3f}" for v in figures), unit))
+    return PlainTable(of_texts("", heads, texts, 2))
 
 
 def _misses(result: FitResult) -> dict[tuple[str, str], list[np.ndarray]]:

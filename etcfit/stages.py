@@ -229,7 +229,7 @@ def reduce_run(
     reduction, response = plant_of(result, input, output, at, report)
     keep_reduction(run, result, reduction, response, pade_order, report)
     table = reduction_table(result.fitted(), reduction, pade_order)
-    shown = table if response is None else Group(table, sine_table(response))
+    shown = table if response is None else Group(table, sine_table(result.fitted(), response))
     return Done(shown, failure(result), closing=of_plant(reduction, result.state, run.path))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 from time import monotonic
@@ -39,3 +40,23 @@ class Visit:
 
     def settle(self) -> None:
         self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+
+
+def contrast(one: str, other: str) -> float:
+    """Ratio of relative luminances of two colours, WCAG 2.2."""
+    light, dark = sorted(map(_luminance, (one, other)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+def _luminance(colour: str) -> float:
+    red, green, blue = (s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in _shares(colour))
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def _shares(colour: str) -> list[float]:
+    """Shares of red, green and blue, from #abc, #aabbcc, rgb(...) or color(srgb ...)."""
+    if colour.startswith("#"):
+        digits = colour[1:] if len(colour) == 7 else "".join(2 * c for c in colour[1:])
+        return [int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4)]
+    numbers = [float(each) for each in re.findall(r"[\d.]+(?:e-?\d+)?", colour)[:3]]
+    return numbers if colour.startswith("color(") else [each / 255.0 for each in numbers]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import folders
+from etcfit.control.settings import DesignSettings, FrontSettings, OptimumSettings
 from etcfit.estimation.identifiability import Direction, Identifiability
 from etcfit.estimation.joint_fit import FitResult, StartSummary
 from etcfit.estimation.ready import ready
@@ -21,6 +22,12 @@ from etcfit.rig.base import Rig
 from etcfit.rig.paper_readings import Readings, read_graphs
 from etcfit.rig.reader import read_folder
 
+# a design in no time: where good gains are not asked for, the searches for them end at once
+BRIEF = DesignSettings(
+    draws=5,
+    optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, starts=1, last_rounds=1),
+    front=FrontSettings(rounds=1),
+)
 EXTRA = """
 [parameters]
 B_m = { fixed = 2e-5 }

@@ -110,7 +110,7 @@ def _plant(_: dict[str, Any]) -> dict[str, Any]:
     return {
         "input": {"name": "voltage", "unit": "V"},
         "output": {"name": "position", "unit": "rad"},
-        "operating_point": {"angle_rad": 0.44, "angle_pct": 25.2},
+        "operating_point": {"position_rad": 0.44, "position_pct": 25.2, "voltage_V": 1.5, "current_A": 0.9},
         "num": [2.208e5],
         "den": [1.0, 1033.0, 9.370e4, 1.282e5],
         "poles": [[-1.4, 0.0], [-102.0, 3.0], [-102.0, -3.0]],

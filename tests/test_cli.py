@@ -6,7 +6,6 @@ import inspect
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -21,7 +20,6 @@ from typer.testing import CliRunner, Result
 import campaigns
 import diagnoses
 import etcfit
-import folders
 import results
 import runs
 from equality import equal
@@ -149,15 +147,6 @@ def test_check_prints_its_verdict(invoke, tmp_path: Path) -> None:
     done = invoke("check", "rig", "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
     assert "response/1.csv" in done.stdout
-
-
-def test_check_of_a_folder_that_no_fit_would_take_shows_it_and_says_why(invoke, tmp_path: Path) -> None:
-    toml = folders.TOML + '\n[holdout]\nfiles = ["response/1.csv"]\n'
-    folders.write(tmp_path / "rig", {"rig.toml": toml, "response/1.csv": folders.response().text()})
-    done = invoke("check", "rig", "--quiet")
-    assert done.exit_code == 1
-    assert "response/1.csv" in done.stdout
-    assert "no trace that can be fitted" in done.stderr
 
 
 @pytest.fixture
@@ -351,13 +340,6 @@ def test_what_cannot_be_is_a_usage_error_in_words_before_any_work(
     assert [path.name for path in tmp_path.iterdir()] == ["bench"]
 
 
-def test_fetch_refuses_to_overwrite(invoke) -> None:
-    Path("bench/mine.txt").write_text("precious")
-    done = invoke("fetch", "emps", "--to", "bench")
-    assert done.exit_code == 2
-    assert "bench is already there" in done.stderr
-
-
 def test_fetch_writes_below_measurements_and_prints_where(invoke, measured: Path) -> None:
     done = invoke("fetch", "kassel-throttle", "--data", measured, "--quiet")
     assert (done.exit_code, done.stderr) == (0, "")
@@ -449,19 +431,6 @@ def test_design_passes_on_what_is_given_and_no_more(
     assert invoke("design", "bench", "--quiet", *shlex.split(words)).exit_code == 0
     (request,) = asked
     assert {name: getattr(request, name) for name in given} == given
-
-
-@pytest.mark.slow
-def test_reduce_writes_the_transfer_function_and_prints_it(tmp_path: Path, invoke) -> None:
-    shutil.copytree(Path(__file__).parents[1] / "measurements" / "bench_twin", "measurements/bench_twin")
-    save_fit(Path("runs/twin"), results.bench_twin(Path("measurements/bench_twin")))
-    done = invoke("reduce", "runs/twin", "--output", "deg", "--pade", "2", "--quiet")
-    assert (done.exit_code, done.stderr) == (0, "")
-    assert "SYNTHETIC DATA" in done.stdout
-    found = json.loads(Path("runs/twin/transfer_function.json").read_text())
-    assert found["schema"] == "etcfit.transfer_function/1"
-    assert found["output"]["unit"] == "deg"
-    assert Path("runs/twin/pictures/control/bode.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ from etcfit.diagnosis.settings import DEFAULT
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
 from etcfit.reporting import draw_others, drawing, has_undrawn
+from etcfit.reporting.blocks import render
 from etcfit.reporting.diagnosis.pictures import jobs as jobs_of_diagnosis
 from etcfit.reporting.drawing import draw_one
 from etcfit.reporting.pictures import jobs
@@ -282,13 +283,17 @@ def options_of(name: str) -> Mapping[str, str]:
     return next(stage for stage in STAGES if stage.name == name).options
 
 
-def test_a_reduction_is_made_anew_from_what_the_manifest_has_of_it(found: Diagnosis, tmp_path: Path) -> None:
+def test_a_reduction_is_written_and_made_anew_from_what_the_manifest_has(found: Diagnosis, tmp_path: Path) -> None:
     asked = {"input": "%", "output": "deg", "at": 0.5, "pade_order": 2}
     run = opened(tmp_path / "run")
     run.keep_fit(found.before)
-    reduce_run(run, silent, **asked)
+    done = reduce_run(run, silent, **asked)
     settings = read_records(run.path)["reduce"].settings
     assert {name: settings[name] for name in options_of("reduce")} == asked
+    written = json.loads((run.path / "transfer_function.json").read_text(encoding="utf-8"))
+    assert (written["schema"], written["output"]["unit"]) == ("etcfit.transfer_function/1", "deg")
+    assert (run.path / "pictures" / "control" / "bode.png").stat().st_size > 10_000
+    assert "SYNTHETIC DATA" in render(done.shown)
 
 
 def test_gains_are_made_anew_from_what_the_manifest_has_of_them(

@@ -2,39 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pandas as pd
 
 from ..control.design import Design
 from ..control.frequency import FrequencyResponse
-from ..control.linearise import SYMBOLS, UNITS, Reduction
+from ..control.linearise import Reduction
 from ..control.loop_figures import FIGURES, TRACKING
 from ..control.pid import Gains
 from ..control.safety import Safety
+from ..files import plain
 from ..model.feed_forward import as_asked
-from ..reporting.control.sentence import doubt
-from ..reporting.control.verdicts import answer
-from ..reporting.numbers import Digits, short
+from ..reporting.control.gains import GAINS, figures_table, refused, rule_rows, rules_table, scenario_table
+from ..reporting.control.plant import coefficients_table, constants_table, plant_tables
+from ..reporting.control.sentence import doubt, sentence
+from ..run_folder.pid import PID
+from ..run_folder.plant import reduction_json
 from . import views
 from .fit import Fit
 from .fleet import Fleet
-from .views import indexed, numbers
+from .views import View, frame
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     import control
 
     from .plots import DesignPlots, ReductionPlots
 
-_NAMES = ("b0", "a2", "a1", "a0")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reduced:
+class Reduced(View):
     """The linear plant about an operating point: `etcfit.reduce(fit)`.
 
         G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0)
@@ -58,20 +60,21 @@ class Reduced:
         """For python-control; with delay and sensor lag where the order of a Pade approximation is given."""
         return self.reduction.to_control(pade_order)
 
+    @cached_property
+    def _plant(self) -> dict[str, Any]:
+        return reduction_json(self.fit.result.fitted(), self.reduction, 0)
+
     @property
     def coefficients(self) -> pd.DataFrame:
         """b0, a2, a1, a0: value and stderr."""
-        plant = self.reduction.plant
-        values = np.array([*plant.num, *plant.den[1:]], dtype=float)
-        return indexed({"value": values, "stderr": np.array(self.reduction.stderr, dtype=float)}, _NAMES, "coefficient")
+        return frame(coefficients_table(self._plant).rows, "coefficient")
 
     @property
     def feedforward(self) -> pd.DataFrame:
         """kS, kV and kA of v = kS sgn(w) + kV w + kA dw/dt: value, stderr and unit."""
-        found = self.reduction.constants
+        found = constants_table(self._plant)
         assert found is not None, "`etcfit.reduce` asks for them"
-        columns = {"value": found.values, "stderr": found.stderr, "unit": np.array(UNITS)}
-        return indexed(columns, SYMBOLS, "constant")
+        return frame(found.rows, "constant")
 
     @property
     def stderr(self) -> pd.Series:
@@ -95,13 +98,13 @@ class Reduced:
 
         return ReductionPlots(self.fit.result.fitted(), self.reduction, self.response)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit reduce` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
+        from ..reporting.blocks import stacked
         from ..reporting.control.tables import reduction_table, sine_table
 
-        text = render(reduction_table(self.fit.result.fitted(), self.reduction, 0), width)
-        return text if self.response is None else text + render(sine_table(self.response), width)
+        fitted = self.fit.result.fitted()
+        sines = None if self.response is None else sine_table(fitted, self.response)
+        return stacked(reduction_table(fitted, self.reduction, 0), sines)
 
     def save(self, run: str | Path, pade_order: int = 0) -> Path:
         """Write transfer_function.json and the Bode plot to a run folder, and what the sine traces say.
@@ -120,30 +123,14 @@ class Reduced:
         keep_reduction(folder, self.fit.result, self.reduction, self.response, pade_order)
         return Path(run)
 
-    @property
-    def _where(self) -> str:
-        gain = f"static gain {short(self.reduction.plant.dc_gain, 4)} {self.unit}"
-        return f"about {100.0 * self.reduction.share:.0f} % of the travel; {gain}"
-
-    @property
-    def _poles(self) -> str:
-        return "poles, 1/s: " + ", ".join(_pole(complex(pole)) for pole in self.poles)
-
-    def _rows(self) -> list[tuple[str, str, str]]:
-        """Coefficient, value and standard error."""
-        plant = self.reduction.plant
-        every = zip(_NAMES, (*plant.num, *plant.den[1:]), self.reduction.stderr.tolist(), strict=True)
-        return [(name, Digits.of(value, spread)(value), Digits.of(value, spread)(spread))
-                for name, value, spread in every]  # fmt: skip
-
     def __repr__(self) -> str:
+        shown = coefficients_table(self._plant)
+        formula, *words = shown.notes
         return views.block(
-            f"Transfer function of {views.name_of(self.fit.result.rig.config)}: "
-            f"b0 / (s^3 + a2 s^2 + a1 s + a0), {self.unit}",
+            f"Transfer function of {views.name_of(self.fit.result.rig.config)}: {formula}, {self.unit}",
             self._alarm,
-            ", ".join(f"{name} {value} ± {spread}" for name, value, spread in self._rows()),
-            self._where,
-            self._poles,
+            ", ".join(f"{name.text} {value.text} ± {spread.text}" for name, value, spread in shown.cells),
+            *words,
         )
 
     @property
@@ -151,34 +138,12 @@ class Reduced:
         return " ".join(self.fit.result.state.cautions)
 
     def _repr_html_(self) -> str:
-        return views.card(
-            self.fit.result.rig.config,
-            f"b0 / (s³ + a2 s² + a1 s + a0), {self.unit}",
-            views.table(("", "value", "std. error"), self._rows()),
-            views.paragraph(self._where),
-            views.paragraph(self._poles),
-            alarm=self._alarm,
-        )
-
-
-def _pole(pole: complex) -> str:
-    """ "-81" or "-16.3 + 5.2j"."""
-    if not pole.imag:
-        return short(pole.real, 4)
-    return f"{short(pole.real, 4)} {'+' if pole.imag > 0.0 else '-'} {short(abs(pole.imag), 4)}j"
-
-
-_RULES_HEAD = (
-    "rule",
-    *Gains._fields,
-    *(f"{FIGURES[k].heading} {FIGURES[k].unit}" for k in TRACKING),
-    "meets all",
-    "P(met)",
-)
+        parts = map(views.table, plant_tables(self._plant))
+        return views.card(self.fit.result.rig.config, f"transfer function, {self.unit}", *parts, alarm=self._alarm)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Designed:
+class Designed(View):
     """Gains for a rig, or for a fleet: `etcfit.design(fit)`.
 
     Args:
@@ -208,6 +173,11 @@ class Designed:
         """Whether the nominal nonlinear model meets every requirement with them."""
         return self.design.chosen.meets_all
 
+    @cached_property
+    def _written(self) -> dict[str, Any]:
+        """pid.json, infinities as they are."""
+        return PID.written(self.design)
+
     @property
     def rules(self) -> pd.DataFrame:
         """Every rule, indexed by name: its gains, figures of the nonlinear model, whether it meets every requirement
@@ -215,34 +185,18 @@ class Designed:
 
         `settling_s` is infinite where the response does not settle. NaN where a rule refused.
         """
-        every = self.design.tuned.values()
-        gains = {k: numbers(None if t.gains is None else float(getattr(t.gains, k)) for t in every)
-                 for k in Gains._fields}  # fmt: skip
-        figures = {k: numbers(None if t.nonlinear is None else float(getattr(t.nonlinear, k)) for t in every)
-                   for k in FIGURES}  # fmt: skip
-        verdict = {
-            "met": np.array([t.meets_all for t in every], dtype=bool),
-            "probability_met": numbers(t.probability_met for t in every),
-            "why": pd.Series([t.why for t in every], dtype="str"),
-        }
-        return indexed(gains | figures | verdict, list(self.design.tuned), "rule")
+        return frame(rule_rows(self._written), "rule", (*GAINS, *FIGURES, "met", "probability_met", "why"))
 
     @property
     def scenarios(self) -> pd.DataFrame:
         """The proposed gains on each scenario of the nominal nonlinear model, indexed by its name."""
-        each = self.design.chosen.scenarios
-        columns = {k: numbers(float(getattr(figures, k)) for figures in each.values()) for k in TRACKING}
-        return indexed(columns, list(each), "scenario")
+        return frame(scenario_table(self._written).rows, "scenario", TRACKING)
 
     @property
     def front(self) -> pd.DataFrame:
         """Tracking against effort on the nominal model: the best gains within each limit of the duty's activity."""
-        points = self.design.front
-        gains = {k: numbers(float(getattr(point.gains, k)) for point in points) for k in Gains._fields}
-        figures = {"duty_activity_pct": numbers(point.activity for point in points),
-                   "rmse_pct": numbers(point.rmse for point in points),
-                   "met": np.array([point.meets for point in points], dtype=bool)}  # fmt: skip
-        return pd.DataFrame(gains | figures)
+        rows = [point | point["gains"] for point in self._written["front"]]
+        return frame(rows, None, (*GAINS, "duty_activity_pct", "rmse_pct", "met"))
 
     @property
     def safety(self) -> Safety:
@@ -261,12 +215,10 @@ class Designed:
 
         return DesignPlots(self.design)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit design` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.control.tables import design_table
 
-        return render(design_table(self.design), width)
+        return design_table(self.design)
 
     def save(self, run: str | Path) -> Path:
         """Write pid.json and the responses to a run folder.
@@ -298,7 +250,7 @@ class Designed:
     def _verdict(self) -> str:
         """What is proposed and whether it does what is required; what binds where it does not."""
         binds = f" What binds: {'; '.join(self.limits)}." if self.limits else ""
-        return answer(self.design) + binds
+        return sentence(plain(self._written)) + binds
 
     def __repr__(self) -> str:
         met = [name for name, t in self.design.tuned.items() if t.meets_all]
@@ -310,21 +262,11 @@ class Designed:
         )
 
     def _repr_html_(self) -> str:
-        rows = [_row(each, self._doubt) for each in self.rules.reset_index().to_dict("records")]
         alarm, said = (self._verdict, "") if self._doubt else ("", self._verdict)
-        return views.card(
-            self.design.fitted.config, "PID gains", views.paragraph(said), views.table(_RULES_HEAD, rows), alarm=alarm
-        )
+        tables = (rules_table(self._written), figures_table(self._written))
+        return views.card(self.design.fitted.config, "PID gains", views.paragraph(said), *map(views.table, tables),
+                          views.folded("No gains", refused(self._written).texts), alarm=alarm)  # fmt: skip
 
     @property
     def _doubt(self) -> str:
         return doubt(self.design.fitted.state)
-
-
-def _row(r: dict[Hashable, Any], doubted: str) -> tuple[str, ...]:
-    if r["why"]:
-        return (r["rule"], *["-"] * 7, r["why"], "-")
-    keys = (*Gains._fields, *TRACKING)
-    figures = (short(r[key]) for key in keys)
-    verdict = (doubted, "-") if doubted else ("yes" if r["met"] else "no", short(r["probability_met"], 2))
-    return (r["rule"], *figures, *verdict)

@@ -11,21 +11,26 @@ import numpy as np
 import pandas as pd
 
 from ..diagnosis.findings import Diagnosis
-from ..posterior.sampling import Marginal, Posterior
+from ..posterior.sampling import Posterior
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import Digits, short
+from ..reporting.pool import errors_table
+from ..reporting.posterior import parameters_table
+from ..reporting.table import Table
+from ..reporting.tables import LOST
+from ..run_folder.posterior import parameters_json
 from . import views
 from .fit import Fit
-from .views import attributes, indexed, numbers, score_frame, texts
+from .views import View, attributes, frame, numbers, score_frame, texts
 
 if TYPE_CHECKING:
-    from .plots import DiagnosisPlots, PosteriorPlots
+    from rich.console import RenderableType
 
-_SHOWN = 30  # rows of the ledger in a notebook
+    from .plots import DiagnosisPlots, PosteriorPlots
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosed:
+class Diagnosed(View):
     """What a model lacked: `etcfit.diagnose(fit)`.
 
     Args:
@@ -95,12 +100,10 @@ class Diagnosed:
 
         return DiagnosisPlots(self.diagnosis)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit diagnose` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.diagnosis import diagnosis_table
 
-        return render(diagnosis_table(self.diagnosis), width)
+        return diagnosis_table(self.diagnosis)
 
     def save(self, run: str | Path) -> Path:
         """Write the diagnosis, and the fit that it began from, to a run folder, whole.
@@ -138,29 +141,20 @@ class Diagnosed:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(r["file"], r["channel"], "held out" if r["held_out"] else "fitted",
-                 short(r["before"]), short(r["after"]), r["unit"],
-                 short(r["before_in_sigma"]), short(r["after_in_sigma"]))
-                for r in self.ledger.reset_index().to_dict("records")]  # fmt: skip
-        rows.sort(key=lambda row: row[2] != "held out")
-        head = ("file", "channel", "", "before", "after", "unit", "before/sigma", "after/sigma")
-        more = f"... and {len(rows) - _SHOWN} more, see .ledger" if len(rows) > _SHOWN else ""
+        from ..reporting.diagnosis.ledger import ledger
+
         return views.card(
             self.diagnosis.after.rig.config,
             f"Eqs. 1-2 lack {', '.join(self.added)}" if self.added else "no effect added",
             views.paragraph(self.verdict),
-            views.table(head, rows[:_SHOWN]),
-            views.paragraph(more),
+            views.table(errors_table(ledger(self.diagnosis), True)),
             views.folded("Warnings", self.final.warnings),
             alarm=self._alarm,
         )
 
 
-_CHAIN_HEAD = ("", "mean", "sd", "95 % interval", "unit", "status", "ESS", "R-hat")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Sampled:
+class Sampled(View):
     """How sure: `etcfit.sample(fit)`.
 
     Args:
@@ -190,13 +184,13 @@ class Sampled:
 
         NaN where the status is "not identifiable": those draws show what was believed, not what was seen.
         """
-        rows = self.posterior.marginals
-        keys = ("mean", "sd", "median", "low", "high")
-        figures = {key: numbers(None if _lost(m) else getattr(m, key) for m in rows.values()) for key in keys}
-        units = pd.Series([self.posterior.described[s][0] for s in rows], dtype="str")
-        status = pd.Series([m.status for m in rows.values()], dtype="str")
-        chain = attributes(rows.values(), "ess", "r_hat")
-        return indexed(figures | {"unit": units, "status": status} | chain, list(rows))
+        rows = [{**row, **dict(zip(("low", "high"), row["ci95"] or (None, None), strict=True))}
+                for row in self._shown.rows]  # fmt: skip
+        return frame(rows, "symbol", ("mean", "sd", "median", "low", "high", "unit", "status", "ess", "r_hat"))
+
+    @property
+    def _shown(self) -> Table:
+        return parameters_table({"parameters": parameters_json(self.posterior, {})})
 
     @property
     def draws(self) -> pd.DataFrame:
@@ -213,12 +207,10 @@ class Sampled:
 
         return PosteriorPlots(self.posterior)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit sample` prints, for `print`; without the profiles."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.posterior import posterior_table
 
-        return render(posterior_table(self.posterior, {}), width)
+        return posterior_table(self.posterior, {})
 
     def save(self, run: str | Path, quiet: bool = False) -> Path:
         """Write posterior.json, posterior.nc and the pictures to a run folder; profiles are computed for it.
@@ -251,37 +243,17 @@ class Sampled:
                 f"{short(here.effective)} effective samples")  # fmt: skip
 
     def __repr__(self) -> str:
-        unit = {s: u for s, (u, _) in self.posterior.described.items()}
-        rows = self.posterior.marginals
-        lost = [s for s, m in rows.items() if _lost(m)]
+        shown = self._shown
+        lost = [row["symbol"] for row in shown.rows if row["status"] == LOST]
+        known = [(row, Digits.of(row["mean"], row["sd"])) for row in shown.rows if row["status"] != LOST]
         return views.block(
             f"Posterior of {views.name_of(self.posterior.fit.rig.config)}: {self._size}",
             self._alarm,
             f"not identifiable: {', '.join(lost)}" if lost else "",
-            "; ".join(f"{s} {_figures(m)[0]} ± {_figures(m)[1]} {unit[s]}" for s, m in rows.items() if not _lost(m)),
-        )
+            "; ".join(f"{row['symbol']} {digits(row['mean'])} ± {digits(row['sd'])} {row['unit']}"
+                      for row, digits in known),
+        )  # fmt: skip
 
     def _repr_html_(self) -> str:
-        unit = {s: u for s, (u, _) in self.posterior.described.items()}
-        rows = [[views.Cell(text, _lost(m)) for text in (s, *_figures(m), unit[s], m.status, short(m.ess),
-                                                         f"{m.r_hat:.3f}")]
-                for s, m in self.posterior.marginals.items()]  # fmt: skip
-        return views.card(
-            self.posterior.fit.rig.config,
-            "posterior",
-            views.paragraph(self._size),
-            views.table(_CHAIN_HEAD, rows),
-            alarm=self._alarm,
-        )
-
-
-def _lost(m: Marginal) -> bool:
-    return m.status == "not identifiable"
-
-
-def _figures(m: Marginal) -> tuple[str, str, str]:
-    """Mean, sd and interval."""
-    if _lost(m):
-        return "-", "-", "-"
-    digits = Digits.of(m.mean, m.sd)
-    return digits(m.mean), digits(m.sd), digits.span(m.low, m.high)
+        return views.card(self.posterior.fit.rig.config, "posterior", views.paragraph(self._size),
+                          views.table(self._shown), alarm=self._alarm)  # fmt: skip

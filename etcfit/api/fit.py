@@ -12,23 +12,29 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..estimation.explained import motion_explained
-from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.result import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
+from ..reporting.table import Table
+from ..reporting.tables import LOST, parameter_rows, parameters_table
+from ..run_folder.fit import keys_of_fit
 from . import views
 from .progress import Report, silent
 from .trace import FittedTrace, named, traces_of
-from .views import attributes, indexed, interval_frame, numbers, score_frame, texts
+from .views import View, attributes, frame, indexed, numbers, score_frame, texts
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..control.design import Design
     from .plots import FitPlots
 
+_KEYS = ("value", "stderr", "low", "high", "unit", "status")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit:
+class Fit(View):
     """The joint fit of a rig: `etcfit.fit(rig)`.
 
     Args:
@@ -38,13 +44,8 @@ class Fit:
     result: FitResult
 
     @cached_property
-    def _known(self) -> dict[str, Interval]:
-        return intervals(self.result)
-
-    @cached_property
-    def _units(self) -> dict[str, str]:
-        declared = {p.symbol: p.unit for p in self.result.free_parameters.layout.parameters}
-        return declared | {"N": "1"} | {symbol: lump.unit for symbol, lump in LUMPS.items()}
+    def _parameters(self) -> dict[str, dict[str, Any]]:
+        return keys_of_fit(self.result, "parameters")["parameters"]
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -54,7 +55,7 @@ class Fit:
         "not identifiable", which these data do not determine whatever the number beside it. A "compromise" has no
         `stderr`; its `low` and `high` are the range that subsets of the data give.
         """
-        return interval_frame(self._known, self._units)
+        return frame(parameter_rows(self._parameters), "symbol", _KEYS)
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -77,7 +78,7 @@ class Fit:
     @property
     def combinations(self) -> pd.DataFrame:
         """What the plate feels of several parameters together (J_eq, B_eq, ...): columns as in `parameters`."""
-        return interval_frame(lumped(self.result), self._units)
+        return frame(parameter_rows(keys_of_fit(self.result, "lumped")["lumped"]), "symbol", _KEYS)
 
     @property
     def influence(self) -> pd.DataFrame:
@@ -154,12 +155,10 @@ class Fit:
 
         return FitPlots(self.result)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit fit` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.tables import fit_table
 
-        return render(fit_table(self.result), width)
+        return fit_table(self.result)
 
     def save(self, run: str | Path) -> Path:
         """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit.
@@ -178,6 +177,10 @@ class Fit:
         return " + ".join(("Eqs. 1-2", *self.effects))
 
     @property
+    def _shown(self) -> Table:
+        return parameters_table(self._parameters, {})
+
+    @property
     def _outcome(self) -> str:
         word = "converged" if self.converged else "NOT CONVERGED"
         reason = textwrap.shorten(self.reason, 200, placeholder="...")
@@ -186,26 +189,27 @@ class Fit:
     def __repr__(self) -> str:
         held_out = sum(each.held_out for each in self._traces.values())
         count = f"{len(self._traces) - held_out} traces fitted, {held_out} held out"
-        lost = [s for s, i in self._known.items() if i.status == "not identifiable"]
-        shown = "; ".join(views.known_text(s, i, self._units[s]) for s, i in self._known.items() if i.low is not None)
+        shown = self._shown
+        lost = [row["symbol"] for row in shown.rows if row["status"] == LOST]
+        known = "; ".join(f"{c['parameter']} {c['value']} ± {c['std. error']} {c['unit']}".replace(" ± -", "")
+                          for c in shown.texts if c["95 % interval"] != "-")  # fmt: skip
         return views.block(
             f"Fit of {views.name_of(self.result.rig.config)}: {self._model}; {count}",
             self._outcome,
             f"not identifiable: {', '.join(lost)}" if lost else "",
             f"compromise: {self.result.compromise.why}" if self.result.compromise is not None else "",
             views.count_of(self.warnings),
-            shown,
+            known,
         )
 
     def _repr_html_(self) -> str:
         alarm = "" if self.converged else f"NOT CONVERGED: {self.reason}"
-        rows = [views.interval_row(s, i, self._units[s]) for s, i in self._known.items()]
         return views.card(
             self.result.rig.config,
             self._model,
             views.paragraph(f"{len(self._traces)} traces; chi2/dof {short(self.chi2_per_dof, 4)}"
                             f"{_predicts(self.result)}"),
-            views.table(views.INTERVAL_HEAD, rows),
+            views.table(self._shown),
             views.folded("Warnings", self.warnings),
             alarm=alarm,
         )  # fmt: skip

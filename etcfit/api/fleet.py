@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,18 +10,22 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..errors import UsageError
+from ..reporting.fleet import capability_table, effects_table, figures_table, gauge_table, population_table
 from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
 from . import views
 from .progress import Report, silent
+from .views import View, frame
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..control.design import Design
     from ..estimation.fitted_model import FleetModel
     from .plots import FleetPlots
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fleet:
+class Fleet(View):
     """Many units of one design: `etcfit.fleet(FLEET, out=RUN)`, or `etcfit.load(RUN)` of such a run.
 
     Args:
@@ -57,8 +61,7 @@ class Fleet:
         """The design, indexed by symbol: mean and sd between units with their 95 % intervals (SI), unit, cpk, whether
         one value is shared by all, and how many units' data tell it."""
         keys = ("mean", "mean_low", "mean_high", "sd", "sd_low", "sd_high", "unit", "cpk", "shared", "informed")
-        rows = {symbol: _row(each, keys) for symbol, each in self._content["population"].items()}
-        return _frame(rows.values(), keys, rows, "symbol")
+        return frame(population_table(self._content).rows, "symbol", keys)
 
     @property
     def correlation(self) -> pd.DataFrame:
@@ -69,15 +72,13 @@ class Fleet:
     @property
     def odd(self) -> pd.DataFrame:
         """Units unlike the others, most odd first, indexed by unit: distance, p, symbols, why."""
-        every = self._content["odd"]
-        return _frame(every, ("distance", "p", "symbols", "why"), [each["unit"] for each in every], "unit")
+        return frame(self._content["odd"], "unit", ("distance", "p", "symbols", "why"))
 
     @property
     def drift(self) -> pd.DataFrame:
         """Changes in the order of the fleet, indexed by symbol: since (the first unit after), kind, size (SI), size_sd,
         p."""
-        every = self._content["drift"]
-        return _frame(every, ("since", "kind", "size", "unit", "size_sd", "p"), [e["symbol"] for e in every], "symbol")
+        return frame(self._content["drift"], "symbol", ("since", "kind", "size", "unit", "size_sd", "p"))
 
     @property
     def charts(self) -> pd.DataFrame:
@@ -92,8 +93,7 @@ class Fleet:
     @property
     def figures(self) -> pd.DataFrame:
         """What a line measures, indexed by figure: mean, sd, low, high (2.5 and 97.5 % of units), unit, meaning."""
-        every = self._content["figures"]
-        return _frame(every.values(), ("mean", "sd", "low", "high", "unit", "meaning"), every, "figure")
+        return frame(figures_table(self._content).rows, "figure", ("mean", "sd", "low", "high", "unit", "meaning"))
 
     @property
     def predictions(self) -> pd.DataFrame:
@@ -105,29 +105,24 @@ class Fleet:
     @property
     def capability(self) -> pd.DataFrame:
         """What has limits, indexed by symbol or figure: low, high, mean, sd, cp, cpk, outside, unit."""
-        every = self._content["capability"]
         keys = ("low", "high", "mean", "sd", "cp", "cpk", "outside", "unit")
-        return _frame(every.values(), keys, every, "name")
+        return frame(capability_table(self._content).rows, "name", keys)
 
     @property
     def gauge(self) -> pd.DataFrame:
         """Repeatability and reproducibility, indexed by symbol; empty where no part was measured twice."""
-        every = self._content["gauge"] or {}
         keys = ("repeatability", "rig", "operator", "reproducibility", "part", "total", "rr_percent", "ndc", "unit")
-        return _frame(every.values(), keys, every, "symbol")
+        return frame(gauge_table(self._content).rows, "symbol", keys)
 
     @property
     def effects(self) -> pd.DataFrame:
         """Effects that the common model names, indexed by effect: how many units have it, of how many, median, unit."""
-        every = self._content["effects"]
-        rows = [{**each, "present": len(each["units"])} for each in every.values()]
-        return _frame(rows, ("present", "of", "median", "unit", "symbol"), every, "effect")
+        return frame(effects_table(self._content).rows, "effect", ("present", "of", "median", "unit", "symbol"))
 
     @property
     def failed(self) -> pd.DataFrame:
         """Units without a result, indexed by unit: why."""
-        every = self._content["failed"]
-        return _frame(every, ("why",), [each["unit"] for each in every], "unit")
+        return frame(self._content["failed"], "unit", ("why",))
 
     @property
     def plot(self) -> FleetPlots:
@@ -172,12 +167,10 @@ class Fleet:
                 draw_design(draft.files, design, report)
             settle(run)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit fleet` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.fleet import fleet_table
 
-        return render(fleet_table(self._content), width)
+        return fleet_table(self._content)
 
     @property
     def _content(self) -> Mapping[str, Any]:
@@ -199,16 +192,3 @@ class Fleet:
     def _repr_html_(self) -> str:
         title = views.paragraph(f"Fleet {self._name}: {len(self._content['units'])} units")
         return title + "".join(views.paragraph(text) for text in self._said)
-
-
-def _row(each: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
-    ends = {f"{name}_{side}": end for name in ("mean", "sd")
-            for side, end in zip(("low", "high"), each[f"{name}_ci95"], strict=True)}  # fmt: skip
-    return {key: {**each, **ends}[key] for key in keys}
-
-
-def _frame(rows: Iterable[Mapping[str, Any]], keys: Iterable[str], names: Iterable[str], index: str) -> pd.DataFrame:
-    """The keys of each row, in this order; what is not known is NaN."""
-    columns = list(keys)
-    frame = pd.DataFrame([{key: row.get(key) for key in columns} for row in rows], columns=columns)
-    return frame.set_axis(pd.Index(list(names), name=index, dtype="str"), axis=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -13,18 +14,21 @@ from ..car_log import Study, record_next
 from ..car_log.steps import Step
 from ..car_log.study import verdict
 from ..errors import UsageError
-from ..experiment.advice import Advice, Option
+from ..experiment.advice import Advice
 from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
 from ..reporting.car_log.foretold import Held
-from ..reporting.numbers import short
+from ..reporting.check_table import options_table, traces_table
 from ..rig.base import RigConfig
 from . import views
-from .views import indexed, numbers, texts
+from .views import View, frame, indexed, numbers
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checked:
+class Checked(View):
     """What is in a measurement folder, and what it can identify: `etcfit.check(rig)`.
 
     Args:
@@ -36,30 +40,18 @@ class Checked:
     @property
     def traces(self) -> pd.DataFrame:
         """Indexed by file: test, held_out, samples, duration (s), rate (Hz), gaps, channels."""
-        every = self.result.traces
-        columns = {
-            "test": texts(t.test for t in every),
-            "held_out": np.array([t.held_out for t in every], dtype=bool),
-            "samples": np.array([t.clock.samples for t in every], dtype=np.int64),
-            "duration": numbers(t.clock.duration for t in every),
-            "rate": numbers(t.clock.rate for t in every),
-            "gaps": np.array([t.clock.gaps for t in every], dtype=np.int64),
-            "channels": texts(", ".join(c.name for c in t.channels) for t in every),
-        }
-        return indexed(columns, [t.file for t in every], "file")
+        keys = ("test", "held_out", "samples", "duration", "rate", "gaps", "channels")
+        return frame(traces_table(self.result.traces).rows, "file", keys)
 
     @property
     def findings(self) -> pd.DataFrame:
         """Mistakes and habits of the rig itself, indexed by kind: test, file, channel ("" where it is none in
         particular), size, unit, chance, found, mend, and sure: physics rules the data out, and `fit` refuses them.
         """
-        every = self.result.rig.findings
-        columns = {key: texts(getattr(f, key) or "" for f in every) for key in ("test", "file", "channel")}
-        columns |= {key: numbers(getattr(f, key) for f in every) for key in ("size", "chance")}
-        columns |= {key: texts(getattr(f, key) for f in every) for key in ("unit", "found", "mend")}
-        columns |= {"sure": np.array([f.sure for f in every], dtype=bool)}
-        order = ("test", "file", "channel", "size", "unit", "chance", "found", "mend", "sure")
-        return indexed({key: columns[key] for key in order}, [f.kind for f in every], "kind")
+        rows = [
+            {key: "" if each is None else each for key, each in asdict(f).items()} for f in self.result.rig.findings
+        ]
+        return frame(rows, "kind", ("test", "file", "channel", "size", "unit", "chance", "found", "mend", "sure"))
 
     @property
     def not_identifiable(self) -> tuple[str, ...]:
@@ -81,12 +73,10 @@ class Checked:
         """What a reader must know."""
         return self.result.warnings
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit check` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.check_table import check_table
 
-        return render(check_table(self.result), width)
+        return check_table(self.result)
 
     @property
     def _verdict(self) -> str:
@@ -106,14 +96,11 @@ class Checked:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(t.file, str(t.clock.samples), short(t.clock.duration), short(t.clock.rate),
-                 ", ".join(c.name for c in t.channels), "held out" if t.held_out else "")
-                for t in self.result.traces]  # fmt: skip
         return views.card(
             self.result.rig.config,
             "what these traces can identify",
             "" if self._alarm else views.paragraph(self._verdict),
-            views.table(("file", "samples", "duration s", "rate Hz", "channels", ""), rows),
+            views.table(traces_table(self.result.traces)),
             views.folded("Mistakes and habits of the rig", [str(f) for f in self.result.rig.findings]),
             views.folded("What these data cannot tell, or hardly", self.directions),
             views.folded("Warnings", [w for w in self.warnings if w not in map(str, self.result.rig.findings)]),
@@ -121,11 +108,8 @@ class Checked:
         )
 
 
-_ADVICE_HEAD = ("test", "how", "mean", "separates")
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Advised:
+class Advised(View):
     """What one more trace of each rig test would tell: `etcfit.advise(rig)`.
 
     Args:
@@ -139,15 +123,7 @@ class Advised:
         """One more trace each, best first, indexed by rig test: how it is made, again (it repeats a trace that is
         there), mean (geometric, of the widths), separates (the pair that it tells apart best, or ""), remark (what was
         assumed)."""
-        every = self.advice.options
-        columns = {
-            "how": texts(option.says for option in every),
-            "again": np.array([option.again for option in every], dtype=bool),
-            "mean": numbers(option.mean for option in every),
-            "separates": texts(_pair(option) for option in every),
-            "remark": texts(option.remark for option in every),
-        }
-        return indexed(columns, [option.test for option in every], "test")
+        return frame(options_table(self.advice).rows, "test", ("how", "again", "mean", "separates", "remark"))
 
     @property
     def widths(self) -> pd.DataFrame:
@@ -169,12 +145,10 @@ class Advised:
         """Rig tests that no trace can be simulated of, with the reason."""
         return dict(self.advice.not_judged)
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit check --advise` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.check_table import advice_table
 
-        return render(advice_table(self.advice), width)
+        return advice_table(self.advice)
 
     def save(self, run: str | Path) -> Path:
         """Write advice.json.
@@ -187,29 +161,22 @@ class Advised:
         save_advice(Path(run), self.advice)
         return Path(run)
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        return [(o.test, o.says, f"{o.mean:.2f}", _pair(o)) for o in self.advice.options]
-
     def __repr__(self) -> str:
-        lines = [f"{test}, {how}: {mean}" for test, how, mean, _ in self._rows()]
+        lines = [f"{option.test}, {option.says}: {option.mean:.2f}" for option in self.advice.options]
         name = views.name_of(self.advice.rig.config)
         return views.block(f"One more trace for {name}, best first; mean width of an interval after it", *lines)
 
     def _repr_html_(self) -> str:
         return views.card(
             self.advice.rig.config,
-            "what one more trace would tell; mean: width of an interval after it, as a share of now",
-            views.table(_ADVICE_HEAD, self._rows()),
+            "what one more trace would tell",
+            views.table(options_table(self.advice)),
             views.folded("Not judged", [f"{test}: {why}." for test, why in self.advice.not_judged]),
         )
 
 
-def _pair(option: Option) -> str:
-    return "" if option.separates is None else " and ".join(option.separates.symbols)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
-class Planned:
+class Planned(View):
     """The next tests, as files to play: `etcfit.plan(fit)`.
 
     Args:
@@ -222,17 +189,10 @@ class Planned:
     def tests(self) -> pd.DataFrame:
         """In the order in which they are made, indexed by file: test, how, seconds, current (largest, A), temperature
         (of the winding, highest, degC), pause (s, after it), remark (what was assumed)."""
-        every, ambient = self.campaign.tests, self.campaign.settings.ambient
-        columns = {
-            "test": texts(t.candidate.plan.test for t in every),
-            "how": texts(t.candidate.plan.says for t in every),
-            "seconds": numbers(t.candidate.seconds for t in every),
-            "current": numbers(float(np.abs(t.forecast.shown.get("current", np.zeros(1))).max()) for t in every),
-            "temperature": numbers(ambient + float(t.forecast.warmth.max()) for t in every),
-            "pause": numbers(t.pause for t in every),
-            "remark": texts(self.campaign.remark(t) for t in every),
-        }
-        return indexed(columns, [t.file for t in every], "file")
+        from ..reporting.plan_sheet import tests_table
+
+        keys = ("test", "how", "seconds", "current", "temperature", "pause", "remark")
+        return frame(tests_table(self.campaign).rows, "file", keys)
 
     @property
     def stderr(self) -> pd.DataFrame:
@@ -240,12 +200,10 @@ class Planned:
         columns = {"now": self.campaign.now, "expected": self.campaign.expected}
         return indexed(columns, list(self.campaign.symbols), "symbol")
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit plan` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.plan_sheet import plan_table
 
-        return render(plan_table(self.campaign), width)
+        return plan_table(self.campaign)
 
     def save(self, plan: str | Path) -> Path:
         """Write plan.json, the files to play, the procedure sheet and the folder for the records, whole or not at all.
@@ -267,22 +225,19 @@ class Planned:
             write_sheet(draft, self.campaign)
         return to
 
-    def _rows(self) -> list[tuple[str, str]]:
-        return [(test.file, test.candidate.plan.says) for test in self.campaign.tests]
-
     def __repr__(self) -> str:
         name = views.name_of(self.campaign.rig.config)
-        return views.block(f"The next tests for {name}", *(f"{file}: {how}" for file, how in self._rows()))
+        lines = (f"{test.file}: {test.candidate.plan.says}" for test in self.campaign.tests)
+        return views.block(f"The next tests for {name}", *lines)
 
     def _repr_html_(self) -> str:
-        return views.card(self.campaign.rig.config, "the next tests", views.table(("record as", "how"), self._rows()))
+        from ..reporting.plan_sheet import tests_table
 
-
-_LOG_HEAD = ("log", "seconds", "share between", "dominant Hz", "RMSE %", "lag ms", "verdict")
+        return views.card(self.campaign.rig.config, "the next tests", views.table(tests_table(self.campaign)))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Driven:
+class Driven(View):
     """Operating range, spectrum, tracking and verdict of logs from the car: `etcfit.drive(folder)`.
 
     Args:
@@ -301,19 +256,11 @@ class Driven:
         """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
         lag_s, lag_stderr, demand_pct_s; NaN where a log does not tell.
         """
-        every = self.studies
-        columns = {
-            "seconds": numbers(float(np.ptp(s.log.position.time)) for s in every),
-            "share_between": numbers(s.usage.between for s in every),
-            "dominant_hz": numbers(None if s.spectrum is None else s.spectrum.dominant for s in every),
-            "half_hz": numbers(None if s.spectrum is None else s.spectrum.half for s in every),
-            "rmse_pct": numbers(None if s.tracking is None else s.tracking.rmse for s in every),
-            "rmse_stderr": numbers(None if s.tracking is None else s.tracking.stderr for s in every),
-            "lag_s": numbers(None if s.tracking is None else s.tracking.lag for s in every),
-            "lag_stderr": numbers(None if s.tracking is None else s.tracking.lag_stderr for s in every),
-            "demand_pct_s": numbers(None if s.tracking is None else s.tracking.demand for s in every),
-        }
-        return indexed(columns, [s.log.name for s in every], "log")
+        from ..reporting.car_log import logs_table
+
+        keys = ("seconds", "share_between", "dominant_hz", "half_hz", "rmse_pct", "rmse_stderr", "lag_s", "lag_stderr",
+                "demand_pct_s")  # fmt: skip
+        return frame(logs_table(self.studies).rows, "log", keys)
 
     @cached_property
     def verdict(self) -> str:
@@ -370,26 +317,22 @@ class Driven:
             raise UsageError(f"no log is called {name!r}. There are: {', '.join(known)}.")
         return log_panels(self.config, known[name])
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit drive` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.car_log import drive_table
 
-        return render(drive_table(self.config, self.studies), width)
+        return drive_table(self.config, self.studies)
 
     def __repr__(self) -> str:
-        lines = [f"{r[0]}: {r[1]} s, RMSE {r[4]} %, lag {r[5]} ms. {r[6]}" for r in self._rows()]
+        from ..reporting.car_log import logs_table
+
+        cells = logs_table(self.studies).texts
+        lines = [
+            f"{c['log']}: {c['length']}, RMSE {c['RMSE %']} %, lag {c['lag ms']} ms. {c['verdict']}" for c in cells
+        ]
         return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
 
-    def _rows(self) -> list[tuple[str, ...]]:
-        from ..reporting.car_log import in_a_word
-
-        words_of = {each.log.name: in_a_word(each.verdict) for each in self.studies}
-        return [(r["log"], f"{r['seconds']:.0f}", short(r["share_between"]), short(r["dominant_hz"]),
-                 short(r["rmse_pct"]), short(1e3 * r["lag_s"]), words_of[r["log"]])
-                for r in self.table.reset_index().to_dict("records")]  # fmt: skip
-
     def _repr_html_(self) -> str:
-        return views.card(
-            self.config, "logs from the car", views.table(_LOG_HEAD, self._rows()), views.paragraph(self.verdict)
-        )
+        from ..reporting.car_log import logs_table
+
+        return views.card(self.config, "logs from the car", views.table(logs_table(self.studies)),
+                          views.paragraph(self.verdict))  # fmt: skip

@@ -27,8 +27,11 @@ from ..run_folder.folder import RunFolder
 from ..run_folder.manifest import digest
 from ..run_folder.tune import STEP, TUNE
 from .progress import Report, part_of, silent
+from .views import View
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from ..control.borne import Borne
     from ..control.design import Design
     from ..control.pid import Gains
@@ -88,7 +91,7 @@ class TuneRequest:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tuned:
+class Tuned(View):
     """What logs of a car came to.
 
     Args:
@@ -116,12 +119,10 @@ class Tuned:
     borne: tuple[Borne, ...] = ()
     doubts: tuple[str, ...] = ()
 
-    def summary(self, width: int = 140) -> str:
-        """What `etcfit tune` prints, for `print`."""
-        from ..reporting.blocks import render
+    def _printed(self) -> RenderableType:
         from ..reporting.tune import tune_table
 
-        return render(tune_table(tuned_json(self)), width)
+        return tune_table(tuned_json(self))
 
     def __repr__(self) -> str:
         said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"

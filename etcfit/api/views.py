@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from ..estimation.intervals import Interval
 from ..estimation.result import FitResult
 from ..problem.prediction_error import PredictionError
-from ..reporting.numbers import Digits
+from ..reporting.table import Cell, Table
 from ..rig.base import RigConfig
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
 
 _WIDTH, _LINES = 110, 12  # of a repr
 _NAME = 60  # letters of a rig's name that a repr shows
 _RED, _PURPLE = "#c00000", "#c000c0"
-_DOUBTFUL = ("not identifiable", "compromise")
 
 
-class Cell(NamedTuple):
-    """One cell of a table.
+class View(ABC):
+    """What a notebook holds of a result."""
 
-    Args:
-        text: unescaped.
-        alarm: shown in red.
-    """
+    @abstractmethod
+    def _printed(self) -> RenderableType:
+        """What the command of the same name prints."""
 
-    text: str
-    alarm: bool = False
+    def summary(self, width: int = 140) -> str:
+        """What the command of the same name prints, for `print`."""
+        from ..reporting.blocks import render
+
+        return render(self._printed(), width)
 
 
 def name_of(config: RigConfig) -> str:
@@ -52,29 +56,6 @@ def count_of(warnings: Sequence[str]) -> str:
     return f"{many} warning{'s' * (many > 1)}, see .warnings" if many else ""
 
 
-def value_text(interval: Interval) -> str:
-    """ "1.637", with as many digits as are known; "-" where the data do not tell."""
-    return "-" if interval.status == "not identifiable" else Digits.of(interval.value, interval.spread)(interval.value)
-
-
-def known_text(symbol: str, interval: Interval, unit: str) -> str:
-    """ "R_a 1.637 ± 0.002 ohm"."""
-    spread = "" if interval.stderr is None else f" ± {Digits.of(interval.value, interval.spread)(interval.stderr)}"
-    return f"{symbol} {value_text(interval)}{spread} {unit}"
-
-
-def interval_row(symbol: str, i: Interval, unit: str) -> list[Cell]:
-    """Symbol, value, standard error, 95 % interval, unit, status."""
-    digits = Digits.of(i.value, i.spread)
-    status = f"{i.status} ({i.remark})" if i.remark else i.status
-    spread = "-" if i.stderr is None else digits(i.stderr)
-    row = (symbol, value_text(i), spread, digits.span(i.low, i.high), unit, status)
-    return [Cell(text, i.status in _DOUBTFUL) for text in row]
-
-
-INTERVAL_HEAD = ("", "value", "std. error", "95 % interval", "unit", "status")
-
-
 def card(config: RigConfig, title: str, *parts: str, alarm: str = "") -> str:
     """A heading, and parts made by `paragraph`, `table` and `folded` below it.
 
@@ -93,19 +74,23 @@ def paragraph(text: str) -> str:
     return f"<div>{escape(text)}</div>" if text else ""
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Cell | str]]) -> str:
-    """Looks as Jupyter shows a DataFrame, but columns of words begin on the left."""
-    cells = [[each if isinstance(each, Cell) else Cell(each) for each in row] for row in rows]
-    left = [any(row[k].text[:1].isalpha() for row in cells) for k in range(len(head))]
-    top = "".join(_cell("th", Cell(name), side) for name, side in zip(head, left, strict=True))
-    kinds = ("th", *["td"] * (len(head) - 1))
-    body = "".join(f"<tr>{''.join(map(_cell, kinds, row, left))}</tr>" for row in cells)
-    return f'<table class="dataframe"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
+def table(it: Table) -> str:
+    """Looks as Jupyter shows a DataFrame, but columns of words begin on the left; a row with something bad is red."""
+    top = "".join(_cell("th", Cell(column.head.replace("\n", " "), kind=column.kind)) for column in it.columns)
+    body = "".join(f"<tr>{''.join(_row(row))}</tr>" for row in it.cells)
+    notes = "".join(map(paragraph, it.notes))
+    return f'<table class="dataframe"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>{notes}'
 
 
-def _cell(kind: str, cell: Cell, left: bool) -> str:
-    colour = f"; color: {_RED}" if cell.alarm else ""
-    return f'<{kind} style="text-align: {"left" if left else "right"}{colour}">{escape(cell.text)}</{kind}>'
+def _row(cells: Sequence[Cell]) -> Iterator[str]:
+    bad = any(cell.tone == "bad" for cell in cells)
+    yield from (_cell("td" if k else "th", cell, bad) for k, cell in enumerate(cells))
+
+
+def _cell(kind: str, cell: Cell, bad: bool = False) -> str:
+    colour = f"; color: {_RED}" if bad else ""
+    side = "right" if cell.kind == "figure" else "left"
+    return f'<{kind} style="text-align: {side}{colour}">{escape(cell.text)}</{kind}>'
 
 
 def folded(title: str, sentences: Sequence[str]) -> str:
@@ -126,11 +111,29 @@ def texts(values: Iterable[str]) -> pd.Series:
     return pd.Series(list(values), dtype="str")
 
 
-def interval_frame(known: Mapping[str, Interval], units: Mapping[str, str]) -> pd.DataFrame:
-    """A row a symbol: value, stderr, low, high (SI, 95 %), unit, status; NaN where there is no interval."""
-    rows = known.values()
-    named = {"unit": texts(units[s] for s in known), "status": texts(row.status for row in rows)}
-    return indexed(attributes(rows, "value", "stderr", "low", "high") | named, list(known))
+def frame(rows: Iterable[Mapping[str, Any]], index: str | None, keys: Sequence[str] = ()) -> pd.DataFrame:
+    """The rows of a table as they are, SI, NaN for None.
+
+    Args:
+        rows: records.
+        index: key that names them; None for numbers.
+        keys: that are shown; all but the index where none is named.
+    """
+    every = list(rows)
+    shown = keys or [key for key in (every[0] if every else ()) if key != index]
+    columns = {key: _column([row.get(key) for row in every]) for key in shown}
+    return pd.DataFrame(columns) if index is None else indexed(columns, [row[index] for row in every], index)
+
+
+def _column(values: Sequence[Any]) -> Any:
+    if values and all(isinstance(value, str) for value in values):
+        return texts(values)
+    kinds = {bool: bool, np.bool_: bool, int: np.int64}
+    same = {kinds.get(type(value)) for value in values}
+    if len(same) == 1 and None not in same:
+        return np.array(values, dtype=same.pop())
+    words = any(isinstance(value, str | list | tuple) for value in values)
+    return pd.Series(values, dtype="object") if words else numbers(values)
 
 
 def indexed(columns: Mapping[str, Any], names: Sequence[str], index: str = "symbol") -> pd.DataFrame:

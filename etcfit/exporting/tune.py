@@ -13,7 +13,7 @@ from ..errors import MeasurementError, UsageError
 from ..files import read_regular
 from ..model.ecus import PROFILES, EcuProfile, Pasting
 from ..model.ecus import named as ecu_named
-from ..reporting.control.for_an_ecu import constants
+from ..reporting.control.gains import constants
 from ..rig.user_text import one_line, xml_comment
 from .base import Export, Format, Source
 

@@ -40,6 +40,8 @@ HELD_AT_NOMINAL = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
 """Held, SI: position and volts tell J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m, and no more; a search
 along what they do not tell costs half of the time, and often the optimum."""
 _PERCENT = 100.0
+_SLOWER = 0.6  # share of the rows of a log in which the plate moves least
+_OTHER_SIDE = 0.03  # least share of these that an angle must bring to the side of their sign
 _STILL = 0.03  # s on either side of a cut, in which the plate should rest
 
 
@@ -287,6 +289,30 @@ def at_ticks(log: Measurement, period: float) -> Measurement | None:
     return replace(log, time=instants, channels=channels, edge_turn=None)
 
 
+def limp_home_angle(logs: Sequence[Measurement]) -> float | None:
+    """Angle at which the springs hold the plate without a duty, rad, read from logs with a duty.
+
+    Below it a resting plate is held by a negative duty, above it by a positive one: read is the angle that parts the
+    signs best, over the slower part of the rows. None where hardly any row is on the other side, or no log has a duty.
+    """
+    angles, signs = [], []
+    for log in logs:
+        if "duty" in log.channels:
+            angle, duty = (_on(log.channels[name], log.time) for name in ("position", "duty"))
+            speed = np.abs(np.gradient(angle, log.time))
+            slow = np.isfinite(angle + duty) & (speed < np.nanquantile(speed, _SLOWER))
+            angles.append(angle[slow])
+            signs.append(np.sign(duty[slow]))
+    if not angles or not (angle := np.concatenate(angles)).size:
+        return None
+    order = np.argsort(angle)
+    sign = np.concatenate(signs)[order]
+    # of the k lowest rows those with a negative duty count, of the others those with a positive one
+    agree = np.sum(sign) - 2.0 * np.concatenate(([0.0], np.cumsum(sign)[:-1]))
+    k = int(np.argmax(agree))
+    return float(angle[order][k]) if agree[k] - agree[0] > _OTHER_SIDE * sign.size else None
+
+
 def _texts(
     logs: Sequence[Measurement], name: str, model: str, known: KnownEcu, within: float, settings: TuneSettings
 ) -> tuple[dict[str, str], str]:
@@ -306,7 +332,8 @@ def _texts(
         parts += [(log, a, b) for a, b in pairwise(cuts)]
     for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
         files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)
-    return {"rig.toml": _rig_toml(name, model, known, within, held_out), **files}, held_out
+    toml = _rig_toml(name, model, known, within, held_out, limp_home_angle(logs))
+    return {"rig.toml": toml, **files}, held_out
 
 
 def _stem(log: Measurement) -> str:
@@ -378,13 +405,14 @@ def _on(channel: Channel, time: np.ndarray) -> np.ndarray:
     return out
 
 
-def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str) -> str:
+def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: str, limp_home: float | None) -> str:
     held = HELD_AT_NOMINAL | ({"t_a": known.ecu.delay} if model == DUTY else {})
     lines = ["# written by `etcfit tune`", "[rig]", f"name = {toml_string(name)}", f"supply_V = {known.supply:.6g}", "",
              "[noise]  # sensor, and rows that are up to a tick of the ECU old",
              f"position_deg = {math.degrees(within):.6g}", "", "[model]",
              f"effects = [{', '.join(map(toml_string, (*EFFECTS, *([LATE] if model == DUTY else []))))}]"]  # fmt: skip
     lines += ["", "[parameters]", *(f"{symbol} = {{ fixed = {value:.10g} }}" for symbol, value in held.items())]
+    lines += [] if limp_home is None else [f"theta_lh = {limp_home:.6g}  # where the fit starts"]
     if held_out:
         lines += ["", "[holdout]", f"files = [{toml_string(held_out)}]"]
     if model == ECU and known.gains is not None:

@@ -140,19 +140,23 @@ class TraceBatch:
         steps = self.steps._replace(voltage0=level, voltage1=np.where(active, level, self.steps.voltage1))
         return replace(self, steps=steps, traces=traces)
 
-    def released(self, traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray]) -> TraceBatch:
-        """The batch with other instants at which held plates were let go; arrays that are the same are the same ones.
+    def with_times_of(self, traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray]) -> TraceBatch:
+        """The batch with other instants at which held plates were let go, or at which an ECU in the model saw its
+        setpoint jump; arrays that are the same are the same ones.
 
         Args:
-            traces: those of the batch, some of them released at another instant.
+            traces: those of the batch, some of them with another such instant.
             config, substeps: as of `batch_of`.
         """
-        parts = self.steps, self.resets, self.slots, self.disturbance
+        parts: dict[str, Any] = {"steps": self.steps, "resets": self.resets, "slots": self.slots}
+        parts["disturbance"] = self.disturbance
+        if self.steps.command is not None:
+            parts["command"] = self.steps.command
 
         def arrays(part: Any) -> dict[str, np.ndarray]:
             return {name: column for name, column in part._asdict().items() if isinstance(column, np.ndarray)}
 
-        table = {name: column for part in parts for name, column in arrays(part).items()}
+        table = {name: column for part in parts.values() for name, column in arrays(part).items()}
         places, fresh = list(self.places), set()
         for k, (trace, (lane, row, _)) in enumerate(zip(traces, self.places, strict=True)):
             if trace is self.traces[k]:
@@ -166,9 +170,10 @@ class TraceBatch:
                         table[name] = np.array(table[name])
                         fresh.add(name)
                     table[name][own] = column
-        named = zip(("steps", "resets", "slots", "disturbance"), parts, strict=True)
-        fresh_parts = {name: part._replace(**{n: table[n] for n in arrays(part)}) for name, part in named}
-        return replace(self, **fresh_parts, traces=tuple(traces), places=tuple(places))
+        renewed = {name: part._replace(**{n: table[n] for n in arrays(part)}) for name, part in parts.items()}
+        if "command" in renewed:
+            renewed["steps"] = renewed["steps"]._replace(command=renewed.pop("command"))
+        return replace(self, **renewed, traces=tuple(traces), places=tuple(places))
 
     def jumping(self, share: float) -> TraceBatch:
         """The batch with every edge of the voltage at one share of its interval, 0 at its begin to 1 at its end.

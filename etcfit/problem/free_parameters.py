@@ -231,6 +231,7 @@ class FreeParameters:
         """All parameters at coordinates x, shape (P,): SI by symbol."""
         return {symbol: float(value) for symbol, value in self.layout.values(x, self.held).items()}
 
+    @cached_property
     def priors_on_coordinates(self) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"]]:
         """Gaussian priors on the coordinates, to first order in their standard deviation:
 

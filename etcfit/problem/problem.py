@@ -20,6 +20,7 @@ from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, plain, shifted_samples
 from .instants import SHARES
+from .integrators import fitted_integrals
 from .late_samples import moved_samples
 from .normal_equations import linearised
 from .one_pass_kernels import LinearisedTrace
@@ -31,11 +32,7 @@ from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
-_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of the search for what an integral holds
-_SHARES = (0.0, -1.0, 1.0)  # of them; the first is kept where none is better
-_FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
 _PADDED = 1.25  # of the steps of a batch; more to simulate costs more than programs compiled twice
-_MOTION_SIGMAS = 8.0  # standard deviations of a sample that are a motion
 
 
 @partial(jax.jit, static_argnums=0)
@@ -217,7 +214,7 @@ class EstimationProblem:
     def weighted(self, filter_: InnovationsFilter) -> WeightedData:
         """Samples, inputs, priors and this filter, for the residual."""
         batch, layout = self.batch, self.layout
-        mean, sd = self.free_parameters.priors_on_coordinates()
+        mean, sd = self.free_parameters.priors_on_coordinates
         priors = layout.padded(mean), layout.padded(sd, np.inf)
         steps = batch.guided(self.guide_stiffness)
         weighted = WeightedData(steps, batch.resets, self.slots, batch.test_of, filter_, self.pick, *priors)
@@ -341,7 +338,9 @@ class EstimationProblem:
         room = (max(self.room[0], rounded(math.ceil(spare * longest))), *other.room[1:])
         if room == self.room or np.prod(room) > _PADDED * np.prod(self.room):
             return self
-        return self._of(self.batch.traces, room).guided(self.guide_stiffness)
+        least = tuple(map(max, self.room, room))
+        longer = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, self.substeps, least)
+        return replace(longer, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
     def guided(self, guide_stiffness: float) -> EstimationProblem:
         """The problem with a residual simulated under a guide of this stiffness, V/rad (N m/rad for torque)."""
@@ -358,7 +357,7 @@ class EstimationProblem:
             return self
         predicted = self.free_run(x)
         traces = tuple(_better_release(t, y) for t, y in zip(self.batch.traces, predicted, strict=True))
-        batch = self.batch.released(traces, self.config, self.substeps)
+        batch = self.batch.with_times_of(traces, self.config, self.substeps)
         return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_instants(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
@@ -381,50 +380,25 @@ class EstimationProblem:
         (P,), fits them best."""
         if not self.sees_jumps:
             return self
-        paths = [self._of([t.with_jumps_at(share) for t in self.batch.traces]).free_run(x) for share in SHARES]
-        return self._of([t.with_jumps_placed(seen) for t, *seen in zip(self.batch.traces, *paths, strict=True)])
-
-    def _of(self, traces: Sequence[Trace], least: tuple[int, ...] = (0, 0, 0)) -> EstimationProblem:
-        """The same steps of traces that differ in when something came, or in a batch of at least another shape."""
-        least = tuple(map(max, self.room, least))
-        other = EstimationProblem.of(self.config, self.free_parameters, tuple(traces), self.substeps, least)
-        return replace(other, jitter=self.jitter)
+        seeing = [k for k, t in enumerate(self.batch.traces) if t.setpoint is not None and t.setpoint.jumps.size]
+        tried = [self.batch.traces[k].with_jumps_at(share) for k in seeing for share in SHARES]
+        steps = [self.substeps[k] for k in seeing for _ in SHARES]
+        beside = EstimationProblem.of(self.config, self.free_parameters, tuple(tried), steps, self.room)
+        paths = iter(beside.free_run(x))
+        placed = list(self.batch.traces)
+        for k in seeing:
+            placed[k] = placed[k].with_jumps_placed([next(paths) for _ in SHARES])
+        batch = self.batch.with_times_of(placed, self.config, self.substeps)
+        return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
         """The problem with the voltage in the integral of each ECU in the model, where its trace begins, that fits best
-        at x.
-
-        Searched by halves of an interval: a plate that rests does not answer to a small change, and one that slips
-        jumps.
-        """
-        controlled = np.array([trace.controlled for trace in self.batch.traces])
-        if not controlled.any():
+        at x, see `integrators`."""
+        if not self.controlled:
             return self
-        volts = np.array([t.input.value[0] if t.controlled and t.input else 0.0 for t in self.batch.traces])
-        weight = [_beginning(trace) for trace in self.batch.traces]
-        for span in _SPANS:
-            tried = [volts + controlled * share * span for share in _SHARES]
-            misfit = [_misfits(replace(self, batch=self.batch.holding(v)).free_run(x), weight) for v in tried]
-            volts = np.choose(np.argmin(misfit, axis=0), tried)
+        weighted = self.guided(0.0).weighted(plain(self.slots, order_of(self.layout.types)))
+        volts = fitted_integrals(self.batch, weighted, lambda data: self._compared(x, data).seen)
         return replace(self, batch=self.batch.holding(volts))
-
-
-def _beginning(trace: Trace) -> tuple[Float[np.ndarray, "n M"], Float[np.ndarray, "n M"]]:
-    """Samples of a trace and their weights, (n, M) each: those up to a second after the plate first moves."""
-    seen = np.isfinite(trace.data)
-    if "position" not in trace.channels:
-        return np.zeros(seen.shape), np.zeros(seen.shape)
-    m = trace.channels.index("position")
-    moved = np.abs(trace.data[:, m] - trace.data[seen[:, m], m][0]) > _MOTION_SIGMAS * trace.sigma[m]
-    first = trace.instants[np.argmax(moved)] if moved.any() else trace.instants[0]
-    early = (trace.instants < first + _FORGOTTEN)[:, None] & seen
-    return np.nan_to_num(trace.data), early / trace.sigma
-
-
-def _misfits(predicted: list[np.ndarray], wanted: list[tuple[np.ndarray, np.ndarray]]) -> Float[np.ndarray, " traces"]:
-    """Sum of squared weighted errors of each trace."""
-    each = zip(predicted, wanted, strict=True)
-    return np.array([np.nan_to_num(np.sum(((data - model) * w) ** 2), nan=np.inf) for model, (data, w) in each])
 
 
 def _better_release(trace: Trace, predicted: Float[np.ndarray, "n M"]) -> Trace:

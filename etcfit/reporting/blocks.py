@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, Group, RenderableType, RenderHook, RenderResult
 from rich.padding import Padding
@@ -12,58 +11,38 @@ from rich.segment import Segment
 from rich.text import Text
 
 from ..errors import visible
+from .table import Part, Table, there
 
 if TYPE_CHECKING:  # a console needs none of what these load
     from ..estimation.fitted_model import FitState
     from ..rig.base import RigConfig
 
 _GAP = 2, 1  # characters between columns: usually, and where it is tight
+_STYLES = {"": "", "bad": "bold red", "doubt": "bold yellow", "dim": "dim", "strong": "bold"}
 _COMFORT = 24  # characters a line that prose has, at least, while there are columns to be spared
 
 
-@dataclass
-class Column:
-    """One column.
+class PlainTable:
+    """A table as a terminal lays it out: columns that may be spared go first, then others go on below.
 
-    Args:
-        header: its name.
-        justify: where its cells stand.
-        prose: cells are sentences, which may go on in the next line; all others are names and figures, which may not.
-        paths: cells are file names, which may go on in the next line after a "/".
+    Texts are what they say: `channel_gain[response]` is a name, and no style called "response".
     """
 
-    header: str
-    justify: Literal["left", "right"] = "right"
-    prose: bool = False
-    paths: bool = False
-
-
-class PlainTable:
-    """A table for a terminal; see `plain_table`."""
-
-    def __init__(self, columns: Sequence[Column], keys: Sequence[int], spare: Sequence[str], file: str) -> None:
-        self.columns, self.keys, self.spare, self.file = list(columns), list(keys), list(spare), file
-        self.rows: list[list[Text]] = []
-
-    @property
-    def row_count(self) -> int:
-        return len(self.rows)
-
-    def add_row(self, *cells: str | Text | None) -> None:
-        """Texts are what they say: `channel_gain[response]` is a name, and no style called "response"."""
-        if len(cells) != len(self.columns):
-            raise ValueError(f"{len(cells)} cells in a table of {len(self.columns)} columns")
-        self.rows.append([cell if isinstance(cell, Text) else Text(cell or "") for cell in cells])
+    def __init__(self, table: Table) -> None:
+        self.columns, self.file = table.columns, table.file
+        self.keys = [k for k, c in enumerate(self.columns[: table.keys]) if not c.spare and c.kind != "prose"]
+        self.spare = [c.head for c in sorted(self.columns, key=lambda c: c.spare) if c.spare]
+        self.rows = [[Text(cell.text, style=_STYLES[cell.tone]) for cell in row] for row in table.cells]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width, every = options.max_width, range(len(self.columns))
         for spared in range(len(self.spare) + 1):
-            kept = [k for k in every if self.columns[k].header not in self.spare[:spared]]
+            kept = [k for k in every if self.columns[k].head not in self.spare[:spared]]
             if self._total(kept, tight=False) <= width:
                 yield from self._block(console, kept, width, tight=False)
                 yield from self._left_out(spared, width)
                 return
-        kept = [k for k in every if self.columns[k].header not in self.spare]
+        kept = [k for k in every if self.columns[k].head not in self.spare]
         for number, block in enumerate(self._blocks(kept, width)):
             if number:
                 yield Text()
@@ -71,7 +50,7 @@ class PlainTable:
         yield from self._left_out(len(self.spare), width)
 
     def _left_out(self, spared: int, width: int) -> Iterator[Text]:
-        names = [c.header for c in self.columns if c.header in self.spare[:spared]]
+        names = [c.head for c in self.columns if c.head in self.spare[:spared]]
         if names:
             wide = self._total(range(len(self.columns)), tight=False)
             elsewhere = f"; so does {self.file}" if self.file else ""
@@ -81,16 +60,16 @@ class PlainTable:
 
     def _least(self, k: int, tight: bool) -> int:
         column, cells = self.columns[k], [row[k] for row in self.rows]
-        head = _longest(column.header.split())
-        if column.prose:
+        head = _longest(column.head.split())
+        if column.kind == "prose":
             words = _longest(word for cell in cells for word in cell.plain.split())
             return max(head, words, 0 if tight else min(_COMFORT, self._most(k)))
-        if column.paths and tight:
+        if column.kind == "path" and tight:
             return max(head, _longest(part for cell in cells for part in _parts(cell.plain)))
         return max(head, *(cell.cell_len for cell in cells), 0)
 
     def _most(self, k: int) -> int:
-        return max(_longest(self.columns[k].header.splitlines()), *(row[k].cell_len for row in self.rows), 0)
+        return max(_longest(self.columns[k].head.splitlines()), *(row[k].cell_len for row in self.rows), 0)
 
     def _total(self, shown: Iterable[int], tight: bool) -> int:
         widths = [self._least(k, tight) for k in shown]
@@ -115,7 +94,7 @@ class PlainTable:
             widest = widths.index(max(widths))
             widths[widest] = max(1, widths[widest] + free)
             return widths
-        elastic = [self.columns[k].prose or self.columns[k].paths for k in shown]
+        elastic = [self.columns[k].kind in ("prose", "path") for k in shown]
         for now in (True, False):
             lacks = [self._most(k) - w if e is now else 0 for k, w, e in zip(shown, widths, elastic, strict=True)]
             share = min(1.0, free / max(1, sum(lacks)))
@@ -126,14 +105,14 @@ class PlainTable:
     def _block(self, console: Console, shown: Sequence[int], width: int, tight: bool) -> Iterator[Text]:
         widths, gap = self._widths(shown, width, tight), " " * _GAP[tight]
         # a header may say itself where its lines end: a name above its unit
-        heads = [[piece for line in self.columns[k].header.split("\n") for piece in _folded(console, Text(line), w)]
+        heads = [[piece for line in self.columns[k].head.split("\n") for piece in _folded(console, Text(line), w)]
                  for k, w in zip(shown, widths, strict=True)]  # fmt: skip
         deepest = max(map(len, heads), default=0)
-        if any(self.columns[k].header for k in shown):
+        if any(self.columns[k].head for k in shown):
             yield from self._lines([[Text()] * (deepest - len(head)) + head for head in heads], shown, widths, gap)
         for row in self.rows:
             cells = [
-                (_at_slashes if self.columns[k].paths else _folded)(console, row[k], w)
+                (_at_slashes if self.columns[k].kind == "path" else _folded)(console, row[k], w)
                 for k, w in zip(shown, widths, strict=True)
             ]
             yield from self._lines(cells, shown, widths, gap)
@@ -145,39 +124,9 @@ class PlainTable:
                 part = cells[place][number] if number < len(cells[place]) else Text()
                 blank = " " * (width - part.cell_len)
                 line.append(gap if place else "")
-                line.append_text(Text(blank) + part if self.columns[k].justify == "right" else part + Text(blank))
+                line.append_text(Text(blank) + part if self.columns[k].kind == "figure" else part + Text(blank))
             line.rstrip()
             yield line
-
-
-def plain_table(
-    *columns: str,
-    left: int = 1,
-    words: Sequence[str] = (),
-    prose: Sequence[str] = (),
-    paths: Sequence[str] = (),
-    spare: Sequence[str] = (),
-    file: str = "",
-) -> PlainTable:
-    """An empty table; rows are added by `add_row`.
-
-    Args:
-        columns: headers; a line end in one stays there.
-        left: so many columns at the left are words, the others figures. Those of them that are neither prose nor spare
-            are repeated where columns go on below.
-        words: further columns of words, by header.
-        prose: columns of sentences, which may fold at spaces.
-        paths: columns of file names, which may fold at "/" where they cannot be shown otherwise.
-        spare: columns that may be left out where there is no room, the one that goes first in front.
-        file: that holds what is left out as well, for the line that says so; "" where there is none.
-    """
-    apart = set(words) | set(prose) | set(paths)
-    made = [
-        Column(name, "left" if k < left or name in apart else "right", name in prose, name in paths)
-        for k, name in enumerate(columns)
-    ]
-    keys = [k for k, name in enumerate(columns[:left]) if name not in (*prose, *spare)]
-    return PlainTable(made, keys, spare, file)
 
 
 def _longest(words: Iterable[str]) -> int:
@@ -225,18 +174,17 @@ def stacked(*parts: RenderableType | None) -> Group:
     return Group(*(part for part in parts if part is not None))
 
 
-def table(title: str, head: Sequence[str], rows: Iterable[Sequence[str | Text | None]], **how: Any) -> Padding | None:
-    """A table under its title; None where it has no row. `how`: of `plain_table`."""
-    made = filled(head, rows, **how)
-    return headed(title, made) if made.row_count else None
+def shown(part: Part) -> Padding:
+    """A table with its notes, or notes, under their title; see `table.py`."""
+    if isinstance(part, Table):
+        return headed(part.title, Group(PlainTable(part), *dashed(part.notes)))
+    code = (Text(line, no_wrap=True, overflow="ignore") for line in part.texts)
+    return headed(part.title, Group(*(code if part.code else dashed(part.texts))))
 
 
-def filled(head: Sequence[str], rows: Iterable[Sequence[str | Text | None]], **how: Any) -> PlainTable:
-    """A table without a title, as `table`."""
-    made = plain_table(*head, **how)
-    for row in rows:
-        made.add_row(*row)
-    return made
+def all_shown(*parts: Part | None) -> Group:
+    """One below the other, without those that hold nothing."""
+    return Group(*map(shown, there(*parts)))
 
 
 def outcome(converged: bool, words: tuple[str, str], rest: str) -> Text:

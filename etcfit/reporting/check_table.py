@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from ..experiment.advice import Advice, Pair
+from ..experiment.advice import Advice
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..rig.base import Finding
-from .blocks import PlainTable, dashed, filled, headed, rig_title, sentences, spaced, stacked
+from .blocks import PlainTable, dashed, headed, rig_title, sentences, shown, spaced, stacked
 from .car_log import good_enough
 from .numbers import short
+from .table import Cell, Column, Kind, Table, of_texts
 
 
 def check_table(result: CheckResult) -> RenderableType:
     """A check for stdout: every trace and channel, what is odd, and what these data can identify."""
     return stacked(
         rig_title(result.rig.config, result.rig.folder),
-        headed("Traces", _clocks(result.traces)),
-        headed("Channels", _channels(result.traces)),
-        *(headed(f"{each.log.name}: good enough?", good_enough(each)) for each in result.follows),
+        shown(traces_table(result.traces)),
+        shown(_channels(result.traces)),
+        *(shown(good_enough(each)) for each in result.follows),
         findings_table(result.rig.findings),
         sentences(
             "What looks odd in the records",
@@ -33,18 +35,25 @@ def check_table(result: CheckResult) -> RenderableType:
     )
 
 
-def _clocks(traces: Iterable[TraceCheck]) -> PlainTable:
-    rows = []
-    for trace in traces:
-        c = trace.clock
-        gaps = f"{c.gaps}, longest {short(c.longest)} s" if c.gaps else "0"
-        figures = str(c.samples), short(c.duration, 4), short(c.rate, 4), f"{100.0 * c.jitter:.1f}", gaps
-        rows.append((trace.file, *figures, "held out" if trace.held_out else "fitted"))
-    head = "file", "samples", "duration s", "rate Hz", "clock jitter %", "gaps", "use"
-    return filled(head, rows, words=("use",), paths=("file",), spare=("samples", "duration s"))
+def traces_table(traces: Iterable[TraceCheck]) -> Table:
+    """The clock of each, and what it holds."""
+    rows = [{"file": t.file, "test": t.test, "held_out": t.held_out, "samples": t.clock.samples,
+             "duration": t.clock.duration, "rate": t.clock.rate, "gaps": t.clock.gaps, "jitter": t.clock.jitter,
+             "longest": t.clock.longest, "channels": ", ".join(channel.name for channel in t.channels)}
+            for t in traces]  # fmt: skip
+
+    def gaps(row: Mapping[str, Any]) -> str:
+        return f"{row['gaps']}, longest {short(row['longest'])} s" if row["gaps"] else "0"
+
+    return Table("Traces", (
+        Column("file", "file", "path"), Column("samples", "samples", spare=2),
+        Column("duration s", "duration", spare=3, digits=4), Column("rate Hz", "rate", digits=4),
+        Column("clock jitter %", lambda row: f"{100.0 * row['jitter']:.1f}"), Column("gaps", gaps),
+        Column("use", lambda row: "held out" if row["held_out"] else "fitted", "word"),
+        Column("channels", "channels", "prose", spare=1)), rows)  # fmt: skip
 
 
-def _channels(traces: Iterable[TraceCheck]) -> PlainTable:
+def _channels(traces: Iterable[TraceCheck]) -> Table:
     """Ranges pooled over the traces of a test: the same sensors saw them."""
     seen: dict[tuple[str, str, str], list[ChannelCheck]] = {}
     for trace in traces:
@@ -58,19 +67,20 @@ def _channels(traces: Iterable[TraceCheck]) -> PlainTable:
         quantum = short(same[0].quantum) if same[0].quantum else "-"
         rows.append((test, name, short(low, 4), short(high, 4), short(sigma), origin, quantum, unit or "1"))
     head = "test", "channel", "lowest", "highest", "noise", "noise is", "resolution", "unit"
-    return filled(head, rows, left=2, words=("noise is", "unit"), spare=("resolution", "noise is"))
+    return of_texts("Channels", head, rows, 2, {"noise is": "word", "unit": "word"}, ("resolution", "noise is"))
 
 
 def findings_table(findings: Sequence[Finding]) -> RenderableType | None:
     """Mistakes and habits of the rig itself, and the line that mends each; None where none was found."""
     if not findings:
         return None
-    rows = [(f.kind, f.where, short(f.size, 4), f.unit, Text("no fit takes it" if f.sure else "", style="bold red"))
+    title = "Mistakes and habits of the rig, and what mends them"
+    rows = [(f.kind, f.where, short(f.size, 4), f.unit, Cell("no fit takes it" if f.sure else "", "bad"))
             for f in findings]  # fmt: skip
-    made = filled(("kind", "where", "size", "unit", "effect on a fit"), rows, left=2,
-                  words=("unit", "effect on a fit"), paths=("where",))  # fmt: skip
+    kinds: dict[str, Kind] = {"where": "path", "unit": "word", "effect on a fit": "word"}
+    made = of_texts(title, ("kind", "where", "size", "unit", "effect on a fit"), rows, 2, kinds)
     texts = [line for f in findings for line in (*dashed([f.found]), Padding(Text(f.mend), (0, 0, 0, 4)))]
-    return headed("Mistakes and habits of the rig, and what mends them", Group(made, *texts))
+    return headed(title, Group(PlainTable(made), *texts))
 
 
 def _oddities(result: CheckResult) -> list[str]:
@@ -110,36 +120,40 @@ def advice_table(advice: Advice) -> RenderableType:
     """Advice for stdout."""
     return stacked(
         rig_title(advice.rig.config, "what one more trace would tell"),
-        _summary(advice),
-        _shares(advice),
+        shown(options_table(advice)),
+        shown(_shares(advice)),
         sentences("Not judged", [f"{test}: {why}." for test, why in advice.not_judged]),
     )
 
 
-def _summary(advice: Advice) -> RenderableType | None:
-    rows = [(o.test, o.says + (f" ({o.remark})" if o.remark else ""), f"{o.mean:.2f}", _pair(o.separates))
+def options_table(advice: Advice) -> Table:
+    """One more trace of each rig test, best first."""
+    rows = [{"test": o.test, "how": o.says, "again": o.again, "mean": o.mean, "remark": o.remark,
+             "separates": "" if o.separates is None else " and ".join(o.separates.symbols), "pair": o.separates}
             for o in advice.options]  # fmt: skip
-    return headed(
-        "One more trace, best first; mean width: of all 95 % intervals after it, 1 is now",
-        filled(("test", "how", "mean width", "separates"), rows, prose=("how", "separates"), spare=("separates",),
-               file="advice.json of --out RUN"),
-    )  # fmt: skip
+
+    def apart(row: Mapping[str, Any]) -> str:
+        pair = row["pair"]
+        return "-" if pair is None else f"{row['separates']} (correlation {pair.before:.3f} -> {pair.after:.3f})"
+
+    return Table("One more trace, best first; mean width: of all 95 % intervals after it, 1 is now", (
+        Column("test", "test", "word"), Column("how", with_remark, "prose"),
+        Column("mean width", lambda row: f"{row['mean']:.2f}"), Column("separates", apart, "prose", spare=1)),
+        rows, file="advice.json of --out RUN")  # fmt: skip
 
 
-def _pair(pair: Pair | None) -> str:
-    if pair is None:
-        return "-"
-    first, second = pair.symbols
-    return f"{first} and {second} (correlation {pair.before:.3f} -> {pair.after:.3f})"
+def with_remark(row: Mapping[str, Any]) -> str:
+    """How a trace is made, and what was assumed."""
+    return row["how"] + (f" ({row['remark']})" if row["remark"] else "")
 
 
-def _shares(advice: Advice) -> RenderableType:
+def _shares(advice: Advice) -> Table:
     """A row a parameter, a column an option."""
     head = [option.test + (", again" if option.again else ", new") for option in advice.options]
     rows = []
     for k, symbol in enumerate(advice.symbols):
         shares = [each.shrinks[k] for each in advice.options]
-        cells = (Text(f"{share:.2f}", style="dim" if share > _NOTED else "bold") for share in shares)
+        cells = (Cell(f"{share:.2f}", "dim" if share > _NOTED else "strong") for share in shares)
         rows.append((symbol, short(100.0 * advice.sd[k], 2), *cells))
-    return headed("Width of each 95 % interval after one more trace; 1 is its width now",
-                  filled(("parameter", "standard error now, %", *head), rows))  # fmt: skip
+    return of_texts("Width of each 95 % interval after one more trace; 1 is its width now",
+                    ("parameter", "standard error now, %", *head), rows)  # fmt: skip

@@ -10,11 +10,12 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
 from .numbers import Digits, short
+from .table import Cell
 
 if TYPE_CHECKING:
     import jinja2
@@ -31,7 +32,7 @@ def environment(*rooms: tuple[str, str]) -> jinja2.Environment:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    made.filters["coded"] = coded
+    made.filters |= {"coded": coded, "typeset": typeset, "figures": figures}
     return made
 
 
@@ -81,28 +82,6 @@ def as_text(data: dict[str, Any]) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows under a head.
-
-    Args:
-        caption: one line; what the rows are.
-        head: names of the columns.
-        rows: cells, text or markup, one for each column.
-        words: how many of the first columns are words, set to the left.
-        marked: rows that stand out, by index.
-    """
-
-    # columns of words wherever they stand
-    LEFT: ClassVar[tuple[str, ...]] = ("unit", "profile", "status", "met", "meaning", "worst unit", "hardest for it")
-
-    caption: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[Any]]
-    words: int = 1
-    marked: frozenset[int] = frozenset()
-
-
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"ohm": "Ω", "1": "", "deg": "°"}
 _GREEK = {"delta": "δ", "mu": "μ", "omega": "ω", "tau": "τ", "theta": "θ"}
@@ -139,6 +118,27 @@ def figure(text: str) -> str:
     mantissa, e, exponent = text.partition("e")
     power = f" × 10{str(int(exponent)).translate(_SUPERSCRIPT)}" if e else ""
     return mantissa.replace("-", "−") + power if mantissa != "-" else "–"
+
+
+_NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?(e[+-]\d+)?(?![\w.]*\w)")
+
+
+def figures(text: str) -> str:
+    """A text with its numbers and signs as `figure` has them."""
+    if text == "-":
+        return "–"
+    for plain, typeset in ((" ... ", " … "), (" +- ", " ± "), ("<= ", "≤ "), (">= ", "≥ ")):
+        text = text.replace(plain, typeset)
+    return _NUMBER.sub(lambda found: figure(found[0]), text)
+
+
+def typeset(cell: Cell) -> Markup | str:
+    """A cell of a table."""
+    if cell.kind == "symbol":
+        return symbol(cell.text)
+    if cell.kind in ("word", "prose", "path", "hash"):
+        return coded(cell.text)
+    return {"name": lambda text: text.replace("_", " "), "unit": unit}.get(cell.kind, figures)(cell.text)
 
 
 def number(value: float | None, digits: int = 3) -> str:

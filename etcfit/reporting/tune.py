@@ -13,10 +13,10 @@ from rich.text import Text
 from ..estimation.identifiability import listed
 from ..model.ecus import named
 from ..run_folder.pid import design_json
-from .blocks import filled, headed, sentences, spaced, stacked
+from .blocks import sentences, shown, spaced, stacked
 from .control.sentence import missed_in_corner, missed_on_nominal, place_of_corner
-from .html import Table
 from .numbers import short
+from .table import Table, of_texts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,9 +39,9 @@ def tune_table(told: Mapping[str, Any]) -> RenderableType:
         Text(f"{named(told['ecu']).title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {withheld}", style="bold red"))] if withheld else []),
         *([spaced(Text(" ".join(doubts), style="bold red"))] if doubts else []),
-        headed("The logs", _checks(told)),
+        shown(_checks(told)),
         sentences("Model", says["model"]),
-        *(headed(each.caption, filled(each.head, each.rows)) for each in tables_of_steps(told)),
+        *map(shown, tables_of_steps(told)),
         sentences("What is asked of gains", [says["requirements"]] if says["requirements"] else []),
         sentences("Next", says["next"]),
     ]
@@ -51,10 +51,10 @@ def tune_table(told: Mapping[str, Any]) -> RenderableType:
     return stacked(*parts)
 
 
-def _checks(told: Mapping[str, Any]) -> RenderableType:
+def _checks(told: Mapping[str, Any]) -> Table:
     rows = [(c["name"], "ok" if c["passed"] else "STOPS" if c["stops"] else "doubtful",
              c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in told["checks"]]  # fmt: skip
-    return filled(("check", "", "found"), rows, left=2, prose=("found",))
+    return of_texts("The logs", ("check", "", "found"), rows, 2, {"found": "prose"})
 
 
 def tables_of_steps(told: Mapping[str, Any]) -> tuple[Table, ...]:
@@ -72,7 +72,8 @@ def _gains(told: Mapping[str, Any]) -> Table:
                  for key, gain in step["gains"].items()]  # fmt: skip
         rows.append((NAMES[step["name"]], *cells))
     head = (f"{name}\n{told['unit'][key]}" for name, key in zip(named(told["ecu"]).gains, "PID", strict=True))
-    return Table("Gains, as this ECU writes them; the number behind x: over the present gain", ("step", *head), rows)
+    title = "Gains, as this ECU writes them; the number behind x: over the present gain"
+    return of_texts(title, ("step", *head), rows)
 
 
 def _figures(told: Mapping[str, Any]) -> Table:
@@ -84,7 +85,7 @@ def _figures(told: Mapping[str, Any]) -> Table:
                      short(step["rmse_pct"]), short(step["gain_margin_db"]), short(step["phase_margin_deg"]),
                      *(chance or "-" for chance in chances)))  # fmt: skip
     never = "; never: not before the next step" if any(None in step["settling_s"] for step in steps) else ""
-    return Table(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
+    return of_texts(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
                  ("step", "overshoot\n% of step", "settling\ns", "RMSE %,\ntrapezoid", "gain\nmargin dB",
                   "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
 

@@ -28,6 +28,11 @@ def fit_json(result: FitResult) -> dict[str, Any]:
     return plain(FIT.written(result))
 
 
+def keys_of_fit(result: FitResult, *keys: str) -> dict[str, Any]:
+    """Some keys of fit.json."""
+    return plain({name: FIT.keys[name].value(result, name) for name in keys})
+
+
 def ends(interval: Interval) -> list[float] | None:
     """[low, high]; None where there is none."""
     return None if interval.low is None or interval.high is None else [interval.low, interval.high]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -23,7 +24,6 @@ from etcfit.api.fit import Fit
 from etcfit.api.measurements import Checked
 from etcfit.cli import app
 from etcfit.control.pid import RULES, Requirements
-from etcfit.control.settings import DesignSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
@@ -47,7 +47,7 @@ def designed(fitted: Fit) -> Designed:
     """By three quick rules, one of which refuses."""
     with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, QUICK, clear=True):
         patch.setattr("etcfit.control.design.binding", lambda task: ("stub",))
-        return verbs.design(fitted, rule="manual", settings=DesignSettings(draws=30), period=1e-3)
+        return verbs.design(fitted, rule="manual", settings=replace(results.BRIEF, draws=30), period=1e-3)
 
 
 def test_every_command_is_a_verb() -> None:
@@ -190,7 +190,9 @@ def test_a_design_for_a_make_of_ecu_runs_its_controller(fitted: Fit, tmp_path: P
     with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, {"amigo": RULES["amigo"]}, clear=True):
         patch.setattr("etcfit.control.design.binding", lambda *_: ("stub",))
         patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
-        made = verbs.design(fitted, rule="amigo", settings=DesignSettings(draws=2), profile="arduino", period=5e-3)
+        made = verbs.design(
+            fitted, rule="amigo", settings=replace(results.BRIEF, draws=2), profile="arduino", period=5e-3
+        )
         made.save(tmp_path)
     ecu = made.design.task.ecu
     assert (ecu.period, ecu.derivative_weight, ecu.integral) == (5e-3, 0.0, 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from etcfit.api import views
+from etcfit.reporting.table import Cell, Column, Table
 from etcfit.rig.base import RigConfig
 
 
@@ -22,7 +23,8 @@ def test_a_name_is_shortened_and_made_up_data_are_called_so() -> None:
 
 
 def test_nothing_that_a_user_wrote_is_markup() -> None:
-    shown = views.card(RigConfig("<b>rig</b>"), "a & b", views.paragraph("<i>"), views.table(("x<",), [("<td>",)]),
+    table = views.table(Table("t", (Column("x<", 0),), [("<td>",)]))
+    shown = views.card(RigConfig("<b>rig</b>"), "a & b", views.paragraph("<i>"), table,
                        views.folded("more <", ["<script>"]), alarm="<u>")  # fmt: skip
     for tag in ("<b>rig", "<i>", "<script>", "<u>", "<td><td>", "x<<"):
         assert tag not in shown
@@ -32,7 +34,8 @@ def test_nothing_that_a_user_wrote_is_markup() -> None:
 
 
 def test_columns_of_words_begin_on_the_left_and_alarms_are_red() -> None:
-    shown = views.table(("test", "n"), [("response", "12"), (views.Cell("sine", alarm=True), "3")])
+    columns = (Column("test", 0, "word"), Column("n", 1))
+    shown = views.table(Table("t", columns, [("response", "12"), (Cell("sine", "bad"), "3")]))
     assert 'text-align: left">response' in shown
     assert 'text-align: right">12' in shown
     assert 'color: #c00000">sine' in shown

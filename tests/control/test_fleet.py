@@ -15,6 +15,7 @@ from scipy.stats import beta, binomtest, fisher_exact
 
 import etcfit
 import fleets
+import results
 from benchmarks.parts import on_plant
 from etcfit.control.design import Design, design, design_for_fleet, ecu_of, task_of
 from etcfit.control.fleet import (
@@ -26,7 +27,7 @@ from etcfit.control.fleet import (
 from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.on_units import FleetVerdict, OneByOne, Share
 from etcfit.control.pid import RULES, Gains, Requirements
-from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
+from etcfit.control.settings import DesignSettings, FleetDesignSettings, FrontSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
@@ -40,6 +41,7 @@ NOISE = 1e-4  # rad
 SPREAD = 0.22  # so wide that no gains please all units: a promise of 100 % would be easy to keep
 QUICK = DesignSettings(
     draws=40,
+    front=FrontSettings(rounds=1),
     optimum=OptimumSettings(searches=1, sweeps=3, population=24, elite=6, rounds=10, last_rounds=6),
 )
 
@@ -174,10 +176,7 @@ def test_what_no_gains_reach_is_said() -> None:
     units[5] = replace(units[5], T_PL=6.0)
     model = fleets.of(units, position_noise=NOISE)
     rules = {"optimal": RULES["optimal"]}
-    brief = replace(
-        QUICK, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
-    )
-    found = design_for_fleet(model, ecu_of(model.nominal), settings=brief, rules=rules,
+    found = design_for_fleet(model, ecu_of(model.nominal), settings=replace(results.BRIEF, draws=40), rules=rules,
                              asked=FleetDesignSettings(refinements=1)).fleet  # fmt: skip
     assert found is not None
     assert not found.reached

@@ -18,8 +18,8 @@ from etcfit.control.linearise import SYMBOLS, MotorConstants, motor_constants, r
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.plant import constants_table
 from etcfit.reporting.control.tables import reduction_table
-from etcfit.reporting.page.tables import plant_table
 from etcfit.run_folder.plant import reduction_json
 
 N = 20.68
@@ -63,6 +63,6 @@ def test_terminal_file_and_page_have_them(fitted: Fitted, found: MotorConstants,
     text = render(reduction_table(fitted, reduction, 0), 120)
     assert all(name in text for name in SYMBOLS)
     assert f"{2.0 * np.pi * found.values[1]:.4g}" in text
-    page = plant_table(written)
+    page = constants_table(written)
     assert page is not None
-    assert sum("feed-forward k" in str(row[0]) for row in page.rows) == 3
+    assert [row["constant"] for row in page.rows] == list(SYMBOLS)

@@ -18,16 +18,16 @@ from etcfit.control.design import ecu_of, gains_as_found, propose, task_of
 from etcfit.control.own_numbers import checked, said, shares
 from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
 from etcfit.control.pid.linear_loop import closed, sampled
-from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.gains import gains_table, pasted, settings_table
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.control.tables import design_table
-from etcfit.reporting.page.tables import assumed, gains_table, settings_table
+from etcfit.reporting.table import Notes
 from etcfit.run_folder.pid import design_json
 
 PROPOSED = Gains(60.0, 300.0, 0.6)
@@ -113,10 +113,9 @@ def test_present_gains_of_an_ecu_with_a_known_unit_are_judged_as_found(fitted: F
 
 
 def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tmp_path: Path) -> None:
-    brief = DesignSettings(draws=2, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1,
-                                                            last_rounds=1))  # fmt: skip
     make = ECUS["maxxecu"]
-    given = task_of(fitted, ecu_of(fitted, **make.completed({"compensated": 1.0})), settings=brief, profile=make,
+    ecu, brief = ecu_of(fitted, **make.completed({"compensated": 1.0})), replace(results.BRIEF, draws=2)
+    given = task_of(fitted, ecu, settings=brief, profile=make,
                     feed_forward=True, present={"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0})  # fmt: skip
     found = propose(fitted, replace(given, as_found=Gains(100.0, 200.0, 1.0)), "manual", {"manual": RULES["manual"]},
                     "laplace")  # fmt: skip
@@ -138,9 +137,9 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
     assert "divided by the battery voltage" in text
     assert "%/%" not in text.split("For MaxxECU")[1].split("Assumed of it")[0]
     assert "its own number" in sentence(pid)
-    page = settings_table(pid)
-    assert page is not None
-    assert any("P alone becomes unstable" in each for each in assumed(pid))
+    assert settings_table(pid) is not None
+    notes = [each for part in pasted(pid) if isinstance(part, Notes) for each in part.texts]
+    assert any("P alone becomes unstable" in each for each in notes)
     gains = gains_table(pid)
     assert gains is not None
-    assert not any("ECU" in str(row[0]) for row in gains.rows)
+    assert [row[0] for row in gains.rows] == ["continuous time"]  # none in ticks

@@ -13,17 +13,12 @@ from etcfit.control.design import Design, ecu_of, propose, task_of
 from etcfit.control.pid import RULES, Gains
 from etcfit.control.pid.linear_loop import Margins
 from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way, safe_half_way
-from etcfit.control.settings import DesignSettings, OptimumSettings
-
-BRIEF = DesignSettings(
-    draws=4, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
-)
 
 
 @pytest.fixture(scope="module")
 def designed(tmp_path_factory: pytest.TempPathFactory) -> Design:
     fitted = results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
-    task = task_of(fitted, ecu_of(fitted), settings=BRIEF)
+    task = task_of(fitted, ecu_of(fitted), settings=replace(results.BRIEF, draws=4))
     return propose(fitted, task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
 
 

@@ -17,8 +17,9 @@ from etcfit.control.supply_table import SupplyTable, over_position, reckoning_wi
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.ecus import ECUS, EcuProfile, Scheduling
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
-from etcfit.reporting.blocks import render
-from etcfit.reporting.control.for_an_ecu import supply_table as shown
+from etcfit.reporting.blocks import render, shown
+from etcfit.reporting.control import gains
+from etcfit.reporting.table import there
 from etcfit.run_folder.design import supply_table_json
 from independent.bench_twin import TRUTH
 from independent.control import Computer, failing, follow
@@ -191,7 +192,9 @@ def by_hand(w: float, stiffness: float) -> float:
 @pytest.mark.parametrize("profile", ECUS.values(), ids=ECUS)
 def test_a_table_is_shown_where_there_is_somewhere_to_type_it_in(profile: EcuProfile) -> None:
     task = task_with(profile)
-    said = " ".join(render(shown(task, GAINS, supply_table(task, GAINS))).split())
+    pid = {"supply_table": supply_table_json(task, GAINS, supply_table(task, GAINS))}
+    parts = there(gains.supply_table(pid), gains.tables_of_gains(pid))
+    said = " ".join("".join(render(shown(part)) for part in parts).split())
     has = profile.scheduling in (Scheduling.TABLE, Scheduling.CODE)
     assert has == (profile.name in ("emtron", "arduino", "generic"))
     assert has == ("Gains over the supply" in said)

@@ -36,7 +36,6 @@ from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
-from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fitted_model import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
@@ -253,9 +252,9 @@ def test_a_real_design_becomes_a_tune(tmp_path: Path) -> None:
     fit = results.result(results.rig(tmp_path / "rig"))
     fitted, rusefi = fit.fitted(), ECUS["rusefi"]
     modest = Requirements(**dict.fromkeys(REQUIRED, 1e9))
-    optimum = OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
-    brief = DesignSettings(draws=2, optimum=optimum)
-    task = task_of(fitted, ecu_of(fitted, **rusefi.fixes), modest, settings=brief, profile=rusefi)
+    task = task_of(
+        fitted, ecu_of(fitted, **rusefi.fixes), modest, settings=replace(results.BRIEF, draws=2), profile=rusefi
+    )
     design = propose(fitted, task, "amigo", {"amigo": RULES["amigo"]}, "laplace")
     designed = Designed(Fit(fit), design)
     with pytest.raises(UsageError, match="Name one"):

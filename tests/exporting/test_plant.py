@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import zipfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as Xml
@@ -40,8 +41,15 @@ MODELS: dict[str, Callable[[], Source]] = {"twin": twin, "several": lambda: expo
 every_model = pytest.mark.parametrize("model", MODELS)
 
 
-def ours(source: Source, gains: Gains = GAINS) -> np.ndarray:
+@cache
+def source_of(model: str) -> Source:
+    return MODELS[model]()
+
+
+@cache
+def ours(model: str, gains: Gains = GAINS) -> np.ndarray:
     """Angle at each tick of our own closed loop, rad."""
+    source = source_of(model)
     throttles = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float)[None], source.throttle)
     loop = Loop(throttles, Body(**{("gear_ratio" if k == "N" else k): v for k, v in source.body.items()}), ECU)
     path = loop.respond(Gains(*(np.array([each]) for each in gains)), SETPOINT)
@@ -81,7 +89,7 @@ def apart(source: Source, one: np.ndarray, other: np.ndarray) -> float:
 @pytest.mark.slow
 @every_model
 def test_the_loop_around_the_c_plant_is_ours(tmp_path: Path, model: str) -> None:
-    source = MODELS[model]()
+    source = source_of(model)
     plant = exports.CPlant(C.export(source), tmp_path / "c")
     seen = plant.begin(begins(source))
 
@@ -89,10 +97,10 @@ def test_the_loop_around_the_c_plant_is_ours(tmp_path: Path, model: str) -> None
         _, angle, _, shown, *_ = plant.drive(volts, STEPS)
         return angle, shown
 
-    found = apart(source, ours(source), closed(source, seen[3], drive))
+    found = apart(source, ours(model), closed(source, seen[3], drive))
     print(f"{model}: C plant in the loop within {found:.2e} of the travel")
     assert found < WITHIN
-    assert apart(source, ours(source), ours(source, Gains(12.0, 60.0, 0.27))) > WITHIN  # it would have been seen
+    assert apart(source, ours(model), ours(model, Gains(12.0, 60.0, 0.27))) > WITHIN  # it would have been seen
 
 
 @exports.needs_a_compiler
@@ -103,7 +111,7 @@ def test_the_loop_around_the_fmu_is_ours(tmp_path: Path, model: str) -> None:
     from fmpy.fmi3 import FMU3Slave
     from fmpy.validation import validate_fmu
 
-    source = MODELS[model]()
+    source = source_of(model)
     (archive,) = written(fmu.FMU.export(source), tmp_path)
     assert validate_fmu(str(archive)) == []
     description = fmpy.read_model_description(str(archive))
@@ -125,7 +133,7 @@ def test_the_loop_around_the_fmu_is_ours(tmp_path: Path, model: str) -> None:
         angle, shown = slave.getFloat64(asked)
         return angle, shown
 
-    found = apart(source, ours(source), closed(source, slave.getFloat64(asked)[1], drive))
+    found = apart(source, ours(model), closed(source, slave.getFloat64(asked)[1], drive))
     slave.terminate()
     slave.freeInstance()
     print(f"{model}: FMU in the loop within {found:.2e} of the travel")

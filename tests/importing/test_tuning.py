@@ -15,6 +15,7 @@ from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import RUSEFI
 from etcfit.rig.base import Measurement, Rig
 from etcfit.rig.reader import read_folder
+from independent.cars import draw_car, log_of
 
 DEFAULT = TuneSettings()
 GAINS = Terms(6.2, 40.0, 0.05)
@@ -146,6 +147,23 @@ def test_what_such_a_log_cannot_tell_is_held_and_the_duty_acts_a_tick_later() ->
     assert "t_a = { fixed = 0 }" in text  # of an ECU whose delay is said to be none
     assert "R_a = { fixed" in text
     assert "actuation_delay" not in made(log(100.0), GAINS).files["rig.toml"]
+
+
+@pytest.mark.parametrize("seed", [9200, 9201, 9206])
+def test_the_fit_starts_at_the_angle_where_the_springs_hold_the_plate_alone(seed: int) -> None:
+    """Cars of the independent generator, of 100, 200 and 500 rows a second; read to half a degree."""
+    car = draw_car(seed)
+    seen = log_of(car, seed)
+    columns = {"time [s]": seen["Time (s)"], "position [%]": seen["TPS (%)"], "setpoint [%]": seen["ETB Target (%)"],
+               "duty [%]": seen["ETB Duty (%)"]}  # fmt: skip
+    rig = Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
+    lines = made(rig, GAINS).files["rig.toml"].splitlines()
+    (start,) = (float(line.split()[2]) for line in lines if line.startswith("theta_lh"))
+    assert start == pytest.approx(car.effects.limp_home_spring.angle, abs=0.009)
+
+
+def test_a_plate_that_no_duty_pulls_down_tells_no_such_angle() -> None:
+    assert "theta_lh" not in made(log(500.0)).files["rig.toml"]
 
 
 def test_pieces_are_cut_where_the_plate_rests() -> None:

@@ -294,7 +294,7 @@ def test_a_plate_let_go_at_another_instant_lies_as_in_a_new_batch_and_the_rest_i
 ) -> None:
     batch, substeps = laid(mixed())
     traces = tuple(t.released_at(t.release[0] + later, t.release[1]) if t.release else t for t in batch.traces)
-    found, wanted = batch.released(traces, CONFIG, substeps), batch_of(traces, CONFIG, substeps)
+    found, wanted = batch.with_times_of(traces, CONFIG, substeps), batch_of(traces, CONFIG, substeps)
     assert found.traces == traces
     for (lane, row, marks), (lane_anew, row_anew, marks_anew) in zip(found.places, wanted.places, strict=True):
         assert (lane, row) == (lane_anew, row_anew)

@@ -55,7 +55,7 @@ def test_compiled_functions_see_the_noise_with_outliers_weighed_down(problem: Es
 def test_priors_become_priors_on_coordinates() -> None:
     """x = value / scale for a real parameter: sd_x = sd / scale; without a prior sd is infinite."""
     known = free_parameters(replace(CONFIG, parameters={"T_PL": Prior(0.3, 0.02)}))
-    mean, sd = known.priors_on_coordinates()
+    mean, sd = known.priors_on_coordinates
     k = known.layout.free.index("T_PL")
     scale = known.layout.parameter("T_PL").domain.scale
     assert_allclose([mean[k], sd[k]], [0.3 / scale, 0.02 / scale])

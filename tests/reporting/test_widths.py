@@ -26,7 +26,7 @@ from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
 from etcfit.control.pid import RULES
-from etcfit.control.settings import DesignSettings, FleetDesignSettings, OptimumSettings
+from etcfit.control.settings import FleetDesignSettings
 from etcfit.estimation.agreement import Influence, Pull
 from etcfit.estimation.identifiability import Identifiability
 from etcfit.estimation.joint_fit import FitResult
@@ -52,7 +52,6 @@ from independent import hunting
 
 WIDTHS = (80, 100, 160)
 LONG = "response/second_day_with_the_new_harness/chirp_from_1_to_20_hertz.csv"
-BRIEF = DesignSettings(optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1))
 
 
 @pytest.fixture(scope="module")
@@ -135,13 +134,13 @@ def of_sines(fit: FitResult, folder: Path) -> RenderableType:
     traces = [trace for trace in rig.measurements if trace.test == "sine"]
     response = frequency_response(fit.fitted(), traces)
     assert response.points, response.warnings
-    return Group(reduction_table(fit.fitted(), reduce(fit.fitted()), 0), sine_table(response))
+    return Group(reduction_table(fit.fitted(), reduce(fit.fitted()), 0), sine_table(fit.fitted(), response))
 
 
 def of_design(fit: FitResult) -> RenderableType:
     """By quick rules, on a fleet and on the parts of one as well, judged by hand."""
     fitted = fit.fitted()
-    task = task_of(fitted, ecu_of(fitted), PAPERS, settings=BRIEF)
+    task = task_of(fitted, ecu_of(fitted), PAPERS, settings=results.BRIEF)
     design = propose(fitted, task, "manual", {name: RULES[name] for name in ("manual", "damping_optimum")}, "laplace")
     units = tuple(f"serial_{k}_of_line_4_week_31" for k in range(3))
     figures = LoopFigures(**{symbol: np.array([1.0, 2.0, 1234.5]) for symbol in FIGURES})
@@ -183,14 +182,20 @@ def check_whole(table: PlainTable, width: int) -> None:
     lines, said = text.splitlines(), " ".join(text.split()).rpartition("Left out at a width of ")[2]
     assert max(map(len, lines)) <= width
     for k, column in enumerate(table.columns):
-        if column.header in table.spare and column.header in said:
+        if column.head in table.spare and column.head in said:
             continue
-        assert all(any(word in line for line in lines) for word in column.header.split())
+        assert all(any(word in line for line in lines) for word in column.head.split())
         for row in table.rows:
             cell = row[k].plain
-            parts = cell.split() if column.prose else cell.replace("/", "/\0").split("\0") if column.paths else [cell]
+            parts = (
+                cell.split()
+                if column.kind == "prose"
+                else cell.replace("/", "/\0").split("\0")
+                if column.kind == "path"
+                else [cell]
+            )
             for part in parts:
-                assert any(part in line for line in lines), (column.header, part, width)
+                assert any(part in line for line in lines), (column.head, part, width)
 
 
 def check_fits(part: RenderableType, width: int) -> None:
@@ -229,7 +234,7 @@ def test_names_of_parameters_and_files_are_never_left_out(fit: FitResult) -> Non
     """What a row is of stands in its first columns, and these cannot be spared."""
     parts = [fit_table(fit), of_check(fit), of_advice(fit), diagnosis_table(diagnoses.diagnosis(fit.rig))]
     for table in (table for part in parts for table in tables_in(part)):
-        assert table.columns[0].header not in table.spare
+        assert table.columns[0].head not in table.spare
 
 
 def test_what_is_spared_first_in_a_fit_is_the_meaning(fit: FitResult) -> None:

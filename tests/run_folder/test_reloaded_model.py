@@ -13,7 +13,6 @@ import pytest
 import etcfit
 import results
 from etcfit.control.pid import RULES
-from etcfit.control.settings import DesignSettings
 from etcfit.estimation.result import FitResult
 from etcfit.exporting import FORMATS
 from etcfit.model.rig_effects import rig_effect
@@ -73,7 +72,7 @@ def reduced(run: Path, out: Path) -> Any:
 def designed(run: Path, out: Path) -> Any:
     with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, QUICK, clear=True):
         patch.setattr("etcfit.control.design.binding", lambda task: ("stub",))
-        return etcfit.design(run, rule="manual", settings=DesignSettings(draws=5), quiet=True).gains
+        return etcfit.design(run, rule="manual", settings=results.BRIEF, quiet=True).gains
 
 
 def advised(run: Path, out: Path) -> Any:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from ...car_log import Study, record_next
@@ -13,9 +15,9 @@ from ...car_log.criteria import Judgement, Verdict
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
 from ...rig.base import RigConfig
-from ..blocks import dashed, filled, headed, rig_title, sentences, spaced, stacked, table
-from ..html import Table
+from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
 from ..numbers import short
+from ..table import Cell, Column, Kind, Table, of_texts
 
 _MOST = 20  # steps that a table shows, the least good ones
 _NAMES = {"good": "good", "not good": "NOT GOOD", "cannot be said": "not known"}
@@ -36,9 +38,14 @@ def says_of(each: Study) -> tuple[str, ...]:
 
 def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
     """A row a threshold."""
-    rows = [(j.name, _found(j), _limit(j), _NAMES[j.word], j.where, j.source) for j in judgements]
-    marked = frozenset(k for k, j in enumerate(judgements) if j.word == "not good")
-    return Table(caption, ("figure", "found", "good is", "verdict", "where", "threshold from"), rows, 6, marked)
+    rows = [(j.name, _found(j), _limit(j), _judged(_NAMES[j.word], j), j.where, j.source) for j in judgements]
+    kinds: dict[str, Kind] = {"verdict": "word", "where": "prose", "threshold from": "prose"}
+    return of_texts(caption, ("figure", "found", "good is", *kinds), rows, 1, kinds, ("threshold from", "where"),
+                    file=_FILE)  # fmt: skip
+
+
+def _judged(word: str, each: Judgement) -> Cell:
+    return Cell(word, "bad" if each.word == "not good" else "")
 
 
 def in_a_word(verdict: Verdict) -> str:
@@ -63,9 +70,8 @@ def _steps(each: Study) -> Table:
              "-" if s.lag is None else f"{1e3 * s.lag:.0f}", f"{s.error:+.2f}", short(s.rms, 2))
             for s in sorted(worst, key=lambda s: s.begin)]  # fmt: skip
     more = f", the {_MOST} slowest of {len(each.steps)}" if len(each.steps) > _MOST else ""
-    return Table(f"Steps of the setpoint{more}",
-                 ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms",
-                  "error at rest %", "rms %"), rows, 0)  # fmt: skip
+    heads = ("at s", "from %", "to %", "overshoot % of step", "settling ms", "half way ms", "error at rest %", "rms %")
+    return of_texts(f"Steps of the setpoint{more}", heads, rows, 0, spare=("rms %", "half way ms"), file=_FILE)
 
 
 def _ranges(each: Study) -> Table | None:
@@ -75,7 +81,7 @@ def _ranges(each: Study) -> Table | None:
         (f"{r.low:.0f} to {r.high:.0f}", short(r.seconds), short(r.rmse), f"{r.mean:+.2f}")
         for r in each.tracking.ranges
     ]
-    return Table("Error by parts of the travel", ("setpoint %", "s", "rms %", "mean %"), rows, 1)
+    return of_texts("Error by parts of the travel", ("setpoint %", "s", "rms %", "mean %"), rows)
 
 
 def _duty(each: Study) -> Table | None:
@@ -90,29 +96,22 @@ def _duty(each: Study) -> Table | None:
         ("limit", at),
         ("at its limit", f"{100.0 * d.saturated:.2g} % of the time, {d.longest:.2g} s at the longest"),
     ]
-    return Table("Duty", ("figure", "found"), rows, 2)
+    return of_texts("Duty", ("figure", "found"), rows, 2)
 
 
 def _settings(each: Study) -> Table | None:
     if each.sensors is None:
         return None
     rows = [(s.ecu, s.name, f"{s.value:g}", s.unit) for s in each.sensors.table]
-    return Table("Both sensors: what to type into the ECU", ("ECU", "setting", "value", "unit"), rows, 2)
+    return of_texts("Both sensors: what to type into the ECU", ("ECU", "setting", "value", "unit"), rows, 2,
+                    {"unit": "word"})  # fmt: skip
 
 
-# without lag: RMSE against the setpoint delayed by the lag
-_HEADS = ("length", "between %", "share of time %", f"{100 * SHARE:.0f} % of time within %", "dominant Hz",
-          "half of power below Hz", "RMSE %", "RMSE +- %", "lag ms", "lag +- ms", "RMSE without lag %",
-          "setpoint moves %/s")  # fmt: skip
-_SPARE = ("setpoint moves %/s", "half of power below Hz", "RMSE without lag %", "between %", "dominant Hz", "length")
 _FILE = "drive.json of --out RUN"
-_PROSE = ("where", "threshold from")
-_MAY_GO = ("threshold from", "where", "rms %", "half way ms")
 
 
 def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     """A row a log, then each log held against the thresholds; of two logs also what changed."""
-    rows = [(each.log.name, f"{np.ptp(each.log.position.time):.0f} s", *_cells(each)) for each in studies]
     logs = [each.log for each in studies]
     # as the file names them: a pedal that passes for the plate shows here
     columns = [f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
@@ -121,8 +120,7 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
                  for lack in record_next(logs)]  # fmt: skip
     return stacked(
         rig_title(config, "logs from the car"),
-        table("In per cent of the travel; +-: one standard error", ("log", *_HEADS), rows, paths=("log",), spare=_SPARE,
-              file=_FILE),
+        shown(logs_table(studies)),
         sentences("Columns that were taken", columns),
         sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         *(part for each in studies for part in _answer(each)),
@@ -134,20 +132,17 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
 def compared_table(config: RigConfig, before: Study, after: Study) -> RenderableType:
     """What changed from one log to the other: the verdict, then a row a figure."""
     was = {each.name: each for each in before.verdict.judgements}
-    rows, marked = [], set[int]()
+    rows = []
     for now in after.verdict.judgements:
         if (then := was.get(now.name)) is None or (then.value is None and now.value is None):
             continue
-        if now.word == "not good":
-            marked.add(len(rows))
         limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
-        rows.append((now.name, " / ".join(limits), _change(then, now), _found(then), _found(now)))
+        rows.append((now.name, " / ".join(limits), _judged(_change(then, now), now), _found(then), _found(now)))
     head = ("figure", "good is", "verdict", before.log.name, after.log.name)
-    changes = Table("What changed", head, rows, 3, frozenset(marked))
     return stacked(
         rig_title(config, "two logs from the car"),
         spaced(Text(f"{before.log.name} -> {after.log.name}: {verdict(before, after)}")),
-        headed(changes.caption, shown(changes)),
+        shown(of_texts("What changed", head, rows, 3, file=_FILE)),
         sentences("At rest, and both sensors",
                   [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
     )  # fmt: skip
@@ -163,39 +158,60 @@ def _change(then: Judgement, now: Judgement) -> str:
     return words[1] if words[0] == words[1] else " -> ".join(words)
 
 
-def shown(table: Table) -> RenderableType:
-    """A table of the page in a terminal."""
-    rows = [[Text(cell, style="bold red" if k in table.marked else "") for cell in row]
-            for k, row in enumerate(table.rows)]  # fmt: skip
-    return filled(table.head, rows, left=max(table.words, 1), prose=[name for name in _PROSE if name in table.head],
-                  spare=[name for name in _MAY_GO if name in table.head], file=_FILE)  # fmt: skip
-
-
-def good_enough(each: Study) -> RenderableType:
+def good_enough(each: Study) -> Table:
     """One log held against the thresholds, with what was found at rest and of its sensors."""
-    return Group(shown(judgements_table(each.verdict.judgements)), *dashed(says_of(each)))
+    return replace(
+        judgements_table(each.verdict.judgements), title=f"{each.log.name}: good enough?", notes=says_of(each)
+    )
 
 
 def _answer(each: Study) -> Iterator[RenderableType]:
     yield spaced(Text(f"{each.log.name}: {in_a_word(each.verdict)}", style="bold"))
     yield from dashed(says_of(each))
-    yield from (headed(f"{each.log.name}: {one.caption}", shown(one)) for one in tables_of(each))
+    yield from (shown(replace(one, title=f"{each.log.name}: {one.title}")) for one in tables_of(each))
 
 
-def _cells(each: Study) -> tuple[str, ...]:
-    use, tones, follows = each.usage, each.spectrum, each.tracking
-    where = (
-        f"{use.bounds[0]:g}..{use.bounds[1]:g}",
-        f"{100.0 * use.between:.1f}",
-        "{:.1f} .. {:.1f}".format(*use.shortest),
-    )
-    speed = ("-", "-") if tones is None else (short(tones.dominant), f"{tones.half:.2f}")
-    if follows is None:
-        return (*where, *speed, "-", "-", "-", "-", "-", "-")
-    lag = None if follows.lag is None else 1e3 * follows.lag
-    off = f"{follows.rmse:.2f}", _spread(follows.stderr, 0.01)
-    late = ("-", "-") if lag is None else (f"{lag:.0f}", _spread(follows.lag_stderr, 0.1, 1e3))
-    return (*where, *speed, *off, *late, short(follows.left), short(follows.demand))
+def logs_table(studies: Sequence[Study]) -> Table:
+    """A row a log."""
+    return Table("In per cent of the travel; +-: one standard error", (
+        Column("log", "log", "path"), Column("length", lambda row: f"{row['seconds']:.0f} s", spare=7),
+        Column("between %", lambda row: "{:g}..{:g}".format(*row["study"].usage.bounds), spare=5),
+        Column("share of time %", lambda row: f"{100.0 * row['share_between']:.1f}"),
+        Column(f"{100 * SHARE:.0f} % of time within %",
+               lambda row: "{:.1f} .. {:.1f}".format(*row["study"].usage.shortest)),
+        Column("dominant Hz", "dominant_hz", spare=6),
+        Column("half of power below Hz", lambda row: _fixed(row["half_hz"], 2), spare=3),
+        Column("RMSE %", lambda row: _fixed(row["rmse_pct"], 2)),
+        Column("RMSE +- %", lambda row: _spread(row["rmse_stderr"], 0.01)),
+        Column("lag ms", lambda row: _fixed(row["lag_s"], 0, 1e3)),
+        Column("lag +- ms", lambda row: _spread(row["lag_stderr"] if row["lag_s"] is not None else None, 0.1, 1e3)),
+        # against the setpoint delayed by the lag
+        Column("RMSE without lag %", "left_pct", spare=4), Column("setpoint moves %/s", "demand_pct_s", spare=2),
+        Column("verdict", lambda row: in_a_word(row["study"].verdict), "word", spare=1)),
+        [_row(each) for each in studies], file=_FILE)  # fmt: skip
+
+
+def _row(each: Study) -> dict[str, Any]:
+    """A record of a log; None for what it does not tell."""
+    follows, tones = each.tracking, each.spectrum
+    return {
+        "log": each.log.name,
+        "seconds": float(np.ptp(each.log.position.time)),
+        "share_between": each.usage.between,
+        "dominant_hz": tones and tones.dominant,
+        "half_hz": tones and tones.half,
+        "rmse_pct": follows and follows.rmse,
+        "rmse_stderr": follows and follows.stderr,
+        "lag_s": follows and follows.lag,
+        "lag_stderr": follows and follows.lag_stderr,
+        "left_pct": follows and follows.left,
+        "demand_pct_s": follows and follows.demand,
+        "study": each,
+    }
+
+
+def _fixed(value: float | None, decimals: int, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{scale * value:.{decimals}f}"
 
 
 def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:

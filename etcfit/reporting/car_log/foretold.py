@@ -12,8 +12,9 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...car_log.foretold import Comparison, Figure
-from ..blocks import filled, headed, spaced
+from ..blocks import shown, spaced
 from ..numbers import short
+from ..table import Cell, of_texts
 
 NAMES = {"present": "present", "half_way": "half-way", "proposed": "proposed"}
 
@@ -55,12 +56,12 @@ def foretold_table(held: Held) -> RenderableType:
     """A row a figure: foretold, what still is as foretold, found."""
     levels = held.told["large_steps"]
     rows = [(f"{figure.name}, {figure.unit}", _between(figure.low, figure.high), _allowed(figure), _value(figure.found),
-             "as foretold" if figure.as_foretold else Text("NOT as foretold", style="bold red"))
+             "as foretold" if figure.as_foretold else Cell("NOT as foretold", "bad"))
             for figure in held.found.figures]  # fmt: skip
     title = (f"{held.log}: {held.found.steps} steps from {levels['low_pct']:g} to {levels['high_pct']:g} % of the "
              f"travel and back, beside what {held.run} foretold for the {NAMES[held.made_with]} gains")  # fmt: skip
-    table = filled(("figure", "foretold", "as foretold", "in this log", "verdict"), rows, words=("verdict",))
-    return Group(headed(title, table), spaced(Text(held.says)))
+    heads = ("figure", "foretold", "as foretold", "in this log", "verdict")
+    return Group(shown(of_texts(title, heads, rows, 1, {"verdict": "word"})), spaced(Text(held.says)))
 
 
 def _value(value: float) -> str:

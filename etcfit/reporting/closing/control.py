@@ -13,7 +13,8 @@ import numpy as np
 
 from ...errors import command
 from ...model.ecus import ECUS, Pasting
-from ..control.verdicts import answer
+from ...run_folder.pid import design_json
+from ..control.sentence import sentence
 from ..numbers import short
 from ..tune import answer as tune_answer
 from . import Closing, number_of
@@ -61,12 +62,13 @@ def of_design(design: Design, state: FitState, run: Path) -> Closing:
         further = command("export", run, "--to", _TUNE)
     else:
         further = command("report", run)
-    return Closing(answer(design), _with(state, run, further), (run / "pictures" / "control" / "responses.png",))
+    return Closing(sentence(design_json(design)), _with(state, run, further),
+                   (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 
 def of_fleet_design(design: Design, run: Path) -> Closing:
     """Gains for the units of a fleet: one of them, the nominal one, is exported no further."""
-    return Closing(answer(design), "try the gains on one unit on the bench, its plate free of an engine",
+    return Closing(sentence(design_json(design)), "try the gains on one unit on the bench, its plate free of an engine",
                    (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 

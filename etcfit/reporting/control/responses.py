@@ -25,11 +25,15 @@ from ...model.ecu import Notation
 from .. import style
 from ..numbers import short
 from .sentence import UNSTABLE, Place, doubt, hardest, hardest_place, misses
-from .verdicts import of_models
 
 _COLUMNS = 2
 _BEFORE = 0.03  # s shown ahead of the change
 _LEFT, _RIGHT = 0.09, 0.985
+
+
+def _models(design: Design) -> str:
+    """What the models are beside the nominal one."""
+    return "units" if design.origin == "fleet" else "draws"
 
 
 def draw(design: Design) -> Figure:
@@ -84,7 +88,7 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     _limits(panel, level, asked)
     wanted = design.setpoint.at(np.maximum(time[seen], level.begins - 0.5 * _BEFORE)) - level.after
     panel.plot(since, 100.0 * upwards * wanted, color=style.MEASURED, lw=1.2, label="setpoint")
-    draw_band(panel, since, upwards * (band if upwards > 0.0 else band[::-1]), of_models(design))
+    draw_band(panel, since, upwards * (band if upwards > 0.0 else band[::-1]), _models(design))
     panel.set(xlim=(-_BEFORE, level.ends - level.begins))
     turned = "" if upwards > 0.0 else ", drawn upwards"
     where = f"{place.scenario}, {100.0 * level.before:.3g} → {100.0 * level.after:.3g} % of travel{turned}"
@@ -203,7 +207,7 @@ def _scenario(panel: Axes, design: Design, name: str) -> None:
     seen = (time >= begin) & (time < end - 0.5 * design.task.ecu.period)  # there the next scenario begins
     since = time[seen] - begin
     panel.plot(since, 100.0 * setpoint.at(time[seen]), color=style.MEASURED, lw=1.2, label="setpoint")
-    draw_band(panel, since, chosen.band[:, seen], of_models(design))
+    draw_band(panel, since, chosen.band[:, seen], _models(design))
     panel.set_title(f"{name}\n{_says(chosen.scenarios[name])}", loc="left", fontsize=10)
     panel.set(xlabel="time [s]", ylabel="position [% travel]", xlim=(0.0, end - begin))
 

@@ -1,4 +1,4 @@
-"""What the proposed gains do where something fails: for stdout, and one picture."""
+"""One picture of what the proposed gains do where something fails; `failures.py` has the tables."""
 
 from __future__ import annotations
 
@@ -7,101 +7,11 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from rich.console import RenderableType
 
 from ...control.design import Design
 from .. import style
-from ..blocks import sentences, stacked, table
 from ..numbers import short
-
-
-def safety_table(design: Design) -> RenderableType:
-    """Sentences on jam check and heat, then a row a failure."""
-    return stacked(
-        sentences("Jam check", jam_words(design)),
-        _sensors(design),
-        _sags(design),
-        table(
-            "The springs bring it back",
-            ("no current, from %", "open terminals s", "shorted s", "rests at %"),
-            [(_pct(each.opening), _seconds(each.cut_s), _seconds(each.shorted_s), " to ".join(map(_pct, each.rests)))
-             for each in design.safety.returns],
-        ),
-        sentences("Holding", holding_words(design)),
-    )  # fmt: skip
-
-
-def jam_words(design: Design) -> list[str]:
-    """The pair proposed, why, and its margins."""
-    found, settings = design.safety, design.settings.safety
-    seen = found.envelope
-    tried = (
-        f"{seen.models} models, each under conditions of a car, in every scenario: error up to {_pct(seen.largest)} %"
-    )
-    check = found.jam
-    if check is None:
-        return [tried, f"none proposed: no threshold up to {_pct(settings.most)} % is undercut within "
-                f"{settings.within:g} s with {settings.reserve:g} times in hand"]  # fmt: skip
-    kept = "no error tried is kept up so long" if check.sustained == 0.0 else (
-        f"the largest error kept up so long is {_pct(check.sustained)} %")  # fmt: skip
-    told = ", ".join(f"{name} {short(after)} s" for name, after in check.tells.items() if after is not None)
-    return [
-        tried,
-        f"proposed: an error above {_pct(check.error)} % for more than {check.timeout:g} s; the least threshold that "
-        f"gets along with {settings.within:g} s at {settings.reserve:g} times in hand",
-        f"no false trip: a sound throttle is further off for {short(check.longest)} s at most, {kept}",
-        f"a plate held since the first change of a scenario is told after: {told or 'none'}; while no more is asked "
-        "of it than the threshold, never",
-    ]
-
-
-def _pct(share: float) -> str:
-    return short(100.0 * share)
-
-
-def _seconds(value: float | None) -> str:
-    return "never" if value is None else short(value)
-
-
-def _sensors(design: Design) -> RenderableType | None:
-    settings = design.settings.safety
-    rows = [(each.fault, _pct(each.opens), _seconds(each.jam_after), _pct(each.jam_opens), _seconds(each.apart_after),
-             _pct(each.apart_opens)) for each in design.safety.sensors]  # fmt: skip
-    head = ("sensor at 25 %", "unchecked\nopens to %", "jam check\nafter s", "\nopens to %", "two sensors\nafter s",
-            "\nopens to %")  # fmt: skip
-    said = (f"The position sensor fails (at {settings.supply:g} V; two sensors: {_pct(settings.apart)} % apart for "
-            f"{settings.apart_for:g} s; worst of hot and cold, little and much friction)")  # fmt: skip
-    return table(said, head, rows)
-
-
-def _sags(design: Design) -> RenderableType | None:
-    settings, trips = design.settings.safety, {None: "-", True: "YES", False: "no"}
-    rows = [(each.name, _pct(each.opening), _pct(each.closes), _pct(each.opens), _seconds(each.back_after),
-             _pct(each.wound), trips[each.false_trip]) for each in design.safety.sags]  # fmt: skip
-    crank = " then ".join(
-        f"{v:g} V for {1e3 * t:g} ms" for v, t in zip(settings.crank, settings.crank_for, strict=True)
-    )
-    said = f"The supply sags (dip: {settings.dip:g} V for {1e3 * settings.dip_for:g} ms; crank: {crank})"
-    return table(said, ("supply", "held %", "falls %", "overshoots %", "back s", "integral %", "seen as jam"), rows)
-
-
-def holding_words(design: Design) -> list[str]:
-    """Current, heat, and how long the full duty may last."""
-    held, settings = design.safety.holding, design.settings
-    k = int(np.argmax(np.abs(held.current)))
-    said = [f"{short(abs(held.current[k]))} A and {short(held.watts[k])} W in the winding at most, at "
-            f"{_pct(held.shares[k])} % of the travel; full duty against a stop: {short(held.stall_A)} A, "
-            f"{short(held.stall_W)} W"]  # fmt: skip
-    if held.rise is None or held.longest is None:
-        said.append(
-            "how warm the winding becomes is not known: the model has no winding heating; power is all there is"
-        )
-        return said
-    limit = f"{settings.safety.insulation:g} degrees Celsius"
-    lasts = f"{short(held.longest)} s to {limit}" if math.isfinite(held.longest) else f"never up to {limit}"
-    said.append(f"in the long run {short(float(np.max(held.rise)))} K warmer; full duty from "
-                f"{settings.conditions.bench:g}: {lasts}")  # fmt: skip
-    return said
+from .failures import pct
 
 
 def draw(design: Design) -> Figure:
@@ -134,7 +44,7 @@ def _jam(panel: Axes, design: Design) -> None:
     if check is not None:
         panel.plot([100.0 * check.error], [check.timeout], "*", ms=17, color=style.READING, zorder=3, ls="none",
                    label="proposed")  # fmt: skip
-        title = f"Jam check: an error above {_pct(check.error)} % of travel for {check.timeout:g} s"
+        title = f"Jam check: an error above {pct(check.error)} % of travel for {check.timeout:g} s"
     panel.set(
         xlabel="error of the position [% of travel]",
         ylabel="longest time above that error [s]",

@@ -17,7 +17,7 @@ from ...problem.prediction_error import PredictionError, logged_unit
 from ...problem.trace import Trace
 from ..numbers import short
 from ..pictures import all_traces
-from ..pool import Pool, grouped
+from ..pool import Entry, entries
 from ..traces import source
 
 DEGREES = 180.0 / np.pi
@@ -82,67 +82,23 @@ def in_degrees(rows: Sequence[PredictionError], scales: Mapping[str, float]) -> 
 _LESS = 0.95  # of an error that counts as smaller
 
 
-@dataclass(frozen=True)
-class Entry:
-    """One channel of one test, all its traces pooled.
-
-    Args:
-        test, channel, unit, held_out: which; the unit as shown: positions in degrees, all else as logged.
-        before, after: errors of the first and of the final model.
-        unknown: of the final model with what no effect explains added as a smooth curve; None where nothing is left.
-    """
-
-    test: str
-    channel: str
-    unit: str
-    held_out: bool
-    before: Pool
-    after: Pool
-    unknown: Pool | None
-
-    @property
-    def name(self) -> str:
-        return f"{self.test} · {self.channel.replace('_', ' ')}"
-
-    def change(self) -> str:
-        """ "2.10 → 0.340 deg"."""
-        return f"{short(self.before.rms)} → {short(self.after.rms)} {self.unit or '1'}"
-
-    def known(self) -> bool:
-        """True where both models could be simulated."""
-        return bool(np.isfinite(self.before.ratio) and np.isfinite(self.after.ratio))
-
-
 def ledger(diagnosis: Diagnosis) -> tuple[Entry, ...]:
-    """Held-out traces first, then the fitted ones, each in the order of the data."""
+    """Held-out traces first, then the fitted ones, each in the order of the data; positions in degrees, all else as
+    logged."""
     before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
     degrees = scales(before)
-    held_out = before.score_holdout, after.score_holdout, unknown.holdout if unknown else ()
-    fitted = before.score_fit, after.score_fit, unknown.fit if unknown else ()
-    return (
-        *_entries(*(in_degrees(rows, degrees) for rows in held_out), held_out=True),
-        *_entries(*(in_degrees(rows, degrees) for rows in fitted), held_out=False),
-    )
-
-
-def _entries(
-    before: Sequence[PredictionError],
-    after: Sequence[PredictionError],
-    unknown: Sequence[PredictionError],
-    held_out: bool,
-) -> list[Entry]:
-    shared = {row.file for row in after}  # a trace of another rig has no error afterwards
-    was, now, then = grouped([row for row in before if row.file in shared]), grouped(after), grouped(unknown)
-    return [Entry(*key, held_out, Pool.of(was[key]), Pool.of(now[key]), Pool.of(then[key]) if key in then else None)
-            for key in was if key in now]  # fmt: skip
+    fitted = after.score_fit, before.score_fit, unknown.fit if unknown else ()
+    held_out = after.score_holdout, before.score_holdout, unknown.holdout if unknown else ()
+    (now, was, then), others = ([in_degrees(rows, degrees) for rows in part] for part in (fitted, held_out))
+    return entries(now, others[0], (was, others[1]), (then, others[2]))
 
 
 def headline(diagnosis: Diagnosis) -> str:
     """The ledger in one sentence: the largest error on traces that were never fitted, before and after."""
-    entries = [entry for entry in ledger(diagnosis) if entry.known()]
-    if not entries:
+    known = [entry for entry in ledger(diagnosis) if entry.known()]
+    if not known:
         return "The model cannot be simulated"
-    worst = max(entries, key=lambda entry: (entry.held_out, entry.before.ratio))
+    worst = max(known, key=lambda entry: (entry.held_out, entry.before.ratio))
     where = f"{'held-out ' if worst.held_out else ''}{worst.channel.replace('_', ' ')} error ({worst.test})"
     was, now = (f"{short(pool.rms)} {worst.unit or '1'}" for pool in (worst.before, worst.after))
     sigma = short(worst.before.ratio, 2), short(worst.after.ratio, 2)

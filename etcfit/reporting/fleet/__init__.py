@@ -6,7 +6,7 @@ Source: AIAG, Statistical Process Control, 2nd ed. 2005 (Cpk of 1.33), and Measu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +15,9 @@ from rich.text import Text
 
 from ...errors import first_names
 from ...ranges import check_ranges, real, whole
-from ..blocks import sentences, stacked, table
+from ..blocks import all_shown, stacked
 from ..numbers import Digits, short
+from ..table import Cell, Column, Kind, Notes, Table, of_texts
 
 Content = Mapping[str, Any]  # fleet.json
 
@@ -147,6 +148,7 @@ def _effects_found(content: Content, judgement: Judgement) -> Iterator[Sentence]
 
 
 _FILE = "RUN/fleet.json"
+_UNIT: Mapping[str, Kind] = {"unit": "word"}
 _MOST = 20  # rows of units; fleet.json and the page have them all
 
 
@@ -154,15 +156,17 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
     """fleet.json for stdout."""
     return stacked(
         _head(content, judgement),
-        _population(content, judgement),
-        _capability(content, judgement),
-        _odd(content),
-        _drift(content),
-        _effects(content),
-        _figures(content),
-        _gauge(content, judgement),
-        _without("Not converged", content.get("not_converged") or ()),
-        _without("Failed, and in nothing above", content.get("failed") or ()),
+        all_shown(
+            population_table(content, judgement),
+            capability_table(content, judgement),
+            _odd(content),
+            _drift(content),
+            effects_table(content),
+            figures_table(content),
+            gauge_table(content, judgement),
+            _without("Not converged", content.get("not_converged") or ()),
+            _without("Failed, and in nothing above", content.get("failed") or ()),
+        ),
     )
 
 
@@ -174,19 +178,26 @@ def _head(content: Content, judgement: Judgement) -> RenderableType:
     return Group(head, *lines)
 
 
-def _population(content: Content, judgement: Judgement) -> RenderableType | None:
+def population_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+    """What is left of the units' differences once their own uncertainty is taken off."""
     rows = []
     for symbol, each in (content.get("population") or {}).items():
-        mean = _by(each["mean"], each["mean_ci95"], each["sd"])
-        spread = (Text("shared by all", style="dim"), "-") if each.get("shared", False) else (
-            _by(each["sd"], each["sd_ci95"], None), _span(each["sd_ci95"]))  # fmt: skip
-        count = "-" if (informed := each.get("informed")) is None else f"{informed:,}"
-        rows.append((symbol, mean, _span(each["mean_ci95"]), *spread, _cpk(each.get("cpk"), judgement), count,
-                     each["unit"]))  # fmt: skip
-    head = ("parameter", "mean", "95 % interval of mean", "spread, 1 sd", "95 % interval of spread", "Cpk",
-            "units that tell it", "unit")  # fmt: skip
-    spare = "units that tell it", "95 % interval of spread", "95 % interval of mean"
-    return table("Population", head, rows, words=("unit",), spare=spare, file=_FILE)
+        ends = {f"{name}_{side}": end for name in ("mean", "sd")
+                for side, end in zip(("low", "high"), each[f"{name}_ci95"] or (None, None), strict=True)}  # fmt: skip
+        rows.append({"symbol": symbol, "cpk": None, "shared": False, "informed": None, **each, **ends})
+
+    def own(show: Callable[[Mapping[str, Any]], str], instead: str) -> Callable[[Mapping[str, Any]], Cell]:
+        return lambda row: Cell(instead, "dim") if row["shared"] else Cell(show(row))
+
+    return Table("Population", (
+        Column("parameter", "symbol", "word"),
+        Column("mean", lambda row: _by(row["mean"], row["mean_ci95"], row["sd"])),
+        Column("95 % interval of mean", lambda row: _span(row["mean_ci95"]), spare=3),
+        Column("spread, 1 sd", own(lambda row: _by(row["sd"], row["sd_ci95"], None), "shared by all")),
+        Column("95 % interval of spread", own(lambda row: _span(row["sd_ci95"]), "-"), spare=2),
+        Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
+        Column("units that tell it", lambda row: "-" if row["informed"] is None else f"{row['informed']:,}", spare=1),
+        Column("unit", "unit", "word")), rows, file=_FILE)  # fmt: skip
 
 
 def _by(value: float | None, interval: Sequence[float] | None, spread: float | None) -> str:
@@ -202,71 +213,86 @@ def _span(interval: Sequence[float] | None) -> str:
     return Digits.of(max(abs(low), abs(high)), 0.5 * (high - low)).span(low, high)
 
 
-def _cpk(value: float | None, judgement: Judgement) -> Text:
-    return Text(short(value), style="bold red" if value is not None and value < judgement.capable else "")
+def _cpk(value: float | None, judgement: Judgement) -> Cell:
+    return Cell(short(value), "bad" if value is not None and value < judgement.capable else "")
 
 
-def _capability(content: Content, judgement: Judgement) -> RenderableType | None:
-    rows = []
-    for name, each in (content.get("capability") or {}).items():
-        of = Digits.of(each["mean"] or 0.0, each["sd"])
-        outside = "-" if each["outside"] is None else f"{short(100.0 * each['outside'], 2)} %"
-        rows.append((name, short(each["low"], 4), short(each["high"], 4), of(each["mean"]), of(each["sd"]),
-                     short(each["cp"]), _cpk(each["cpk"], judgement), _span(each["cpk_ci95"]), outside,
-                     each["unit"]))  # fmt: skip
-    head = ("limit of", "low", "high", "mean", "spread, 1 sd", "Cp", "Cpk", "95 % interval of Cpk", "outside", "unit")
-    spare = "Cp", "95 % interval of Cpk", "spread, 1 sd"
-    return table("Specification limits", head, rows, words=("unit",), spare=spare, file=_FILE)
+def _named(content: Content, kind: str, name: str) -> list[dict[str, Any]]:
+    """Records of what fleet.json holds by name."""
+    return [{name: key, **each} for key, each in (content.get(kind) or {}).items()]
 
 
-def _odd(content: Content) -> RenderableType | None:
+def _digits(row: Mapping[str, Any]) -> Digits:
+    return Digits.of(row["mean"] or 0.0, row["sd"])
+
+
+_MEAN = (
+    Column("mean", lambda row: _digits(row)(row["mean"])),
+    Column("spread, 1 sd", lambda row: _digits(row)(row["sd"]), spare=3),
+)
+
+
+def capability_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+    """What has limits, and how many units would lie outside."""
+    return Table("Specification limits", (
+        Column("limit of", "name", "word"), Column("low", "low", digits=4), Column("high", "high", digits=4), *_MEAN,
+        Column("Cp", "cp", spare=1), Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
+        Column("95 % interval of Cpk", lambda row: _span(row["cpk_ci95"]), spare=2),
+        Column("outside", lambda row: "-" if row["outside"] is None else f"{short(100.0 * row['outside'], 2)} %"),
+        Column("unit", "unit", "word")), _named(content, "capability", "name"), file=_FILE)  # fmt: skip
+
+
+def _odd(content: Content) -> Table:
     odd = content.get("odd") or ()
     rows = [(each["unit"], each["why"], short(each["distance"]), short(each["p"], 2)) for each in odd[:_MOST]]
-    return table(_of("Odd units, the oddest first", len(odd)), ("unit", "why", "distance", "p"), rows, left=2,
-                 prose=("why",), spare=("distance",), file=_FILE)  # fmt: skip
+    return of_texts(_of("Odd units, the oddest first", len(odd)), ("unit", "why", "distance", "p"), rows, 1,
+                    {"why": "prose"}, ("distance",), file=_FILE)  # fmt: skip
 
 
 def _of(name: str, count: int) -> str:
     return name if count <= _MOST else f"{name}: {_MOST} of {count:,}"
 
 
-def _drift(content: Content) -> RenderableType | None:
+def _drift(content: Content) -> Table:
     rows = [(each["symbol"], each["since"], f"{each['size']:+.3g}", each.get("unit"),
              "-" if (sd := each.get("size_sd")) is None else f"{sd:+.2g}", short(each.get("p"), 2))
             for each in content.get("drift") or ()]  # fmt: skip
-    return table("Drift", ("drift of", "since unit", "size", "unit", "in sd", "p"), rows, left=2, words=("unit",))
+    return of_texts("Drift", ("drift of", "since unit", "size", "unit", "in sd", "p"), rows, 2, _UNIT)
 
 
-def _effects(content: Content) -> RenderableType | None:
-    rows = [(name, f"{len(each['units']):,}", f"{each['of']:,}", short(each["median"]), each.get("symbol"),
-             each.get("unit")) for name, each in (content.get("effects") or {}).items()]  # fmt: skip
-    head = "effect", "units with it", "of", "median", "parameter", "unit"
-    return table("Effects beyond Eqs. 1-2", head, rows, words=("parameter", "unit"))
+def effects_table(content: Content) -> Table:
+    """Effects that the common model names."""
+    rows = [{**row, "present": len(row["units"])} for row in _named(content, "effects", "effect")]
+    return Table("Effects beyond Eqs. 1-2", (
+        Column("effect", "effect", "word"), Column("units with it", lambda row: f"{row['present']:,}"),
+        Column("of", lambda row: f"{row['of']:,}"), Column("median", "median"),
+        Column("parameter", lambda row: row.get("symbol") or "", "word"),
+        Column("unit", lambda row: row.get("unit") or "", "word")), rows)  # fmt: skip
 
 
-def _figures(content: Content) -> RenderableType | None:
-    rows = []
-    for name, each in (content.get("figures") or {}).items():
-        of = Digits.of(each["mean"] or 0.0, each["sd"])
-        cells = of(each["mean"]), of(each["sd"]), of.span(each["low"], each["high"])
-        rows.append((name.replace("_", " "), each["meaning"], *cells, each["unit"]))
-    head = "figure", "meaning", "mean", "spread, 1 sd", "95 % of units", "unit"
-    return table("What the line measures", head, rows, left=2, words=("unit",), prose=("meaning",), spare=("meaning",),
-                 file=_FILE)  # fmt: skip
+def figures_table(content: Content) -> Table:
+    """Of each unit's fitted model."""
+    return Table("What the line measures", (
+        Column("figure", lambda row: row["figure"].replace("_", " "), "word"),
+        Column("meaning", "meaning", "prose", spare=1), _MEAN[0], _MEAN[1]._replace(spare=0),
+        Column("95 % of units", lambda row: _digits(row).span(row["low"], row["high"])),
+        Column("unit", "unit", "word")), _named(content, "figures", "figure"), file=_FILE)  # fmt: skip
 
 
-def _gauge(content: Content, judgement: Judgement) -> RenderableType | None:
-    rows = []
-    for name, each in (content.get("gauge") or {}).items():
-        sizes = (short(each[key]) for key in ("repeatability", "reproducibility", "part", "total"))
-        share: Any = each["rr_percent"]
-        bad = share is not None and share > judgement.gauge
-        percent = Text("-" if share is None else f"{short(share)} %", style="bold red" if bad else "")
-        rows.append((name, *sizes, percent, short(each["ndc"], 2), each["unit"]))
-    head = "gauge of", "repeatability", "reproducibility", "part", "total", "R&R", "ndc", "unit"
-    return table("Gauge R&R, standard deviations", head, rows, words=("unit",), spare=("total", "part"), file=_FILE)
+def gauge_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+    """Repeatability and reproducibility."""
+
+    def percent(row: Mapping[str, Any]) -> Cell:
+        share = row["rr_percent"]
+        return Cell("-") if share is None else Cell(f"{short(share)} %", "bad" if share > judgement.gauge else "")
+
+    return Table("Gauge R&R, standard deviations", (
+        Column("gauge of", "symbol", "word"), Column("repeatability", "repeatability"),
+        Column("reproducibility", "reproducibility"), Column("part", "part", spare=2),
+        Column("total", "total", spare=1), Column("R&R", percent), Column("ndc", "ndc", digits=2),
+        Column("unit", "unit", "word")),
+        _named(content, "gauge", "symbol"), file=_FILE)  # fmt: skip
 
 
-def _without(name: str, units: Sequence[Any]) -> RenderableType | None:
-    lines = [f"{each['unit']}: {each['why']}" for each in units[:_MOST]]
-    return sentences(_of(name, len(units)), lines)
+def _without(name: str, units: Sequence[Any]) -> Notes:
+    return Notes(_of(name, len(units)), [f"{each['unit']}: {each['why']}" for each in units[:_MOST]])

@@ -7,36 +7,17 @@ from itertools import chain
 from typing import Any
 
 from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
+from ..control.gains import design_parts
+from ..control.plant import plant_tables, sine_parts
 from ..control.sentence import cautions, why_withheld, withheld
-from ..html import Table, environment, number, symbol, unit
+from ..html import environment, polynomial, symbol
+from ..pool import entries, errors_table
+from ..posterior import posterior_parts
+from ..table import Column, Table
+from ..tables import LOST, knowledge_parts, parameters_table
 from ..tune import tables_of_steps
-from .contents import Contents, logs_of, tuned_of
+from .contents import Contents, logs_of, rows_of, tuned_of
 from .pictures import BUDGET, groups
-from .tables import (
-    LOST,
-    assumed,
-    conditions_asked,
-    conditions_table,
-    formula,
-    gains_table,
-    influence_table,
-    jam_check,
-    ledger_table,
-    lumped_table,
-    metrics_table,
-    operating_point,
-    orders,
-    parameter_table,
-    parts_outside,
-    parts_table,
-    plant_table,
-    posterior_table,
-    safety_tables,
-    settings_table,
-    sines_table,
-    supply_table,
-    tables_of_gains,
-)
 from .verdict import model, verdict
 
 
@@ -49,7 +30,7 @@ def files_table(contents: Contents) -> Table:
         (file, role.get(file, "read"), digest or "no longer there") for file, digest in (fit.get("files") or {}).items()
     ]
     rows += [(name, "result", digest) for name, digest in contents.hashes.items()]
-    return Table("Files", ["file", "", "SHA-256"], rows, 3)
+    return Table("Files", (Column("file", 0, "word"), Column("", 1, "word"), Column("SHA-256", 2, "hash")), rows)
 
 
 def versions_table(contents: Contents) -> Table:
@@ -59,7 +40,16 @@ def versions_table(contents: Contents) -> Table:
         for name, version in (content.get("versions") or {}).items():
             steps.setdefault((name, version), []).append(kind.replace("_", " "))
     rows = [(name, version, ", ".join(kinds)) for (name, version), kinds in steps.items()]
-    return Table("Versions", ["", "version", "used by"], rows, 3)
+    return Table("Versions", (Column("", 0, "word"), Column("version", 1, "word"), Column("used by", 2, "word")), rows)
+
+
+def _errors(contents: Contents) -> Table:
+    """With a diagnosis before and after it, else of the fit alone."""
+    fitted, held_out = (rows_of(contents.score[part]) for part in ("fit", "holdout"))
+    found, before = contents.get("diagnosis"), None
+    if found:
+        before = rows_of(found["before"]["fit"]), rows_of(found["before"]["holdout"])
+    return errors_table(entries(fitted, held_out, before), bool(found))
 
 
 def stale(contents: Contents) -> list[str]:
@@ -82,7 +72,7 @@ def to_record(logs: Mapping[str, Any]) -> list[str]:
 def render(contents: Contents, budget: int = BUDGET) -> str:
     """The whole page, HTML; its pictures may take so many bytes."""
     made = environment(("etcfit.reporting.page", "template"))
-    made.filters |= {"number": number, "symbol": symbol, "unit": unit}
+    made.filters["symbol"] = symbol
     return made.get_template("page.html").render(**_parts(contents, budget))
 
 
@@ -99,38 +89,29 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "verdict": verdict(contents),
         "converged": contents.final.get("converged", True),
         "reason": contents.final.get("reason"),
-        "parameters": parameter_table(contents),
-        "lumped": lumped_table(contents),
-        "posterior": posterior_table(contents),
-        "influence": influence_table(contents),
+        "parameters": [
+            parameters_table(
+                contents.final["parameters"],
+                {} if contents.added else fit.get("lumped") or {},
+                "Parameters of the final model",
+            ),
+            *posterior_parts(contents.get("posterior")),
+            # the fit's own words: of a model that a diagnosis has replaced they say nothing any more
+            *knowledge_parts(contents.final if contents.added else {**fit, **contents.final}),
+        ],
         "lost": [s for s, p in contents.final["parameters"].items() if p["status"] == LOST],
-        # the fit's own words: of a model that a diagnosis has replaced they say nothing any more
-        "directions": [] if contents.added else [d["says"] for d in fit.get("not_identifiable") or ()],
-        "ledger": ledger_table(contents),
+        "ledger": _errors(contents),
         "diagnosis": diagnosis,
         "ties": _ties(diagnosis),
         "questions": [(each["asks"], likely_in_one_line(each["answers"])) for each in diagnosis.get("questions") or ()],
         "calibrated": CALIBRATED,
         "unexplained": _unexplained(diagnosis),
         "plant": plant,
-        "operating_point": operating_point(plant),
-        "formula": formula(plant),
-        "plant_table": plant_table(plant),
+        "formula": {key: polynomial(plant[key]) for key in ("num", "den")} if plant else None,
+        "plant_tables": plant_tables(plant),
         "plant_cautions": cautions(plant),
-        "sines": sines_table(response),
-        "orders": orders(response),
-        "gains": gains_table(pid),
-        "settings": settings_table(pid),
-        "assumed": assumed(pid),
-        "metrics": metrics_table(pid),
-        "conditions": conditions_table(pid),
-        "conditions_asked": conditions_asked(pid),
-        "on_parts": parts_table(pid),
-        "parts_outside": parts_outside(pid),
-        "supply_table": supply_table(pid),
-        "tables_of_gains": tables_of_gains(pid),
-        "jam_check": jam_check(pid),
-        "safety": safety_tables(pid),
+        "sines": sine_parts(response) if response.get("points") else [],
+        "gains": design_parts(pid) if pid else [],
         "gains_cautions": (why_withheld(pid),) if withheld(pid) else cautions(pid),
         "warnings": [*stale(contents), *_warnings(contents)],
         "to_record": to_record(logs_of(contents.run)),

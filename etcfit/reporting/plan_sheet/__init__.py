@@ -18,11 +18,12 @@ from ...files import whole
 from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
 from .. import style
-from ..blocks import rig_title, sentences, stacked, table
-from ..html import Table, environment
-from ..html import symbol as typeset_symbol
+from ..blocks import rig_title, sentences, shown, stacked
+from ..check_table import with_remark
+from ..html import environment
 from ..numbers import short
 from ..page.pictures import Picture, carried
+from ..table import Column, Table, of_texts
 from ..traces import headed as panels_headed
 from ..traces import stack
 
@@ -32,28 +33,23 @@ def plan_table(campaign: Campaign) -> RenderableType:
     why = list(dict.fromkeys(why for _, why in campaign.left_out))
     return stacked(
         rig_title(campaign.rig.config, f"the next {len(campaign.tests)} tests, {campaign.seconds:.0f} s of log"),
-        _tests(campaign),
-        _expected(campaign),
+        shown(tests_table(campaign)),
+        shown(_stderr(campaign.symbols, campaign.now, campaign.expected, _EXPECTED)),
         sentences("Cautions", campaign.cautions),
         sentences(f"Left out: {len(campaign.left_out)} candidates would exceed a limit, for example", why[:3]),
     )
 
 
-def _tests(campaign: Campaign) -> RenderableType | None:
-    rows = []
-    for test in campaign.tests:
-        note = campaign.remark(test)
-        says = test.candidate.plan.says + (f" ({note})" if note else "")
-        rows.append((test.file, says, f"{amps(test):.1f}", f"{hottest(test, campaign):.0f}", f"{test.pause:.0f}"))
-    head = "record as", "what", "current, A", "winding, degC", "pause, s"
-    return table("In this order", head, rows, left=2, prose=("what",), paths=("record as",))
-
-
-def _expected(campaign: Campaign) -> RenderableType | None:
-    rows = [(symbol, short(100.0 * now, 2), short(100.0 * then, 2), f"{then / now:.2f}")
-            for symbol, now, then in zip(campaign.symbols, campaign.now, campaign.expected, strict=True)]  # fmt: skip
-    head = "parameter", "standard error now, %", "expected after all tests, %", "expected/now"
-    return table("What these tests will tell", head, rows)
+def tests_table(campaign: Campaign) -> Table:
+    """The tests in the order in which they are made."""
+    rows = [{"file": t.file, "test": t.candidate.plan.test, "how": t.candidate.plan.says,
+             "seconds": t.candidate.seconds, "current": amps(t), "temperature": hottest(t, campaign),
+             "pause": t.pause, "remark": campaign.remark(t)} for t in campaign.tests]  # fmt: skip
+    return Table("In this order", (
+        Column("record as", "file", "path"), Column("what", with_remark, "prose"),
+        Column("current, A", lambda row: f"{row['current']:.1f}"),
+        Column("winding, degC", lambda row: f"{row['temperature']:.0f}"),
+        Column("pause, s", lambda row: f"{row['pause']:.0f}")), rows)  # fmt: skip
 
 
 def amps(test: PlannedTest) -> float:
@@ -74,7 +70,7 @@ _UNITS = {"current": ("A", 1.0), "position": ("deg", float(np.pi / 180.0)), "emf
           "motor_speed": ("rpm", float(np.pi / 30.0))}  # fmt: skip
 
 
-def shown(test: PlannedTest, campaign: Campaign) -> tuple[str, ...]:
+def panels_of(test: PlannedTest, campaign: Campaign) -> tuple[str, ...]:
     """Channels worth a panel: what is logged, and current and angle whether logged or not."""
     boundary = TEST_BY_NAME[test.candidate.plan.test].boundary
     still = {"position"} if boundary.plate_held or boundary.gear_apart else set()
@@ -85,7 +81,7 @@ def shown(test: PlannedTest, campaign: Campaign) -> tuple[str, ...]:
 
 def draw(test: PlannedTest, campaign: Campaign, number: int) -> Figure:
     """Panels one above the other on one time axis."""
-    names, plan = shown(test, campaign), test.candidate.plan
+    names, plan = panels_of(test, campaign), test.candidate.plan
     heights = [1.1] * (plan.volts is not None) + [1.8] * len(names) + [1.0] * ("current" in names)
     fig, panels = stack(heights, campaign.rig.config.synthetic)
     rest = list(panels)
@@ -190,13 +186,7 @@ def _render(campaign: Campaign, steps: list[Step]) -> str:
         supply=campaign.setting.supply,
         limits=_limits(campaign),
         winding=campaign.winding,
-        stderr=_stderr(
-            campaign.symbols,
-            campaign.now,
-            campaign.expected,
-            "Standard errors now and expected after all tests, %",
-            2.0,
-        ),
+        stderr=_stderr(campaign.symbols, campaign.now, campaign.expected, _EXPECTED),
         apart=any(TEST_BY_NAME[t.candidate.plan.test].boundary.gear_apart for t in campaign.tests),
         current=current,
         draws=campaign.settings.draws,
@@ -220,7 +210,7 @@ def _limits(campaign: Campaign) -> Table:
         rows.append(
             ("plate while driven", f"{math.degrees(s.rest + margin):.0f} to {math.degrees(s.open - margin):.0f}°", span)
         )
-    return Table("Limits, and the worst expected of them", ("", "limit", "worst expected"), rows)
+    return of_texts("Limits, and the worst expected of them", ("", "limit", "worst expected"), rows)
 
 
 def _in_window(test: PlannedTest) -> tuple[float, float]:
@@ -285,10 +275,16 @@ def _watch(name: str, test: PlannedTest) -> Iterator[str]:
 
 def _logger(campaign: Campaign, test: PlannedTest) -> Table:
     rows = [(c.header, short(c.low, 3), short(c.high, 3), short(c.resolution, 2)) for c in logger(test, campaign)]
-    return Table("Logger: columns of the CSV, range, resolution", ("header", "from", "to", "resolution or finer"), rows)
+    heads = ("header", "from", "to", "resolution or finer")
+    return of_texts("Logger: columns of the CSV, range, resolution", heads, rows)
 
 
-def _stderr(symbols: tuple[str, ...], before: np.ndarray, after: np.ndarray, caption: str, below: float) -> Table:
-    rows = [(typeset_symbol(s), short(100.0 * b, 2), short(100.0 * a, 2), f"{a / b:.2f}")
+_EXPECTED = "Standard errors now and expected after all tests, %"
+
+
+def _stderr(symbols: tuple[str, ...], before: np.ndarray, after: np.ndarray, title: str, below: float = 2.0) -> Table:
+    """A row a parameter whose standard error shrinks to less than `below` times what it is."""
+    rows = [(s, 100.0 * float(b), 100.0 * float(a), f"{a / b:.2f}")
             for s, b, a in zip(symbols, before, after, strict=True) if a < below * b]  # fmt: skip
-    return Table(caption, ("parameter", "now", "expected", "share"), rows)
+    return Table(title, (Column("parameter", 0, "symbol"), Column("now", 1, digits=2), Column("expected", 2, digits=2),
+                         Column("expected/now", 3)), rows)  # fmt: skip

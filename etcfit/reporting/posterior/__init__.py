@@ -1,56 +1,83 @@
-"""What a person sees of a posterior: the table for stdout."""
+"""A posterior, of posterior.json, for every view."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 from rich.console import RenderableType
-from rich.text import Text
 
 from ...posterior.profile import Profile
-from ...posterior.sampling import Marginal, Posterior
-from ...run_folder.posterior import disagree, narrower
-from ..blocks import filled, outcome, rig_title, sentences, spaced, stacked, table
+from ...posterior.sampling import Posterior
+from ...run_folder.posterior import narrower, parameters_json
+from ..blocks import all_shown, outcome, rig_title, sentences, spaced, stacked
 from ..numbers import Digits, short
-from ..tables import STATUS_STYLE
+from ..table import Cell, Column, Part, Table, there
+from ..tables import LOST, status_cell
 
 
 def posterior_table(posterior: Posterior, profiles: Mapping[str, Profile]) -> RenderableType:
-    """Parameters with their spread by Laplace, profile and posterior side by side, profiles, and the chain's end."""
+    """For stdout: parameters, profiles, and the chain's end."""
     chain, here = posterior.chain, posterior.convergence
     walkers = chain.ensembles[0].points.shape[1]
     sampled = f"{len(chain.ensembles)} ensembles of {walkers} walkers, {here.steps} steps, {here.burn} of them burn-in"
     end = f"{here.reason.rstrip('.')}; {100.0 * here.acceptance:.0f} % of moves accepted"
+    parts = posterior_parts({"parameters": parameters_json(posterior, profiles), "exact": posterior.exact})
     return stacked(
         rig_title(posterior.fit.rig.config, sampled),
-        _parameters(posterior, profiles),
-        table(
-            "Profile likelihood of what is weakly determined",
-            ("parameter", "profile", "rises by 3.84 at", "and at", "unit"),
-            [(s, p.kind, short(p.low), short(p.high), posterior.described[s][0]) for s, p in profiles.items()],
-            left=2,
-            words=("unit",),
-        ),
+        all_shown(*parts),
         spaced(outcome(here.converged, ("Converged", "NO POSTERIOR YET"), end)),
         sentences("Warnings", narrower(posterior)),
     )
 
 
-def _parameters(posterior: Posterior, profiles: Mapping[str, Profile]) -> RenderableType:
-    rows = [(*_row(symbol, m, profiles.get(symbol)), posterior.described[symbol][0],
-             Text(m.status, style=STATUS_STYLE[m.status])) for symbol, m in posterior.marginals.items()]  # fmt: skip
-    sd = "sd: Laplace", "sd: profile", "sd: posterior"
-    head = "parameter", "mean", "95 % interval", *sd, "apart", "ESS", "R-hat", "unit", "status"
-    spare = "ESS", *sd, "R-hat"
-    return filled(head, rows, words=("apart", "unit", "status"), prose=("status",), spare=spare,
-                  file="RUN/posterior.json")  # fmt: skip
+def posterior_parts(posterior: Mapping[str, Any]) -> list[Part]:
+    """Parameters with their spread by Laplace, profile and posterior side by side, then the profiles."""
+    parameters = posterior.get("parameters")
+    return there(parameters_table(posterior), _profiles(parameters)) if parameters else []
 
 
-def _row(symbol: str, m: Marginal, profile: Profile | None) -> tuple[str | Text, ...]:
-    tail = f"{m.ess:.0f}", f"{m.r_hat:.3f}"
-    profiled = "" if profile is None else short(profile.sd) if profile.sd else profile.kind
-    if m.status == "not identifiable":
-        return symbol, "-", "-", "-", profiled, "-", "", *tail
-    digits = Digits.of(m.mean, m.sd)
-    flag = Text("> 20 %" if disagree(m, profile) else "", style="bold yellow")
-    return symbol, digits(m.mean), digits.span(m.low, m.high), short(m.laplace), profiled, short(m.sd), flag, *tail
+def parameters_table(posterior: Mapping[str, Any]) -> Table:
+    """A row a parameter; one that is not identifiable gets no number."""
+    rows = [{"symbol": symbol, **each} for symbol, each in posterior["parameters"].items()]
+    exact = ", formulas of effects taken as exact (intervals of the fit allow for inexact ones)"
+    differ = "; in red where fit, profile and posterior differ by more than 20 % in width"
+    title = f"Posterior{exact if posterior.get('exact') else ''}{differ if any(r.get('apart') for r in rows) else ''}"
+    columns = (
+        Column("parameter", "symbol", "symbol"),
+        Column("meaning", lambda row: row.get("meaning", ""), "prose", spare=1),
+        Column("mean", lambda row: _digits(row)(row["mean"])),
+        Column("95 % interval", lambda row: _digits(row).span(*(row["ci95"] or (None, None)))),
+        Column("sd: Laplace", lambda row: "-" if _is_lost(row) else short(row.get("laplace_sd")), spare=3),
+        Column("sd: profile", _profiled, spare=4),
+        Column("sd: posterior", lambda row: _digits(row)(row["sd"]), spare=5),
+        Column("apart", lambda row: Cell("> 20 %", "bad") if row.get("apart") else "", "word"),
+        Column("ESS", lambda row: "-" if row.get("ess") is None else f"{row['ess']:.0f}", spare=2),
+        Column("R-hat", lambda row: short(row.get("r_hat"), 4), spare=6),
+        Column("unit", "unit", "unit"),
+        Column("status", lambda row: status_cell({"status": "", **row}), "prose"),
+    )
+    return Table(title, columns, rows, file="RUN/posterior.json")
+
+
+def _is_lost(row: Mapping[str, Any]) -> bool:
+    return row.get("status") == LOST
+
+
+def _digits(row: Mapping[str, Any]) -> Digits:
+    return Digits.of(row["mean"] or 0.0, row["sd"])
+
+
+def _profiled(row: Mapping[str, Any]) -> str:
+    """Its standard deviation, or what kind of profile it is where it has none."""
+    profile = row.get("profile") or {}
+    return short(profile["sd"]) if profile.get("sd") else profile.get("kind", "")
+
+
+def _profiles(parameters: Mapping[str, Any]) -> Table:
+    rows = [{"symbol": symbol, "unit": each["unit"], **each["profile"]} for symbol, each in parameters.items()
+            if (each.get("profile") or {}).get("ci95")]  # fmt: skip
+    columns = (Column("parameter", "symbol", "symbol"), Column("profile", "kind", "word"),
+               Column("rises by 3.84 at", lambda row: short(row["ci95"][0])),
+               Column("and at", lambda row: short(row["ci95"][1])), Column("unit", "unit", "unit"))  # fmt: skip
+    return Table("Profile likelihood of what is weakly determined", columns, rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,6 @@ from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
 from etcfit.run_folder.folder import RunFolder
-from etcfit.run_folder.state import load_diagnosis
 
 
 @pytest.fixture(scope="module")
@@ -88,13 +86,6 @@ def test_pictures_show_something(run: Path) -> None:
         pixels = imread(path)
         assert pixels[..., :3].std() > 0.02, path
         assert min(pixels.shape[:2]) > 300, path
-
-
-def test_diagnosis_and_state_agree(run: Path) -> None:
-    written = json.loads((run / "diagnosis.json").read_text(encoding="utf-8"))
-    layout = load_diagnosis(run).after.free_parameters.layout
-    assert [effect.name for effect in layout.types] == written["final"]["effects"]
-    assert {"T_lh", "theta_lh"} < set(layout.free) < set(written["parameters"])
 
 
 def test_what_is_not_there_is_not_drawn(found: Diagnosis) -> None:

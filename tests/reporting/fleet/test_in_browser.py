@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import pytest
 
 import browsing
 import fleet_pages as made
+from browsing import contrast
 from etcfit.reporting.fleet.page import write_fleet_page
 
 if TYPE_CHECKING:
@@ -255,7 +255,7 @@ def test_letters_and_marks_stand_out_from_their_paper(browser: Browser, few: Pat
     """WCAG 2.2: 4.5 of letters (1.4.3), in the cells of the matrix too; 3 of what is drawn (1.4.11)."""
     for scheme in ("light", "dark"):
         page = Visit(browser, few, 1300, scheme).page
-        colours = {name: rgb(page.evaluate(f"etcfit.colour('{name}')")) for name in
+        colours = {name: page.evaluate(f"etcfit.colour('{name}')") for name in
                    ("paper", "wash", "ink", "soft", "red", "green", "accent", "plain", "odd", "chosen",
                     "band")}  # fmt: skip
         for name in ("ink", "soft", "green", "red", "accent"):
@@ -268,24 +268,4 @@ def test_letters_and_marks_stand_out_from_their_paper(browser: Browser, few: Pat
             ".matrix button",
             "(all) => all.map((each) => [getComputedStyle(each).color, getComputedStyle(each).backgroundColor])",
         )
-        assert min(contrast(rgb(ink), rgb(paper)) for ink, paper in cells) >= 4.5
-
-
-def rgb(colour: str) -> list[float]:
-    """Shares of red, green and blue, from #abc, #aabbcc, rgb(...) or color(srgb ...)."""
-    if colour.startswith("#"):
-        digits = colour[1:] if len(colour) == 7 else "".join(2 * c for c in colour[1:])
-        return [int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4)]
-    numbers = [float(each) for each in re.findall(r"[\d.]+(?:e-?\d+)?", colour)[:3]]
-    return numbers if colour.startswith("color(") else [each / 255.0 for each in numbers]
-
-
-def contrast(one: list[float], other: list[float]) -> float:
-    """Ratio of relative luminances, WCAG 2.2."""
-    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
-    return (light + 0.05) / (dark + 0.05)
-
-
-def luminance(shares: list[float]) -> float:
-    red, green, blue = (s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+        assert min(contrast(ink, paper) for ink, paper in cells) >= 4.5

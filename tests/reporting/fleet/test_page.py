@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from copy import deepcopy
-from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,48 +14,9 @@ from jsonschema import Draft202012Validator, ValidationError
 import fleet_pages as made
 from etcfit.files import plain
 from etcfit.reporting.fleet.page import NAME, SCRIPTS, part, render, write_fleet_page
+from pages import Reader, assert_asks_for_nothing, unpacked
 
 SCHEMA = Path(__file__).resolve().parents[3] / "etcfit" / "run_folder" / "schemas" / "fleet.schema.json"
-
-
-class Reader(HTMLParser):
-    """Tags with their attributes, the words between them, and what stands in scripts and styles."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.inside: list[tuple[str, dict[str, str | None], str]] = []
-        self.words: list[str] = []
-        self.within = ""
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        self.within = tag
-
-    def handle_endtag(self, tag: str) -> None:
-        self.within = ""
-
-    def handle_data(self, data: str) -> None:
-        if self.within in ("script", "style"):
-            self.inside.append((*self.tags[-1], data))
-        else:
-            self.words.append(data)
-
-    @property
-    def data(self) -> dict[str, Any]:
-        (text,) = [data for _, attributes, data in self.inside if attributes.get("type") == "application/json"]
-        return json.loads(text)
-
-
-def unpacked(pack: dict[str, Any]) -> np.ndarray:
-    """Numbers as the page reads them."""
-    if "f32" in pack:
-        return pack["from"] + np.frombuffer(base64.b64decode(pack["f32"]), "<f4").astype(float)
-    if "i32" in pack:
-        return np.frombuffer(base64.b64decode(pack["i32"]), "<i4")
-    level = np.frombuffer(base64.b64decode(pack["i16"]), "<i2").astype(float)
-    return np.where(level == -32768, np.nan, pack["zero"] + pack["step"] * level)
 
 
 @pytest.fixture(scope="module")
@@ -93,13 +51,9 @@ def test_what_the_tests_draw_is_a_fleet_by_the_schema(fleet: made.Made) -> None:
 
 
 def test_it_is_one_file_that_asks_for_nothing(text: str) -> None:
-    page = Reader(text)
-    loads = [a[name] for _, a in page.tags for name in ("src", "href", "srcset", "action") if a.get(name)]
-    assert all(each is not None and each.startswith(("#", "data:", "units/")) for each in loads)
-    code = "".join(data for tag, _, data in page.inside if tag == "style") + "".join(map(part, SCRIPTS))
-    for word in ("url(", "@import", "fetch(", "XMLHttpRequest", "WebSocket", "sendBeacon", "localStorage", "http:",
-                 "https:", "innerHTML"):  # fmt: skip
-        assert word not in code
+    page, scripts = Reader(text), "".join(map(part, SCRIPTS))
+    assert_asks_for_nothing(page, scripts, "units/")
+    assert "innerHTML" not in scripts
     assert set(re.findall(r"https?://[^\s\"')]+", text)) == {"https://github.com/leeoniya/uPlot"}
     assert "Permission is hereby granted" in text
 

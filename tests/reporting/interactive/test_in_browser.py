@@ -9,6 +9,7 @@ import pytest
 
 import browsing
 import interactive_runs as made
+from browsing import contrast
 from etcfit.reporting.interactive import write_interactive
 
 if TYPE_CHECKING:
@@ -195,17 +196,3 @@ def test_letters_stand_out_from_their_paper(browser: Browser, few: Path) -> None
             for paper in ("paper", "wash"):
                 ratio = contrast(colours[name], colours[paper])
                 assert ratio >= 4.5, (scheme, name, paper, ratio)
-
-
-def contrast(one: str, other: str) -> float:
-    """Ratio of relative luminances, WCAG 2.2."""
-    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
-    return (light + 0.05) / (dark + 0.05)
-
-
-def luminance(colour: str) -> float:
-    digits = colour.lstrip("#")
-    digits = "".join(2 * c for c in digits) if len(digits) == 3 else digits
-    shares = [int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4)]
-    red, green, blue = (s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares)
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue

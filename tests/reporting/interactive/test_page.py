@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,44 +23,10 @@ from etcfit.reporting.interactive.plant import loop_json, simulation
 from etcfit.reporting.pictures import all_traces
 from etcfit.run_folder.folder import RunFolder
 from etcfit.run_folder.state import save_fit
+from pages import Reader, assert_asks_for_nothing, unpacked
 
 LIMIT = 8_000_000
 TWIN = Path(__file__).resolve().parents[3] / "measurements" / "bench_twin"
-
-
-class Reader(HTMLParser):
-    """Tags with their attributes, and what stands in scripts and styles."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.inside: list[tuple[str, dict[str, str | None], str]] = []
-        self.within = ""
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        self.within = tag
-
-    def handle_endtag(self, tag: str) -> None:
-        self.within = ""
-
-    def handle_data(self, data: str) -> None:
-        if self.within in ("script", "style"):
-            self.inside.append((*self.tags[-1], data))
-
-    @property
-    def data(self) -> dict[str, Any]:
-        (text,) = [data for _, attributes, data in self.inside if attributes.get("type") == "application/json"]
-        return json.loads(text)
-
-
-def unpacked(pack: dict[str, Any]) -> np.ndarray:
-    """Numbers as the page reads them."""
-    if "f32" in pack:
-        return pack["from"] + np.frombuffer(base64.b64decode(pack["f32"]), "<f4").astype(float)
-    level = np.frombuffer(base64.b64decode(pack["i16"]), "<i2").astype(float)
-    return np.where(level == -32768, np.nan, pack["zero"] + pack["step"] * level)
 
 
 @pytest.fixture(scope="module")
@@ -80,24 +42,8 @@ def text(written: RunFolder) -> str:
 
 
 def test_it_is_one_file_that_asks_for_nothing(text: str) -> None:
-    page = Reader(text)
     assert len(text.encode()) < LIMIT
-    loads = [a[name] for _, a in page.tags for name in ("src", "href", "srcset", "action", "data") if a.get(name)]
-    assert loads
-    assert all(each is not None and each.startswith(("#", "data:")) for each in loads)
-    code = "".join(data for tag, _, data in page.inside if tag == "style") + "".join(map(part, SCRIPTS))
-    for word in (
-        "url(",
-        "@import",
-        "fetch(",
-        "XMLHttpRequest",
-        "WebSocket",
-        "sendBeacon",
-        "localStorage",
-        "http:",
-        "https:",
-    ):
-        assert word not in code
+    assert_asks_for_nothing(Reader(text), "".join(map(part, SCRIPTS)))
     # the library's own address is in its head, and nowhere else is one
     assert set(re.findall(r"https?://[^\s\"')]+", text)) == {"https://github.com/leeoniya/uPlot"}
 

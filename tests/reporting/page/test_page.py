@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -52,9 +53,19 @@ def read(run: Path) -> Reader:
     return Reader(write_page(run).path.read_text(encoding="utf-8"))
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with everything in it, beside its measurements."""
+    folder = tmp_path_factory.mktemp("made")
+    runs.run_folder(folder, runs.LATER, lost=("B_L",))
+    return folder
+
+
 @pytest.fixture
-def full(tmp_path: Path) -> Path:
-    return runs.run_folder(tmp_path, runs.LATER, lost=("B_L",))
+def full(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be changed."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "run"
 
 
 def test_the_page_is_whole_and_asks_for_nothing(full: Path) -> None:
@@ -83,12 +94,12 @@ def test_it_says_what_the_files_say(full: Path) -> None:
     assert "SYNTHETIC DATA" in text
     for said in ("limp home spring", "limp home spring = backlash", "a slow ramp through the default angle",
                  "A torque that depends on angle", "explains most <of it>", "not identifiable", "ziegler nichols",
-                 "103.9", "MISS on the nominal model: settling time 0.310 s (limit 0.2 s)", "probability 0.040",
+                 "103.87", "MISS on the nominal model: settling time 0.310 s (limit 0.2 s)", "probability 0.040",
                  "it was 40.0 σ",
-                 "about angle 0.440 rad, angle 25.2 %;", "(V/rad)/s", "(V/rad) · s", "in red where fit, profile and",
-                 "one-sided", "open-loop static gain", "1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
+                 "about 25 % of the travel (0.4400 rad)", "V/rad, ticks", "in red where fit, profile and",
+                 "one-sided", "static gain 1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
                  "−20.00",
-                 "Loop: 1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
+                 "1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
                  "something is odd"):  # fmt: skip
         assert said in text
     for kind in ("fit", *runs.LATER):
@@ -100,7 +111,7 @@ def test_it_says_what_the_files_say(full: Path) -> None:
 def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
     assert "taken as exact" not in read(full).text
     runs.changed(full, "posterior", exact=["limp_home_spring"])
-    assert "formulas of effects taken as exact (the intervals above allow for inexact ones)" in read(full).text
+    assert "formulas of effects taken as exact (intervals of the fit allow for inexact ones)" in read(full).text
 
 
 def test_the_verdict_is_five_sentences_and_names_what_is_lost(full: Path) -> None:
@@ -203,14 +214,14 @@ def test_extra_keys_and_other_layouts_are_borne(full: Path) -> None:
 
 
 def test_settings_of_a_named_ecu_stand_on_the_page_with_what_is_assumed(full: Path) -> None:
-    assert "Settings for" not in read(full).text
+    assert "For Link" not in read(full).text
     written = {"name": "link", "title": "Link <G4X>", "source": "its help", "assumed": ["its unit"],
                "gains": {"P gain": {"value": 7.25, "unit": "%/%"}, "I gain": {"value": 110.0, "unit": "%/%, per s"},
                          "D gain": {"value": 0.0825, "unit": "%/%, times s"}},
                "limits": {"DC clamp": {"value": 87.5, "unit": "%"}}, "bias": None}  # fmt: skip
     runs.changed(full, "pid", profile=written)
     page = " ".join(read(full).text.split())
-    assert "Settings for Link <G4X>" in page
+    assert "For Link <G4X>: settings to type in" in page
     assert all(each in page for each in ("P gain", "7.2500", "%/%, per s", "0.082500", "87.500", "assumed: its unit"))
     assert "<G4X>" not in write_page(full).path.read_text(encoding="utf-8")  # what a file says is text
 
@@ -234,8 +245,8 @@ def test_gains_over_the_supply_stand_in_a_small_table(full: Path) -> None:
     runs.changed(full, "pid", supply_table=SUPPLY_TABLE)
     page = read(full)
     head, *rows = cells(page, caption)
-    assert head == ["", "9 V", "12 V", "15 V", "unit"]
-    assert rows[0] == ["P", "22.31", "16.73", "13.38", "%/%, seconds"]
+    assert head == ["gain", "9 V", "12 V", "15 V"]
+    assert rows[0] == ["P", "22.31", "16.73", "13.38"]
     assert [row[0] for row in rows] == ["P", "I", "D"]
     assert "at 9 V: it <helps> tracking there" in page.text
     assert page.open == []
@@ -264,16 +275,17 @@ def test_what_a_car_has_and_the_bench_has_not_is_asked_of_the_gains(full: Path) 
     runs.changed(full, "pid", conditions=conditions, requirements={"overshoot_pct": 10.0, "settling_s": 0.2})
     page = read(full)
     head, *rows = cells(page, "Away from the bench")
-    assert head == ["", "worst corner", "required", "unit", "met"]
+    assert head == ["figure", "worst corner", "required", "unit", "met"]
     assert rows == [
         ["overshoot", "7.50", "≤ 10.0", "%", "yes"],
         ["settling time", "never", "≤ 0.200", "s", "NO"],
         ["gain margin", "4.25", "", "dB", ""],
     ]
     text = " ".join(page.text.split())
-    assert "Supply 9 to 15 V, winding −20 to 130 °C, dry friction 0.5 to 1.5 times the bench's." in text
-    assert "Hardest at 9 V, 130 °C, friction 0.5. 12.5 % of the models" in text
-    assert "Not stable at every corner." in text
+    assert "supply 9 to 15 V, winding -20 to 130 degrees Celsius, dry friction 0.5 to 1.5 times the bench's" in text
+    assert "not met at every corner; 0.12 of the draws" in text
+    assert "hardest at 9 V, 130 degrees Celsius, friction 0.5" in text
+    assert "not stable at every corner" in text
     assert page.open == []
     runs.changed(full, "pid", conditions=None)
     assert "Away from the bench" not in read(full).text
@@ -297,18 +309,18 @@ def test_every_rule_stands_on_the_parts_with_its_worst_unit(full: Path) -> None:
         "of_run": [],
         "left_out": {"u12": "odd: <far> off"},
         "rules": {"simc": on_parts(0.5), "ziegler_nichols": on_parts(0.75)},
-        "conditions": {"corners": {"share_met": 0.25}, "drawn": {"share_met": 0.125}, "hardest": hardest},
+        "conditions": {"corners": {"share_met": 0.25, "of": 12}, "drawn": {"share_met": 0.125}, "hardest": hardest},
     }
     runs.changed(full, "pid", parts=parts)
     page = read(full)
     head, first, second = cells(page, "On the parts of line")
-    assert head[1:3] == ["met, % of 12 units", "% of 199 drawn"]
+    assert head[1:3] == ["met by, % of 12 units", "% of 199 drawn"]
     assert first == ["simc", "50.0", "25.0", "1.25", "never", "u&lt;7&gt;", "settling time", "never", "0.200 s"]
     assert second[:3] == ["ziegler nichols", "75.0", "37.5"]
     text = " ".join(page.text.split())
-    assert "Hardest: u3 at 9 V, gain margin −1.50 dB, limit 0 dB." in text
-    assert "Outside the bench 25.0 % of the measured units" in text
-    assert "Not judged: u12, odd: <far> off" in text
+    assert "hardest: u3 at 9 V: gain margin -1.50 dB, asked 0 dB: missed" in text
+    assert "outside the bench: 3 of 12 units meet everything" in text
+    assert "not judged: u12, odd: <far> off" in text
     assert "they do on 38 % of parts drawn from the fleet “line <4>”" in text  # in the verdict, of the proposed rule
     assert page.open == []
 

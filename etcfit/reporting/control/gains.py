@@ -1,0 +1,338 @@
+"""Gains, of pid.json: every rule, the proposed ones as each ECU writes them, and how they fare; for every view."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+
+from ...control.loop_figures import EFFORT, FIGURES, MARGINS, REQUIRED, TRACKING
+from ...model.ecus import ECUS, Pasting, Scheduling, named
+from ..numbers import short
+from ..table import Column, Notes, Part, Table, or_never, there
+from .failures import safety_parts
+from .sentence import CURE, doubt, state_of, withheld
+from .units import fleet_parts, parts_table
+
+Pid = Mapping[str, Any]
+GAINS = {"Kp": "V/rad", "Ki": "V/(rad s)", "Kd": "V s/rad"}
+
+
+def design_parts(pid: Pid) -> list[Part]:
+    """All that terminal and page say of gains."""
+    kept = withheld(pid)
+    typed = [Notes("Nothing to paste", [CURE])] if kept else [own_units_table(pid), gains_table(pid), *pasted(pid)]
+    return there(rules_table(pid), figures_table(pid), how_to_read(pid), refused(pid), *typed, *fleet_parts(pid),
+                 loop_table(pid), scenario_table(pid), conditions_table(pid), parts_table(pid),
+                 None if kept else supply_table(pid), tables_of_gains(pid), against_effort(pid), *safety_parts(pid),
+                 binding(pid))  # fmt: skip
+
+
+def rule_rows(pid: Pid) -> list[dict[str, Any]]:
+    """A record a rule: gains (SI), figures of the nonlinear model, whether it meets everything, why it has none."""
+    none, rows = dict.fromkeys((*GAINS, *FIGURES)), []
+    for name, rule in (pid.get("rules") or {}).items():
+        stable = bool(rule.get("stable", True)) and rule["gains"] is not None
+        rows.append({"rule": name, **none, **(rule["gains"] or {}), **(rule["nonlinear"] or {}), "stable": stable,
+                     "met": stable and all(rule["met"].values()), "probability_met": rule["probability_met"],
+                     "why": rule["why_not"] or ""})  # fmt: skip
+    return rows
+
+
+def rules_table(pid: Pid) -> Table:
+    """Gains, and whether they meet what is required; of a model that is no estimate its state stands there."""
+    word, asked = doubt(state_of(pid)), pid.get("margins_asked") or {}
+
+    def met(row: Mapping[str, Any]) -> Any:
+        if row["Kp"] is None:
+            return "-"
+        return (word or row["met"]) if row["stable"] else "unstable"
+
+    def margins(row: Mapping[str, Any]) -> Any:  # a loop that has none misses none
+        return all(row[symbol] is None or row[symbol] >= asked.get(symbol, 0.0) for symbol in MARGINS)
+
+    def chance(row: Mapping[str, Any]) -> str:
+        return "-" if row["probability_met"] is None else f"{row['probability_met']:.2f}"
+
+    judged = [Column(head, lambda row, show=show: "-" if word or row["Kp"] is None else show(row), "word")
+              for head, show in (("margins", margins), (share_of(pid), chance))]  # fmt: skip
+    gains = [Column(f"{name}\n{unit}", name) for name, unit in GAINS.items()]
+    return Table("Gains of every rule", (Column("rule", "rule", "name"), *gains, Column("met", met, "word"), *judged),
+                 rule_rows(pid))  # fmt: skip
+
+
+def share_of(pid: Pid) -> str:
+    """What a share of the models is called."""
+    return "units" if (pid.get("posterior") or {}).get("origin") == "fleet" else "P(met)"
+
+
+def figures_table(pid: Pid) -> Table:
+    """What the gains of every rule do on the nonlinear model."""
+    columns = [Column(f"{of.heading}\n{of.unit}", symbol) for symbol, of in FIGURES.items() if of.heading]
+    rows = [row for row in rule_rows(pid) if row["Kp"] is not None]
+    return Table("What they do", (Column("rule", "rule", "name"), *columns), rows)
+
+
+def how_to_read(pid: Pid) -> Notes:
+    """What the figures are of, what is required, the models and the ECU."""
+    scenarios, asked = (pid.get("setpoint") or {}).get("scenarios") or (), pid.get("margins_asked") or {}
+    limits = ((FIGURES[symbol], limit) for symbol, limit in (pid.get("requirements") or {}).items()
+              if symbol in REQUIRED and limit is not None)  # fmt: skip
+    margins = ", ".join(f"{asked[symbol]:g} {FIGURES[symbol].unit}" for symbol in MARGINS if symbol in asked)
+    said = [f"required: {', '.join(f'{of.name} < {limit:g} {of.unit}' for of, limit in limits)}; margins {margins}"]
+    if scenarios:
+        said = [f"figures are of the nonlinear model, the worst of {len(scenarios)} scenarios; RMSE is the tracking "
+                "error on the trapezoid of 5 to 45 % at 1 Hz, or on the log where that is larger; a settling time of "
+                "-: not settled before the setpoint changes again; duty %: its standard deviation while the setpoint "
+                "rests", *said]  # fmt: skip
+    said += _judges(pid)
+    known = ((pid.get("rules") or {}).get("as_found") or {}).get("gains")
+    if "period_s" in pid["ecu"] and "delay_s" in pid["ecu"]:
+        habits = ", ".join(_habits(pid["ecu"]))
+        said.append(f"ECU: {habits}" + ("; what the command does not give is [ecu]'s of rig.toml" if known else ""))
+    if known:
+        said.append("as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them")
+    return Notes("How to read it", said)
+
+
+def _judges(pid: Pid) -> Iterator[str]:
+    """The models beside the nominal one."""
+    state, over = state_of(pid), pid.get("posterior") or {}
+    source = "posterior" if over.get("origin") == "posterior" else "the fit's Laplace approximation"
+    if state.compromise is not None:
+        source += ", as wide as the ranges that subsets of the data give"
+    what = f"share of {over.get('draws')} models whose response meets everything and whose linear loop is stable; "
+    if doubt(state):
+        yield f"met, margins and P(met) are not said of a model that is not the plant; the draws are from {source}"
+    elif over.get("origin") == "fleet":
+        yield f"units: {what}the mean unit, on which all other figures are, then extreme and random ones of the fleet"
+    elif over.get("draws"):
+        yield f"P(met): {what}drawn from {source}"
+
+
+def _habits(ecu: Mapping[str, Any]) -> Iterator[str]:
+    """Clock, delay, filter and limit, then what not every ECU has."""
+    clock, late, slow = (f"{short(1e3 * ecu[key])} ms" for key in ("period_s", "delay_s", "derivative_filter_s"))
+    yield f"ticks of {clock}"
+    yield f"delay {late}"
+    yield f"derivative filter {slow}"
+    yield f"output within {short(ecu.get('duty_limit', 1.0) * ecu['supply_V'])} V"
+    says = {
+        "input_filter_s": lambda v: f"its input filtered by {short(1e3 * v)} ms",
+        "noise_rad": lambda v: f"noise of a reading {short(np.degrees(v), 2)} degrees",
+        "integral_limit": lambda v: f"integral within {short(v * ecu['supply_V'])} V",
+        "dead_band_rad": lambda v: f"integral still within {short(np.degrees(v))} degrees",
+        "divides_by_battery": lambda v: "divided by the battery voltage",
+        "slew_V_per_s": lambda v: f"output no faster than {short(v)} V/s",
+    }
+    yield from (says_it(ecu[key]) for key, says_it in says.items() if ecu.get(key))
+    if (weight := ecu.get("setpoint_weight", 1.0)) != 1.0:
+        yield f"proportional part of {short(weight)} setpoint - position"
+    if (weight := ecu.get("derivative_weight", 1.0)) != 1.0:
+        of = f"{short(weight)} setpoint - position" if weight else "the position alone"
+        yield f"derivative of {of}"
+
+
+def refused(pid: Pid) -> Notes:
+    return Notes("No gains", [f"{row['rule']}: {row['why']}" for row in rule_rows(pid) if row["why"]])
+
+
+def own_units_table(pid: Pid) -> Table | None:
+    """Every rule's gains as [ecu] of rig.toml writes them: numbers to type in."""
+    own = pid.get("as_written")
+    if not own or not pid.get("rules"):
+        return None
+    clock = {"seconds": "I per s, D in s",
+             "ticks": f"I and D by the tick of {short(1e3 * pid['ecu']['period_s'])} ms"}  # fmt: skip
+    rows = [{"rule": name, **rule["as_written"]} for name, rule in pid["rules"].items() if rule["as_written"]]
+    return Table(f"The same gains as [ecu] of rig.toml writes them: {own['unit']}, {clock[own['form']]}",
+                 (Column("rule", "rule", "name"), *(Column(name, name, digits=4) for name in "PID")), rows)  # fmt: skip
+
+
+def gains_table(pid: Pid) -> Table | None:
+    """The proposed gains in SI, and as the ECU wants them; None where nothing may be typed in, see `withheld`."""
+    if withheld(pid):
+        return None
+    made, gains, ecu = pid.get("profile") or {}, pid["gains"], pid["ecu"]
+    rows = [("continuous time", *(gains[name] for name in GAINS), "V/rad, s")]
+    if not made.get("says"):  # an ECU whose unit is not published gets no numbers in ticks
+        rows.append((f"ticks of {short(1e3 * ecu['period_s'])} ms", *(ecu[name] for name in "PID"), "V/rad, ticks"))
+        if made:
+            each = made["gains"].values()
+            rows.append((made["title"], *(one["value"] for one in each), next(iter(each))["unit"]))
+    if own := pid.get("as_written"):
+        rows.append(("as in rig.toml", *(own[name] for name in "PID"), f"{own['unit']}, {own['form']}"))
+    columns = (Column("proposed", 0, "word"), *(Column(name, k, digits=5) for k, name in enumerate("PID", start=1)))
+    return Table(f"Gains of {pid['rule']}, found {_ahead(pid)}", (*columns, Column("unit", 4, "word")), rows)
+
+
+def _ahead(pid: Pid) -> str:
+    """With which terms of feed-forward they were found."""
+    make, terms = pid.get("profile"), (pid.get("feed_forward_terms") or {}).get("terms") or ()
+    others = [term for term in terms if term != "spring"]
+    if pid.get("feed_forward"):
+        said = "with the bias curve"
+    elif make and make["bias"] is None:
+        said = f"without a bias curve: {make['title']} has none"
+    else:
+        said = "WITHOUT the bias curve: leave it at 0, or design with --feed-forward"
+    return said + (f"; with {' and '.join(others)} put ahead by code of yours" if others else "")
+
+
+def pasted(pid: Pid) -> list[Part]:
+    """What is typed or pasted into the named make of ECU, what its gains mean, and what is assumed of it."""
+    made = pid.get("profile")
+    if not made:
+        return [Notes("For no ECU in particular", ["--ecu NAME designs in its own controller and writes what to paste. "
+                                                   f"NAME is one of {', '.join(ECUS)}."])]  # fmt: skip
+    lines = [line for each in constants(made) for line in Xml.tostring(each, "unicode").splitlines()]
+    tune_file = named(made["name"]).pasting is Pasting.TUNE_FILE
+    return there(
+        Notes(_for(made), lines, code=True) if tune_file else settings_table(pid),
+        Notes("What these gains mean", made.get("says") or ()),
+        Notes(CODE, made.get("code") or (), code=True),
+        Notes("Assumed of it", [f"assumed: {each}" for each in made["assumed"]]),
+    )
+
+
+def _for(made: Mapping[str, Any]) -> str:
+    return f"For {made['title']}: {named(made['name']).pasting.value}"
+
+
+CODE = "Behind its PID, in your own code, at each tick, in %; rate begins at 0 and before at the target"
+
+
+def constants(written: Mapping[str, Any]) -> Iterator[Xml.Element]:
+    """A `<constant>` a setting, as TunerStudio writes them into a .msq.
+
+    Source: .msq files of rusEFI; `digits` is what TunerStudio shows of a value.
+    """
+    for name, gain in written["gains"].items():
+        yield _constant({"digits": "4", "name": name}, f"{gain['value']:.8g}")
+    for name, limit in written["limits"].items():
+        yield _constant({"digits": "0", "name": name}, f"{limit['value']:.1f}")
+    for name, row in (written["bias"] or {}).items():
+        values = "".join(f"\n  {float(value)}" for value in row)
+        yield _constant({"cols": "1", "digits": "2", "name": name, "rows": str(len(row))}, f"{values}\n")
+
+
+def _constant(attributes: dict[str, str], text: str) -> Xml.Element:
+    made = Xml.Element("constant", attributes)
+    made.text = text
+    return made
+
+
+def settings_table(pid: Pid) -> Table | None:
+    """What the make of ECU is given that was named, in its own words; None where none was, or nothing may be given."""
+    made = pid.get("profile")
+    if not made or withheld(pid):
+        return None
+    rows = [(name, short(each["value"], 5), each["unit"]) for name, each in (made["gains"] | made["limits"]).items()]
+    rows += [(name, " ".join(short(value, 4) for value in row), "%") for name, row in (made["bias"] or {}).items()]
+    return Table(_for(made), (Column("setting", 0, "word"), Column("value", 1, "prose"), Column("unit", 2, "word")),
+                 rows)  # fmt: skip
+
+
+def loop_table(pid: Pid) -> Table:
+    """How the proposed gains do on the linear and on the nonlinear model, and what was asked of them."""
+    linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))
+    rows = [{"of": of, "linear": "" if symbol in EFFORT else short(linear.get(symbol)),
+             "nonlinear": nonlinear.get(symbol), **_asked(pid, symbol, pid.get("met") or {})}
+            for symbol, of in FIGURES.items() if symbol in linear or symbol in nonlinear]  # fmt: skip
+    return Table(f"The loop with the gains of {pid['rule']}", (
+        Column("figure", lambda row: row["of"].name, "word"), Column("linear model", "linear"),
+        Column("nonlinear model", "nonlinear"), *_REQUIRED), rows, _bridge(pid))  # fmt: skip
+
+
+def _bridge(pid: Pid) -> list[str]:
+    ohm = ((pid.get("settings") or {}).get("loop") or {}).get("bridge_ohm")
+    return [] if ohm is None else [f"the bridge has {ohm:g} ohm"]
+
+
+_REQUIRED = (Column("required", "required"), Column("unit", lambda row: row["of"].unit, "unit"),
+             Column("met", "met", "word"))  # fmt: skip
+
+
+def _asked(pid: Pid, symbol: str, met: Mapping[str, bool]) -> dict[str, str]:
+    """What is required of a figure, and whether it is met; a word where the model is no estimate."""
+    most, word = (pid.get("requirements") or {}).get(symbol), doubt(state_of(pid))
+    return {"required": "" if most is None else f"<= {short(most)}",
+            "met": "" if symbol not in met else word or ("yes" if met[symbol] else "NO")}  # fmt: skip
+
+
+def scenario_table(pid: Pid) -> Table:
+    """The proposed gains, scenario by scenario."""
+    rows = [{"scenario": name, **figures} for name, figures in (pid.get("scenarios") or {}).items()]
+    columns = [Column(f"{FIGURES[symbol].heading}\n{FIGURES[symbol].unit}", symbol) for symbol in TRACKING]
+    title = f"{pid['rule']} in every scenario (nonlinear model)"
+    return Table(title, (Column("scenario", "scenario", "word"), *columns), rows)
+
+
+def conditions_table(pid: Pid) -> Table | None:
+    """The proposed gains at the worst corner of what a car has and the bench has not; None where that was not asked."""
+    found = pid.get("conditions")
+    if not found:
+        return None
+    rows = [{"of": of, "worst": or_never(found["worst"][symbol]), **_asked(pid, symbol, found["met"])}
+            for symbol, of in FIGURES.items() if symbol in found["worst"]]  # fmt: skip
+    columns = (Column("figure", lambda row: row["of"].name, "word"), Column("worst corner", "worst"), *_REQUIRED)
+    return Table("Away from the bench", columns, rows, _conditions(pid, found))
+
+
+def _conditions(pid: Pid, found: Mapping[str, Any]) -> list[str]:
+    """Which conditions, where it is hardest, and how many of the models meet everything there."""
+    supply, winding, friction = (" to ".join(f"{end:g}" for end in found[key])
+                                 for key in ("supply_V", "winding_degC", "friction_over_bench"))  # fmt: skip
+    reckons = ("the ECU divides by the battery voltage" if pid["ecu"].get("divides_by_battery") else
+               "a duty is a share of the supply that there is")  # fmt: skip
+    at, whose = found["hardest"], "units" if share_of(pid) == "units" else "draws"
+    met = "met" if found["stable"] and all(found["met"].values()) else "not met"
+    said = [f"supply {supply} V, winding {winding} degrees Celsius, dry friction {friction} times the bench's; "
+            f"{reckons}: requirements {met} at every corner; {found['probability_met']:.2f} of the {whose}, each under "
+            "conditions of its own, meet them",
+            f"hardest at {at['supply_V']:g} V, {at['winding_degC']:g} degrees Celsius, friction "
+            f"{at['friction_over_bench']:g}"]  # fmt: skip
+    return said if found["stable"] else [*said, "not stable at every corner"]
+
+
+_NOWHERE = (Scheduling.NONE.name.lower(), Scheduling.UNKNOWN.name.lower())
+
+
+def supply_table(pid: Pid) -> Table | None:
+    """The gains over the supply; None where the ECU that was named has nowhere to type them, or none were made."""
+    made = pid.get("supply_table")
+    if not made or made["ecu_has"] in _NOWHERE or withheld(pid):
+        return None
+    heads = [Column(f"{supply:g} V", k, digits=4) for k, supply in enumerate(made["supply_V"], start=1)]
+    title = f"Gains over the supply that keep the loop what it is, in {made['unit']}, {made['form']}"
+    rows = [(name, *row) for name, row in made["gains"].items()]
+    return Table(title, (Column("gain", 0, "word"), *heads), rows)
+
+
+def tables_of_gains(pid: Pid) -> Notes | None:
+    """Who has tables of gains, and what they are worth."""
+    made = pid.get("supply_table")
+    return None if not made or withheld(pid) else Notes("Tables of gains", made.get("says") or ())
+
+
+def against_effort(pid: Pid) -> Notes | None:
+    """What a calmer duty would cost, and what gains without any reserve would win."""
+    points, figures = pid.get("front"), pid.get("nonlinear") or {}
+    if points is None:
+        return None
+    both = ((short(each["rmse_pct"]), short(each["duty_activity_pct"], 2)) for each in (figures, *points))
+    (rmse, activity), *others = both
+    said = [f"proposed: RMSE {rmse} % at a duty that moves {activity} %"]
+    calm = dict.fromkeys(pair for pair, point in zip(others, points, strict=True) if point["met"])
+    if calm:
+        said.append("within everything else that is required, on the nominal model: "
+                    + "; ".join(f"{rmse} % at {activity} %" for rmse, activity in calm))  # fmt: skip
+    return Notes("Tracking against effort", said)
+
+
+def binding(pid: Pid) -> Notes:
+    """What keeps any gains from meeting everything."""
+    return Notes("Not met. What binds: eased alone, each of these would let the optimum meet everything",
+                 pid.get("limits") or ())  # fmt: skip
