@@ -15,10 +15,12 @@ from __future__ import annotations
 import ast
 import importlib
 import os
+import time
 from pathlib import Path
 from typing import Any
 
 __version__ = "0.2.0"
+IMPORTED_AT = time.time()  # s since the epoch; a source that changed later may not be what runs in this process
 
 # the model is stiff and the fit compares nested models: 32 bit is not enough. Read by JAX when it is first imported
 os.environ.setdefault("JAX_ENABLE_X64", "1")

@@ -73,5 +73,6 @@ from .rig.reader import read_folder as read_folder
 from .stages import run as run
 
 __version__: str
+IMPORTED_AT: float
 MODULE_OF: dict[str, str]
 __all__: list[str]

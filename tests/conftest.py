@@ -34,8 +34,10 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ["ETCFIT_CACHE"] = str(config.cache.mkdir("etcfit"))
     if importlib.util.find_spec("jax"):
         from etcfit.backend import use_compilation_cache
+        from etcfit.kernels.kept import trace_always
 
         use_compilation_cache()
+        trace_always()
 
 
 def pytest_runtest_logfinish() -> None:

@@ -79,7 +79,11 @@ def _by_jax(form: Form, x: Any, pick: Pick, arrays: Any) -> dict[str, Any]:
     return _shown(throttle, path, steps)
 
 
-_BY_KERNEL = along_path(lambda given: _shown(given.throttle, given.after, given.batch.steps))
+def _shown_after(given: filter_kernels.Given) -> dict[str, Any]:
+    return _shown(given.throttle, given.after, given.batch.steps)
+
+
+_BY_KERNEL = along_path(_shown_after)
 
 
 def _along(problem: EstimationProblem, x: np.ndarray, guide_stiffness: float) -> dict[str, np.ndarray]:

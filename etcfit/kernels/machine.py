@@ -17,7 +17,7 @@ from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,7 +65,8 @@ def _target() -> Any:
 
 
 @cache
-def _processor() -> str:
+def processor() -> str:
+    """All that machine code depends on besides the loop's text."""
     import llvmlite
     import llvmlite.binding as binding
 
@@ -84,16 +85,21 @@ def _knows_library() -> None:
             binding.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
 
 
-def _object_code(text: str) -> bytes:
-    """Of a module: from disk where it was made before."""
-    folder, name = own_folder("kernels"), hashlib.sha256(f"{_processor()}\n{text}".encode()).hexdigest()
-    if folder is not None and (kept := _read(folder / name)) is not None:
-        return kept
-    code = compiled(text)
+def _object_code(text: str) -> tuple[str, bytes]:
+    """Name of a module's object file and what is in it: from disk where it was made before."""
+    name = hashlib.sha256(f"{processor()}\n{text}".encode()).hexdigest()
+    if (kept := _on_disk(name)) is not None:
+        return name, kept
+    code, folder = compiled(text), own_folder("kernels")
     if folder is not None:
         with suppress(OSError), whole(folder / name) as draft:
             draft.write_bytes(hashlib.sha256(code).digest() + code)
-    return code
+    return name, code
+
+
+def _on_disk(name: str) -> bytes | None:
+    folder = own_folder("kernels")
+    return None if folder is None else _read(folder / name)
 
 
 def compiled(text: str) -> bytes:
@@ -122,27 +128,67 @@ def _read(path: Path) -> bytes | None:
     return code if hashlib.sha256(code).digest() == digest else None
 
 
+class ObjectCode(NamedTuple):
+    """An object file, and what a caller must know of it.
+
+    Args:
+        name: of the file.
+        width: numbers in a vector.
+        records, carried, sums, stored: how many there are, see `Loop`.
+    """
+
+    name: str
+    width: int
+    records: int
+    carried: int
+    sums: int
+    stored: int
+
+
 class Kernel:
     """A loop as machine code.
 
     Args:
-        loop: what it computes.
-        width: numbers in a vector.
+        code: what the file holds.
+        about: the file.
     """
 
-    def __init__(self, loop: Loop, width: int) -> None:
+    def __init__(self, code: bytes, about: ObjectCode) -> None:
         import llvmlite.binding as binding
 
-        self.width = width
-        self.carried, self.sums, self.stored = len(loop.carried), len(loop.sums), len(loop.stored)
-        code = _object_code(written.text(loop, width, _is_x86()))
+        self.code, self.width = about, about.width
+        self.carried, self.sums, self.stored = about.carried, about.sums, about.stored
         _knows_library()
         self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _target())
         self._engine.add_object_file(binding.ObjectFileRef.from_data(code))
         self._engine.finalize_object()
         address = self._engine.get_function_address(written.NAME)
-        kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * (len(loop.records) + 4)
+        kinds = [ctypes.c_int64] * 2 + [ctypes.c_void_p] * (about.records + 4)
         self._function = ctypes.CFUNCTYPE(None, *kinds)(address)
+
+    @classmethod
+    def made(cls, loop: Loop, width: int) -> Kernel:
+        """Of a loop.
+
+        Args:
+            loop: what it computes.
+            width: numbers in a vector.
+        """
+        name, code = _object_code(written.text(loop, width, _is_x86()))
+        counts = map(len, (loop.records, loop.carried, loop.sums, loop.stored))
+        return cls(code, ObjectCode(name, width, *counts))
+
+    @classmethod
+    def of(cls, about: ObjectCode) -> Kernel:
+        """Of an object file on disk.
+
+        Raises:
+            LookupError: there is none, or it is torn.
+        """
+        code = _on_disk(about.name)
+        if code is None:
+            raise LookupError(about.name)
+        return cls(code, about)
 
     def run(
         self, rows: int, stride: int, records: Sequence[int], fixed: np.ndarray, begun: np.ndarray, stored: np.ndarray

@@ -174,28 +174,28 @@ def along(
     return which.run((form,), np.concatenate((full, np.asarray(jitter))), entries)
 
 
-def _simulated(function: Callable[..., Any], covariance: bool = False) -> Along:
-    """A function of (form, values, what is carried, entry)."""
+def _simulated(function: Callable[..., Any], *known: Any, covariance: bool = False) -> Along:
+    """A function of (form, values, what is carried, entry); what it is `known` by as of `Along`."""
 
     def function_of(form: Form) -> Any:
         carried = _with_covariance(form) if covariance else _path(form)
         return partial(function, form), (*form.index, *((_JITTER,) if covariance else ())), carried, form.ties
 
-    return Along(function_of)
+    return Along(function_of, *known)
 
 
 def along_path(function: Callable[[Given], Any]) -> Along:
-    """Results of a function of each entry of a simulated batch, for `along`."""
+    """Results of a function of each entry of a simulated batch, for `along`; the function stands in a module."""
 
     def one(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
         given = _taken(form, values, path, entry)
         return given.after, function(given)
 
-    return _simulated(one)
+    return _simulated(one, function)
 
 
-_FILTERED, _SPREAD = _simulated(_filtered, covariance=True), _simulated(_spread, covariance=True)
-_STEPPED, _PASSED, _JUMPED = along_path(_stepped), along_path(_passed), _simulated(_jumped)
+_FILTERED, _SPREAD = (_simulated(each, each, covariance=True) for each in (_filtered, _spread))
+_STEPPED, _PASSED, _JUMPED = along_path(_stepped), along_path(_passed), _simulated(_jumped, _jumped)
 
 
 def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Events:

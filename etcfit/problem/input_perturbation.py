@@ -202,4 +202,4 @@ def _responds(form: Form, order: int) -> Any:
     return one, tuple(form.index), (carried_like(form, order),) * 2, form.ties
 
 
-_ASKED, _ADDED, _RESPONSES = Along(_asks), Along(_adds), Along(_responds)
+_ASKED, _ADDED, _RESPONSES = Along(_asks, _asks), Along(_adds, _adds), Along(_responds, _responds)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache, wraps
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial, wraps
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..kernels.graph import Graph
+from ..kernels.kept import kept
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
 from .cores import CORES, side_by_side
@@ -22,16 +22,24 @@ _NOTHING = np.zeros(1)  # is stored
 _ENTRIES = 256  # kernels of traced functions that are remembered
 
 
-def remembered(most: int) -> Callable[[Known], Known]:
-    """Remember so many results of a function that makes graphs or kernels; one thread makes at a time."""
+def remembered(most: int, *known: Any) -> Callable[[Known], Known]:
+    """Remember so many results of a function that makes graphs or kernels; one thread makes at a time.
+
+    Args:
+        most: so many.
+        known: what tells the function from all others: given, its results are `kept` on disk, too.
+    """
 
     def decorate(function: Known) -> Known:
-        kept = lru_cache(maxsize=most)(function)
+        def made(*args: Any) -> Any:
+            return kept(partial(function, *args), *known, *args) if known else function(*args)
+
+        found = lru_cache(maxsize=most)(made)
 
         @wraps(function)
         def one_at_a_time(*args: Any) -> Any:
             with MAKING:
-                return kept(*args)
+                return found(*args)
 
         return one_at_a_time  # pyright: ignore[reportReturnType]
 
@@ -40,7 +48,7 @@ def remembered(most: int) -> Callable[[Known], Known]:
 
 def compiled(loop: Loop) -> Kernel:
     """The loop as machine code."""
-    return Kernel(loop, LANES if loop.across is Across.LANES else POINTS)
+    return Kernel.made(loop, LANES if loop.across is Across.LANES else POINTS)
 
 
 class Along:
@@ -49,19 +57,17 @@ class Along:
     Args:
         function_of: of hashable arguments; it returns what `TracedEntry` takes besides the shape: function, names of
             the values, what is carried, and ties.
+        known: what tells it from all others on disk, `function_of` where it stands in a module by its name; nothing is
+            kept there where it is left out.
     """
 
-    def __init__(self, function_of: Callable[..., Any]) -> None:
+    def __init__(self, function_of: Callable[..., Any], *known: Any) -> None:
         def made(shape: Shape, *asked: Any) -> tuple[tuple[int, ...], tuple[Stored, Kernel]]:
             function, names, carried, ties = function_of(*asked)
             entry = TracedEntry(function, names, shape, carried, ties)
-            results = Stored(entry.graph, entry.results)
-            return entry.leaves, (
-                results,
-                compiled(entry.loop(Across.LANES, stored=results.nodes, blocks=results.blocks)),
-            )
+            return entry.leaves, stored(entry, entry.results)
 
-        self._made = remembered(_ENTRIES)(made)
+        self._made = remembered(_ENTRIES, *known)(made)
 
     def run(self, asked: tuple[Any, ...], values: Float[np.ndarray, " Q"], batch: Entries) -> Any:
         """The tree of results, axes T and L first; 0 where a lane is blank. They are `Grouped`: as other kernels read
@@ -76,27 +82,18 @@ class Along:
         return results.over(kernel, records, values)
 
 
-class Stored:
-    """A tree of nodes as a kernel stores it, a block for each leaf: leaves that are 0 at every entry are left out, and
-    take no memory.
+class Stored(NamedTuple):
+    """A tree as a kernel stores it.
 
     Args:
-        graph: of the nodes.
-        tree: a node or an array of nodes for each leaf.
-    Attributes:
-        nodes: that are stored.
-        blocks: how many of them each leaf that is stored has.
+        tree: its structure.
+        shapes: of its leaves, at one entry.
+        blocks: of each leaf that is stored, by its number, the first and the last but one of what is stored.
     """
 
-    def __init__(self, graph: Graph, tree: Any) -> None:
-        self._leaves, self._tree = jax.tree.flatten(tree)
-        self._blocks: dict[int, slice] = {}
-        self.nodes: list[int] = []
-        for k, nodes in enumerate(map(nodes_of, self._leaves)):
-            if any(graph.known(node) != 0.0 for node in nodes):
-                self._blocks[k] = slice(len(self.nodes), len(self.nodes) + len(nodes))
-                self.nodes += nodes
-        self.blocks = [block.stop - block.start for block in self._blocks.values()]
+    tree: Any
+    shapes: tuple[tuple[int, ...], ...]
+    blocks: Mapping[int, tuple[int, int]]
 
     def over(self, kernel: Kernel, records: Records, values: Sequence[float] | np.ndarray) -> Any:
         """The tree of a batch; its leaves are `Grouped`, zeros are repeated."""
@@ -104,16 +101,35 @@ class Stored:
         over_lanes(kernel, records, values, stored.__setitem__)
 
         def array(k: int) -> Any:
-            shape, block = (*records.shape, *np.shape(self._leaves[k])), self._blocks.get(k)
-            if block is None:
+            shape = (*records.shape, *self.shapes[k])
+            if k not in self.blocks:
                 return np.broadcast_to(0.0, shape)
-            each = (
-                np.split(stored[g].reshape(kernel.stored, -1), [block.start, block.stop])[1] for g in sorted(stored)
-            )
-            parts = tuple(part.reshape(-1, block.stop - block.start, LANES) for part in each)
+            start, stop = self.blocks[k]
+            each = (np.split(stored[g].reshape(kernel.stored, -1), [start, stop])[1] for g in sorted(stored))
+            parts = tuple(part.reshape(-1, stop - start, LANES) for part in each)
             return Grouped(shape, records.groups, parts)
 
-        return jax.tree.unflatten(self._tree, map(array, range(len(self._leaves))))
+        return jax.tree.unflatten(self.tree, map(array, range(len(self.shapes))))
+
+
+def stored(entry: TracedEntry, tree: Any) -> tuple[Stored, Kernel]:
+    """The kernel that stores a tree of nodes at each entry, a block for each leaf: leaves that are 0 at every entry are
+    left out, and take no memory.
+
+    Args:
+        entry: whose graph it is.
+        tree: a node or an array of nodes for each leaf.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    blocks: dict[int, tuple[int, int]] = {}
+    wanted: list[int] = []
+    for k, nodes in enumerate(map(nodes_of, leaves)):
+        if any(entry.graph.known(node) != 0.0 for node in nodes):
+            blocks[k] = len(wanted), len(wanted) + len(nodes)
+            wanted += nodes
+    sizes = [stop - start for start, stop in blocks.values()]
+    kernel = compiled(entry.loop(Across.LANES, stored=wanted, blocks=sizes))
+    return Stored(structure, tuple(map(np.shape, leaves)), blocks), kernel
 
 
 def over_lanes(

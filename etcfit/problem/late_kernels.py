@@ -84,12 +84,12 @@ def _observed_entry(form: Form, shape: Shape, late: tuple[str, ...]) -> _Observe
     return _ObservedEntry(form, shape, late)
 
 
-@remembered(_KERNELS)
+@remembered(_KERNELS, __name__, "leaves")
 def _leaves(*asked: Any) -> tuple[int, ...]:
     return _observed_entry(*asked).traced.leaves
 
 
-@remembered(_KERNELS)
+@remembered(_KERNELS, __name__, "kernel")
 def _observed_kernel(asked: _Asked, free: tuple[str, ...]) -> Kernel:
     entry = _observed_entry(*asked)
     return compiled(entry.loop(Across.LANES, free, stored=entry.results))
@@ -171,7 +171,7 @@ def _responds(form: Form, late: tuple[str, ...]) -> Any:
     return one, tuple(form.index), (carried_like(form, 0),) * 2, form.ties
 
 
-_RESPONSES = Along(_responds)
+_RESPONSES = Along(_responds, _responds)
 
 
 def responses(
@@ -203,7 +203,7 @@ def _whitens(order: int, columns: int) -> Any:
     return one, (), (np.zeros(columns),) * order, ()
 
 
-_WHITENED = Along(_whitens)
+_WHITENED = Along(_whitens, _whitens)
 
 
 def whitened(

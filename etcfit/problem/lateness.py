@@ -12,14 +12,13 @@ from jaxtyping import Bool, Float, Int
 
 from ..kernels.derivatives import forward
 from ..kernels.graph import Graph
-from ..kernels.loop import Across
 from ..kernels.lowering import lowered
 from ..kernels.machine import Kernel
 from ..model.delay import Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
-from .lanes import Stored, compiled, remembered
+from .lanes import remembered, stored
 from .records import Entries, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
@@ -96,12 +95,10 @@ class _LagsEntry:
                 self.ways[symbol] = jax.tree.map(lambda node, of=moves: of.get(node, zero), self.late)
 
 
-@remembered(_REMEMBERED)
+@remembered(_REMEMBERED, __name__, "lags")
 def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], tuple[Any, Kernel]]:
     entry = _LagsEntry(form, shape)
-    results = Stored(entry.traced.graph, (entry.late, entry.ways))
-    kernel = compiled(entry.traced.loop(Across.LANES, stored=results.nodes, blocks=results.blocks))
-    return entry.traced.leaves, (results, kernel)
+    return entry.traced.leaves, stored(entry.traced, (entry.late, entry.ways))
 
 
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
@@ -264,7 +261,7 @@ class Shifts:
         return Acting(*(np.array(moved) - way.input * rates + warp))
 
 
-@remembered(_REMEMBERED)
+@remembered(_REMEMBERED, __name__, "acts late")
 def _acts_late(form: Form) -> bool:
     """Whether the input of a model may be late."""
     graph = Graph()

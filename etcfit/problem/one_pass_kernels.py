@@ -56,12 +56,12 @@ def entry(form: Form, shape: Shape, order: int) -> ResidualEntry:
     return ResidualEntry(form, shape, order)
 
 
-@remembered(_KERNELS)
+@remembered(_KERNELS, __name__, "leaves")
 def _leaves(*asked: Any) -> tuple[int, ...]:
     return entry(*asked).traced.leaves
 
 
-@remembered(_KERNELS)
+@remembered(_KERNELS, __name__, "kernel")
 def kernel(
     asked: Asked, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
 ) -> Kernel:

@@ -187,7 +187,8 @@ def _next(steps: Sequence[Mapping[str, Any]]) -> list[str]:
         "Type in the half-way gains first, engine off, and log the same moves again, with steps from 10 to 70 % of the "
         f"travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the step and "
         f"{_settles(half['settling_s'])} (95 % of the models that fit).",
-        "If it does, type in the proposed gains; if it does not, run tune again with that log and the half-way gains.",
+        "etcfit drive NEXT_LOG --foretold RUN says whether they do: if so, type in the proposed gains; if not, give "
+        "the command that it names, which tunes again with that log and the half-way gains.",
     ]  # fmt: skip
 
 

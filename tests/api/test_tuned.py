@@ -144,9 +144,12 @@ def test_as_foretold_leads_on_and_anything_else_back_to_tune(tuned: Tuned, tmp_p
     assert "type in the half-way gains" in of_foretold(held(tuned, run, True, "present"), log).next
     run.mkdir()
     bad = of_foretold(held(tuned, run, as_foretold=False), log)
-    assert "overshoot 20.0 % of the step, foretold 4.0..6.0" in bad.answer
+    assert "overshoot 20.0 % of the step, foretold 4.00..6.00" in bad.answer
     assert f"etcfit tune {log} --ecu rusefi --present " in bad.next
     assert bad.next.endswith(f"--out {tmp_path / 'car_2'}")
+    as_before = held(tuned, run, as_foretold=False)
+    as_before = replace(as_before, found=replace(as_before.found, unchanged=True))
+    assert of_foretold(as_before, log).next.startswith("see whether these gains are in the ECU at all")
 
 
 def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ POINTS = ((0.7, -1.3), (-0.4, 0.9), (1.2, 1.2), (2.0, 0.3))
 def value(graph: Graph, nodes: list[int], at: tuple[float, float]) -> np.ndarray:
     """Values of nodes, by machine code."""
     fixed = tuple(graph.input(name) for name in "ab")
-    kernel = Kernel(Loop(graph, Across.LANES, ((),), fixed, (), stored=tuple(nodes)), LANES)
+    kernel = Kernel.made(Loop(graph, Across.LANES, ((),), fixed, (), stored=tuple(nodes)), LANES)
     out = np.empty((1, len(nodes), LANES))
     kernel.run(1, LANES, [out.ctypes.data], np.array(at), np.zeros((0, LANES)), out)
     assert np.ptp(out, axis=2).max() == 0.0

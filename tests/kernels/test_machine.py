@@ -25,7 +25,7 @@ def kernel(make: Callable[[Graph, int], int], across: Across = Across.LANES) -> 
     graph = Graph()
     a = graph.input("a")
     width = LANES if across is Across.LANES else POINTS
-    return Kernel(Loop(graph, across, ((a,),), (), (), stored=(make(graph, a),)), width)
+    return Kernel.made(Loop(graph, across, ((a,),), (), (), stored=(make(graph, a),)), width)
 
 
 def of(make: Callable[[Graph, int], int], values: np.ndarray) -> np.ndarray:
@@ -99,13 +99,13 @@ def test_a_loop_carries_adds_and_stores_lane_by_lane_and_point_by_point() -> Non
         return np.array(states), float(np.sum(np.square(states)) + np.sum(values) * by)
 
     out = np.empty((7, 1, LANES))
-    lanes = Kernel(loop(Across.LANES), LANES)
+    lanes = Kernel.made(loop(Across.LANES), LANES)
     total = lanes.run(7, LANES, [record.ctypes.data], factor[:1], np.ones((1, LANES)), out)
     for k in range(LANES):
         states, added = wanted(record[:, 0, k], factor[0])
         assert_allclose(out[:, 0, k], states, rtol=1e-14)
         assert total[0, k] == pytest.approx(added, rel=1e-13)
-    many, out = Kernel(loop(Across.POINTS), POINTS), np.empty((7, 1, POINTS))
+    many, out = Kernel.made(loop(Across.POINTS), POINTS), np.empty((7, 1, POINTS))
     total = many.run(7, LANES, [record.ctypes.data + 8], factor, np.ones((1, POINTS)), out)
     for k in range(POINTS):
         states, added = wanted(record[:, 0, 1], factor[k])

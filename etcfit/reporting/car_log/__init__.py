@@ -129,6 +129,9 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     )  # fmt: skip
 
 
+_CHANGES: dict[str, Kind] = {"figure": "prose", "good is": "prose", "verdict": "word"}
+
+
 def compared_table(config: RigConfig, before: Study, after: Study) -> RenderableType:
     """What changed from one log to the other: the verdict, then a row a figure."""
     was = {each.name: each for each in before.verdict.judgements}
@@ -138,11 +141,11 @@ def compared_table(config: RigConfig, before: Study, after: Study) -> Renderable
             continue
         limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
         rows.append((now.name, " / ".join(limits), _judged(_change(then, now), now), _found(then), _found(now)))
-    head = ("figure", "good is", "verdict", before.log.name, after.log.name)
+    heads = ("figure", "good is", "verdict", "before", "after")
     return stacked(
         rig_title(config, "two logs from the car"),
         spaced(Text(f"{before.log.name} -> {after.log.name}: {verdict(before, after)}")),
-        shown(of_texts("What changed", head, rows, 3, file=_FILE)),
+        shown(of_texts("What changed", heads, rows, 1, _CHANGES, file=_FILE)),
         sentences("At rest, and both sensors",
                   [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
     )  # fmt: skip

@@ -8,11 +8,10 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.text import Text
+from rich.console import RenderableType
 
 from ...car_log.foretold import Comparison, Figure
-from ..blocks import shown, spaced
+from ..blocks import shown
 from ..numbers import short
 from ..table import Cell, of_texts
 
@@ -48,7 +47,7 @@ class Held:
         off += ["the plate tracks no better than with the gains before"] if self.found.better is False else []
         said = f"Not as foretold for {gains}: {'; '.join(off)}."
         if self.found.unchanged:
-            said += " The error is that of the gains before: are the new ones in the ECU?"
+            said += " The error is that of the gains before."
         return said
 
 
@@ -61,7 +60,7 @@ def foretold_table(held: Held) -> RenderableType:
     title = (f"{held.log}: {held.found.steps} steps from {levels['low_pct']:g} to {levels['high_pct']:g} % of the "
              f"travel and back, beside what {held.run} foretold for the {NAMES[held.made_with]} gains")  # fmt: skip
     heads = ("figure", "foretold", "as foretold", "in this log", "verdict")
-    return Group(shown(of_texts(title, heads, rows, 1, {"verdict": "word"})), spaced(Text(held.says)))
+    return shown(of_texts(title, heads, rows, 1, {"verdict": "word"}))
 
 
 def _value(value: float) -> str:
@@ -69,19 +68,19 @@ def _value(value: float) -> str:
 
 
 def _between(low: float, high: float) -> str:
-    """A range in few digits."""
-    first, last = ("never" if not isfinite(value) else short(value, 2) for value in (low, high))
+    """A range."""
+    first, last = ("never" if not isfinite(value) else short(value) for value in (low, high))
     return first if first == last else f"{first}..{last}"
 
 
 def _allowed(figure: Figure) -> str:
     if not isfinite(figure.most):
         return "any"
-    return _between(figure.least, figure.most) if isfinite(figure.least) else f"<= {short(figure.most, 2)}"
+    return _between(figure.least, figure.most) if isfinite(figure.least) else f"<= {short(figure.most)}"
 
 
 def _found(figure: Figure) -> str:
-    return f"{figure.name} {_value(figure.found)} {figure.unit}"
+    return f"{figure.name} {_value(figure.found)}" + (f" {figure.unit}" if isfinite(figure.found) else "")
 
 
 def _off(figure: Figure) -> str:

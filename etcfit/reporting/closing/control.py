@@ -118,6 +118,9 @@ def of_foretold(held: Held, log: Path) -> Closing:
     if not held.found.as_foretold:
         present = ",".join(short(gain, 4) for gain in gains.values())
         again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
+        if held.found.unchanged:
+            seen = "see whether these gains are in the ECU at all, and log once more; if they are,"
+            return Closing(held.says, f"{seen} tune again with this log: {again}")
         return Closing(held.says, f"do not go on to other gains; tune again with this log: {again}")
     order = list(steps)
     if held.made_with == order[-1]:

@@ -23,10 +23,15 @@ from .contents import Contents, rows_of, tuned_of
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
-    """The sentences at the top of the page; the one on the gains is that of terminal and notebook."""
+    """The sentences at the top of the page; on the gains those of terminal and notebook, of a run of `etcfit tune` its
+    own, so that both say the same."""
     left, pid = left_unexplained(contents), contents.get("pid")
     text = Markup("<strong>Something is left that no known effect explains</strong>, with probability {}.")
+    told = tuned_of(contents.run, contents.hashes)
+    said = (told["says"]["answer"], told["says"]["requirements"]) if told else (sentence(pid) if pid else None,)
+    of_gains = [escape(each) for each in said if each]
     return (
+        *(of_gains if told else ()),  # whoever asked for gains reads them first
         _fits(contents),
         _predicts(contents),
         *([] if left is None else [text.format(number(left, 2))]),
@@ -34,19 +39,8 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
         *_mistakes(contents),
         *_contradicts(contents),
         _knows(contents) + Markup("."),
-        *(map(escape, on_gains(contents, pid)) if pid else ()),
+        *(() if told else of_gains),
     )
-
-
-def on_gains(contents: Contents, pid: Mapping[str, Any]) -> Iterator[str]:
-    """What was found on the gains: of a run of `etcfit tune` what that said, so that both say the same."""
-    told = tuned_of(contents.run, contents.hashes)
-    if not told:
-        yield sentence(pid)
-        return
-    yield told["says"]["answer"]
-    if told["says"]["requirements"]:
-        yield told["says"]["requirements"]
 
 
 def left_unexplained(contents: Contents) -> float | None:
