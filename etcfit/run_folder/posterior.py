@@ -39,6 +39,11 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands:
     return plain(POSTERIOR.written(_Written(posterior, profiles, bands)))
 
 
+def parameters_json(posterior: Posterior, profiles: Mapping[str, Profile]) -> dict[str, Any]:
+    """The key `parameters` of posterior.json."""
+    return plain(POSTERIOR.keys["parameters"].value(_Written(posterior, profiles, ())))
+
+
 def _marginals(of: _Written) -> dict[str, dict[str, Any]]:
     """By symbol; one that is not identifiable gets no number: its draws show what was believed, not what was seen."""
     described = of.posterior.described

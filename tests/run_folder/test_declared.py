@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
@@ -21,14 +21,27 @@ OUTER = Record(
     hashes=key("{text}", "By file.", each={"pattern": "^[0-9a-f]+$"}),
     **Record(meaning=key("text", "Taken from a part of the source.")).within("deep"),
 )
-SOURCE = SimpleNamespace(
-    deep=SimpleNamespace(name="it", meaning="what it means"),
-    gone=None,
-    empty=None,
-    parts=[SimpleNamespace(size=0.25), None],
-    named={"a.b": {"size": 0.5}},
-    hashes={"x.csv": "0f"},
-)
+
+
+class Deep(NamedTuple):
+    name: str = "it"
+    meaning: str = "what it means"
+
+
+class Part(NamedTuple):
+    size: float
+
+
+class Source(NamedTuple):
+    deep: Deep = Deep()
+    gone: float | None = None
+    empty: float | None = None
+    parts: tuple[Part | None, ...] = (Part(0.25), None)
+    named: Mapping[str, Any] = {"a.b": {"size": 0.5}}
+    hashes: Mapping[str, str] = {"x.csv": "0f"}
+
+
+SOURCE = Source()
 
 
 def test_each_key_is_taken_from_where_its_line_says() -> None:
@@ -40,8 +53,8 @@ def test_each_key_is_taken_from_where_its_line_says() -> None:
 
 
 def test_an_attribute_that_is_not_there_is_a_mistake_of_the_declaration() -> None:
-    with pytest.raises(AttributeError, match="parts"):
-        OUTER.written(SimpleNamespace(deep=SOURCE.deep, gone=None, empty=None))
+    with pytest.raises(AttributeError, match="deep"):
+        OUTER.written(Deep())
 
 
 @pytest.mark.parametrize(
