@@ -30,7 +30,7 @@ def fit_json(result: FitResult) -> dict[str, Any]:
 
 def keys_of_fit(result: FitResult, *keys: str) -> dict[str, Any]:
     """Some keys of fit.json."""
-    return plain({name: FIT.keys[name].value(result, name) for name in keys})
+    return plain(Record("", "", **{name: FIT.keys[name] for name in keys}).written(result))
 
 
 def ends(interval: Interval) -> list[float] | None:
