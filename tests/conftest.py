@@ -20,10 +20,13 @@ if importlib.util.find_spec("jax"):
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_numpy_rank_promotion", "raise")
 
-if importlib.util.find_spec("jaxtyping") and importlib.util.find_spec("beartype"):
+CHECKED = os.environ.get("ETCFIT_TYPES") != "unchecked"
+
+if CHECKED and importlib.util.find_spec("jaxtyping") and importlib.util.find_spec("beartype"):
     from jaxtyping import install_import_hook
 
-    # shapes and types of every call into these rooms are checked; users never pay for it
+    # shapes and types of every call into these rooms are checked; users never pay for it, nor do the slow tests of CI:
+    # a residual takes several times as long, and the quick tests have just called the same functions checked
     install_import_hook(["etcfit.problem", "etcfit.model"], "beartype.beartype")
 
 

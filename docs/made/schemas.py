@@ -8,11 +8,32 @@ from pathlib import Path
 from typing import Any
 
 from etcfit.run_folder.declared import schema_of_file
+from etcfit.run_folder.diagnosis import DIAGNOSIS
+from etcfit.run_folder.drive import DRIVE
 from etcfit.run_folder.fit import FIT
+from etcfit.run_folder.fleet import STUDY
+from etcfit.run_folder.manifest import RUN
 from etcfit.run_folder.pid import PID
+from etcfit.run_folder.plan import ADVICE, PLAN
+from etcfit.run_folder.plant import FREQUENCY_RESPONSE, TRANSFER_FUNCTION
+from etcfit.run_folder.posterior import POSTERIOR
+from etcfit.run_folder.tune import TUNE
 
 FOLDER = Path(__file__).resolve().parents[2] / "etcfit" / "run_folder" / "schemas"
-DECLARED = {"fit": FIT, "pid": PID}  # kinds of files whose schema follows from a declaration
+DECLARED = {  # kinds of files whose schema follows from a declaration
+    "advice": ADVICE,
+    "diagnosis": DIAGNOSIS,
+    "drive": DRIVE,
+    "fit": FIT,
+    "fleet": STUDY,
+    "frequency_response": FREQUENCY_RESPONSE,
+    "pid": PID,
+    "plan": PLAN,
+    "posterior": POSTERIOR,
+    "run": RUN,
+    "transfer_function": TRANSFER_FUNCTION,
+    "tune": TUNE,
+}
 
 
 def text_of(kind: str) -> str:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
 from ..run_folder.folder import RunFolder
 from ..run_folder.manifest import digest
+from ..run_folder.tune import STEP, TUNE
 from .progress import Report, part_of, silent
 from .views import View
 
@@ -368,67 +369,46 @@ def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
     from ..reporting.tune import draw_tune
 
     made_with = None if found.design is None else digest(run / "pid.json")
-    write_json(run / "tune.json", "tune", {**tuned_json(found), "pid": made_with})
+    write_json(run / "tune.json", "tune", tuned_json(found, made_with))
     if found.steps:
         report("drawing", 0.97)
         draw_tune(run / "pictures" / "tune.png", found)
 
 
-def tuned_json(found: Tuned) -> dict[str, Any]:
-    """The object of tune.json."""
-    make, result, asked = found.profile, found.result, found.asked
+class _Written(NamedTuple):
+    found: Tuned
+    steps: list[dict[str, Any]]
+    says: dict[str, Any]
+    unit: dict[str, str]
+    pid: str | None
+
+
+def tuned_json(found: Tuned, pid: str | None = None) -> dict[str, Any]:
+    """The object of tune.json.
+
+    Args:
+        found: what logs came to.
+        pid: SHA-256 of the pid.json that it goes with.
+    """
     from ..reporting.tune import says_of
 
-    steps = [plain(_step_json(found, step)) for step in found.steps]
-    held_out, fitted = found.explained
-    return plain({
-        "verdict": "not from this log" if found.why_not else "gains",
-        "why_not": found.why_not or None,
-        "doubts": list(found.doubts),
-        "says": says_of(found, steps),
-        "ecu": make.name,
-        "model": {"input": found.input.model, "why": found.input.why,
-                  "effects": None if result is None else [e.name for e in result.free_parameters.layout.types]},
-        "checks": [asdict(check) for check in found.input.checks],
-        "fit": None if result is None else result.state,
-        "held_out": {"file": found.input.held_out or None, "rms_pct": found.held_out_error,
-                     "explained": held_out, "explained_fitted": fitted},
-        "borne": [asdict(each) for each in found.borne],
-        "supply_V": found.input.supply,
-        "present": None if asked.gains is None else dict(zip("PID", asked.gains, strict=True)),
-        "unit": dict(zip("PID", notation_of(make).of_each, strict=True)),
-        "large_steps": None if found.design is None else _large_steps(found.design),
-        "steps": steps,
-        "options": asked.options(),
-        "record_next": found.lacks,
-    })  # fmt: skip
+    steps = [_step(found, step) for step in found.steps]
+    says = says_of(found, [plain(STEP.written(step)) for step in steps])
+    unit = dict(zip("PID", notation_of(found.profile).of_each, strict=True))
+    return plain(TUNE.written(_Written(found, steps, says, unit, pid)))
 
 
-def _large_steps(design: Design) -> dict[str, float]:
-    """The steps that a next log is compared by."""
-    asked = design.settings.scenarios
-    return {"low_pct": 100.0 * asked.low, "high_pct": 100.0 * asked.high, "hold_s": asked.large_hold}
-
-
-def _step_json(found: Tuned, step: GainStep) -> dict[str, Any]:
+def _step(found: Tuned, step: GainStep) -> dict[str, Any]:
+    """A set of gains: what is withheld, or not to be believed as a probability, is None."""
     withheld = bool(found.why_not)
     doubted = bool(withheld or found.doubts or (found.result is not None and found.result.state.cautions))
     written = found.written(step.gains)._asdict()
     first = found.written(found.steps[0].gains)._asdict()
     hidden = withheld and step.name != "present"
+    factors = {key: written[key] / first[key] if first[key] else None for key in "PID"}
     return {
-        "name": step.name,
+        "step": step,
         "gains": None if hidden else written,
-        "factors": None if hidden or len(found.steps) == 1 else {
-            key: written[key] / first[key] if first[key] else None for key in "PID"
-        },
-        "overshoot_pct": list(step.overshoot),
-        "settling_s": list(step.settling),
-        "error_pct": list(step.error),
-        "rmse_pct": step.figures.rmse_pct,
-        "gain_margin_db": step.figures.gain_margin_db,
-        "phase_margin_deg": step.figures.phase_margin_deg,
-        "probability_met": None if doubted else step.probability_met,
-        "probability_stable": None if doubted else step.probability_stable,
-        "probability_better": None if doubted else step.better,
-    }  # fmt: skip
+        "factors": None if hidden or len(found.steps) == 1 else factors,
+        "believed": None if doubted else step,
+    }

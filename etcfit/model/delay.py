@@ -34,11 +34,11 @@ class Earlier(NamedTuple):
     span: Float[AnyArray, "T L"]
     moves: Float[AnyArray, "T L"]
 
-    def between(self, first: Float[AnyArray, "T L"], then: Float[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+    def between(self, first: Float[AnyArray, "*K T L"], then: Float[AnyArray, "*K T L"]) -> Float[AnyArray, "*K T L"]:
         """What a straight line has there, by its values at that entry and the next."""
         return first + self.share * (then - first)
 
-    def delayed(self, signal: Float[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+    def delayed(self, signal: Float[AnyArray, "*K T L"]) -> Float[AnyArray, "*K T L"]:
         """The signal there, linear between entries."""
         return self.between(_taken(signal, self.row), _taken(signal, self.row + 1))
 
@@ -70,7 +70,7 @@ class Between(NamedTuple):
     share: Float[AnyArray, "T L"]
     next_share: Float[AnyArray, "T L"]
 
-    def delayed(self, signal: Float[AnyArray, "T L"], xp: Any = jnp) -> Float[AnyArray, "T L"]:
+    def delayed(self, signal: Float[AnyArray, "*K T L"], xp: Any = jnp) -> Float[AnyArray, "*K T L"]:
         """The signal there."""
         s, (y0, y1, v0, v1) = self.s, self._ends(signal, xp)
         return y0 + s**2 * (3.0 - 2.0 * s) * (y1 - y0) + s * (1.0 - s) * ((1.0 - s) * v0 - s * v1) * self.span
@@ -81,11 +81,11 @@ class Between(NamedTuple):
         bend = (1.0 - s) * (1.0 - 3.0 * s) * v0 + s * (3.0 * s - 2.0) * v1
         return self.moves * np.where(self.span > 0.0, 6.0 * s * (1.0 - s) * _over(y1 - y0, self.span) + bend, 0.0)
 
-    def _ends(self, signal: Float[AnyArray, "T L"], xp: Any) -> tuple[Float[AnyArray, "T L"], ...]:
+    def _ends(self, signal: Float[AnyArray, "*K T L"], xp: Any) -> tuple[Float[AnyArray, "*K T L"], ...]:
         """Values and slopes at the entries around."""
-        zero = xp.zeros_like(signal[:1])
-        rise = xp.concatenate((zero, xp.diff(signal, axis=0), zero))
-        slopes = self.share * rise[:-1] + self.next_share * rise[1:]
+        zero = xp.zeros_like(signal[..., :1, :])
+        rise = xp.concatenate((zero, xp.diff(signal, axis=-2), zero), axis=-2)
+        slopes = self.share * rise[..., :-1, :] + self.next_share * rise[..., 1:, :]
         return tuple(_taken(column, rows) for column in (signal, slopes) for rows in (self.before, self.after))
 
 
@@ -129,9 +129,10 @@ class LateInput(NamedTuple):
         return np.where(acts, mean - swing, 0.0), np.where(acts, mean + swing, 0.0)
 
 
-def _taken(column: Float[AnyArray, "T L"], rows: Int[AnyArray, "T L"]) -> Float[AnyArray, "T L"]:
+def _taken(column: Float[AnyArray, "*K T L"], rows: Int[AnyArray, "T L"]) -> Float[AnyArray, "*K T L"]:
     if isinstance(rows, np.ndarray):  # twice as fast as `take_along_axis`
-        return np.asarray(column).reshape(-1)[rows * rows.shape[1] + np.arange(rows.shape[1])]
+        flat = np.asarray(column).reshape(*column.shape[:-2], -1)
+        return np.take(flat, rows * rows.shape[1] + np.arange(rows.shape[1]), axis=-1)
     return jnp.take_along_axis(column, rows, axis=0)
 
 
@@ -232,21 +233,47 @@ def _shares(
     return own / xp.where(dt > 0.0, dt, 1.0), others / xp.where(later > 0.0, later, 1.0)
 
 
-def between(steps: Step, resets: Reset, late: Scalar, xp: Any = jnp, near: Between | None = None) -> Between:
+class Clock(NamedTuple):
+    """What of `Between` no lateness changes, shape (T, L) each.
+
+    Args:
+        dt: length of each step, s.
+        clock: time along each lane, s.
+        first, last: entries at the ends of the trace to which each entry belongs.
+        began, ended: the times there, s.
+        share, next_share: as of `Between`.
+    """
+
+    dt: Float[AnyArray, "T L"]
+    clock: Float[AnyArray, "T L"]
+    first: Int[AnyArray, "T L"]
+    last: Int[AnyArray, "T L"]
+    began: Float[AnyArray, "T L"]
+    ended: Float[AnyArray, "T L"]
+    share: Float[AnyArray, "T L"]
+    next_share: Float[AnyArray, "T L"]
+
+    @classmethod
+    def of(cls, steps: Step, resets: Reset, xp: Any = jnp) -> Clock:
+        """Of a batch."""
+        clock, began = _clock(steps, resets, xp)
+        first, last = _trace_ends(resets, xp)
+        return cls(steps.dt, clock, first, last, began, _taken(clock, last), *_shares(steps.dt, first, last, xp))
+
+
+def between(by: Clock, late: Scalar, xp: Any = jnp, near: Between | None = None) -> Between:
     """Each entry's instant less a lateness (s, of either sign; shape (T, L), or one for all); see `earlier`."""
-    clock, began = _clock(steps, resets, xp)
-    first, last = _trace_ends(resets, xp)
-    ended = _taken(clock, last)
+    clock, began, ended, first, last = by.clock, by.began, by.ended, by.first, by.last
     moves = _moves(clock - late, began, ended)
     instant = xp.clip(clock - late, began, ended)
     if near is None:
         after = xp.clip(_found(clock, instant, "left", xp), xp.minimum(first + 1, last), last)
     else:
         after = near.after
-    span = _taken(steps.dt, after)
+    span = _taken(by.dt, after)
     back = (_taken(clock, after) - instant) / xp.where(span > 0.0, span, 1.0)
     s = xp.where(span > 0.0, 1.0 - back, 1.0)
-    return Between(xp.maximum(after - 1, 0), after, s, span, moves, *_shares(steps.dt, first, last, xp))
+    return Between(xp.maximum(after - 1, 0), after, s, span, moves, by.share, by.next_share)
 
 
 def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late: Scalar) -> Float[Array, "T L"]:
@@ -263,7 +290,7 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
         steps, resets: the batch.
         late: s, of either sign; shape (T, L), or one for all.
     """
-    return between(steps, resets, late).delayed(signal)
+    return between(Clock.of(steps, resets), late).delayed(signal)
 
 
 def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: LateInput | None = None) -> LateInput:

@@ -51,6 +51,16 @@ class Form:
     parameters: tuple[Parameter, ...]
     ties: tuple[tuple[str, str], ...]
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:  # asked for at every evaluation of a residual
+        return hash((self.types, self.parameters, self.ties))
+
+    def __getstate__(self) -> dict[str, object]:  # another process hashes otherwise
+        return {"types": self.types, "parameters": self.parameters, "ties": self.ties}
+
     @cached_property
     def index(self) -> dict[str, int]:
         """Place of each symbol among the parameters."""

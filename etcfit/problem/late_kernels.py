@@ -30,7 +30,7 @@ from .lanes import Along, compiled, remembered, stored_over_lanes
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, carried_like, pushed
 from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, never_in, rows_of
-from .records import Entries, numbered, records_of
+from .records import Entries, Records, Remembered, numbered, records_of
 from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
 from .traced_entry import Shape, nodes_of
@@ -103,7 +103,7 @@ class _Laid(NamedTuple):
         tree: its entries.
         rows: entries of each lane that are used, shape (L,).
         renewed: leaves that change with the guide, and with the parameters.
-        places: entries, lanes and slots that show each channel that may be late.
+        places: entries, lanes and slots that show each channel that may be late, if any does.
     """
 
     late: Shifts
@@ -113,25 +113,34 @@ class _Laid(NamedTuple):
     places: Mapping[str, tuple[np.ndarray, ...]]
 
     def shown(
-        self, prompt: Float[np.ndarray, "T L M"], read: Mapping[str, Float[np.ndarray, "T L"]]
-    ) -> Float[np.ndarray, "T L M"]:
+        self, prompt: Float[np.ndarray, "*K T L M"], read: Mapping[str, Float[np.ndarray, "*K T L"]]
+    ) -> Float[np.ndarray, "*K T L M"]:
         """What each slot shows, by what it shows of prompt channels and by the late ones."""
         for name, column in read.items():
             rows, lanes, slots = self.places[name]
-            prompt[rows, lanes, slots] = column[rows, lanes]
+            prompt[..., rows, lanes, slots] = column[..., rows, lanes]
         return prompt
+
+
+_PLACES, _PACKED = Remembered(), Remembered()
+
+
+def _places_of(kind: Float[np.ndarray, "T L M"]) -> dict[str, tuple[np.ndarray, ...]]:
+    """Entries, lanes and slots that show each channel; one that none shows is left out."""
+    every = ((name, np.nonzero(kind == k)) for k, name in enumerate(KINDS))
+    return {name: places for name, places in every if places[0].size}
 
 
 def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, differentiated: bool = False) -> _Laid:
     batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
-    late = Shifts(form, full, batch, differentiated)
     kind = np.asarray(weighted.slots.kind)
+    places = _PLACES.of([kind], None, lambda: _places_of(kind))
+    late = Shifts(form, full, batch, differentiated, places)
     tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
     numbers = numbered(tree)
     changing = jax.tree.leaves((numbers[0].steps.acting, numbers[2]))
     renewed = frozenset({numbers[0].steps.guide_stiffness, *changing})
-    places = {name: np.nonzero(kind == KINDS.index(name)) for name in late.channels}
-    return _Laid(late, tree, rows_of(weighted), renewed, places)
+    return _Laid(late, tree, rows_of(weighted), renewed, {n: places[n] for n in late.channels if n in places})
 
 
 def _simulated(
@@ -139,22 +148,30 @@ def _simulated(
 ) -> Float[np.ndarray, "K T L M"]:
     """The simulated value of each slot, and its derivatives in the free parameters, K = 1 + P."""
     laid = _laid(form, full, weighted, bool(free))
+    records, asked = _packed(form, laid)
+    out = stored_over_lanes(_observed_kernel(asked, free), records, full)
+    parts = np.moveaxis(out.reshape(*records.shape, 1 + len(free), -1), 2, 0)
+    count, late = weighted.slots.kind.shape[-1], laid.late
+    shown = {name: parts[..., count + late.channels.index(name)] for name in laid.places}
+    seen = np.ascontiguousarray(parts[..., :count])
+    laid.shown(seen[0], {name: late.read(name, each[0]) for name, each in shown.items()})
+    if free:
+        laid.shown(seen[1:], {name: late.tangents(free, name, each[1:], each[0]) for name, each in shown.items()})
+    return seen
+
+
+def _packed(form: Form, laid: _Laid) -> tuple[Records, _Asked]:
+    """The batch as a kernel reads it; once, unless what acts in it changes with the parameters."""
 
     def made_of(shape: Shape) -> tuple[tuple[int, ...], _Asked]:
         asked = form, shape, laid.late.channels
         return _leaves(*asked), asked
 
-    records, asked = records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
-    out = stored_over_lanes(_observed_kernel(asked, free), records, full)
-    parts = np.split(out, 1 + len(free), axis=-1)
-    count = weighted.slots.kind.shape[-1]
-    signals = {name: parts[0][..., count + m] for m, name in enumerate(laid.late.channels)}
-    seen = [laid.shown(parts[0][..., :count], {name: laid.late.read(name, signal) for name, signal in signals.items()})]
-    for symbol, part in zip(free, parts[1:], strict=True):
-        ways = {name: part[..., count + m] for m, name in enumerate(laid.late.channels)}
-        read = {name: laid.late.tangent(symbol, name, way, signals[name]) for name, way in ways.items()}
-        seen.append(laid.shown(part[..., :count], read))
-    return np.stack(seen)
+    def packed() -> tuple[Records, _Asked]:
+        return records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
+
+    changes = laid.late.acting is not None
+    return packed() if changes else _PACKED.of(jax.tree.leaves(laid.tree), (form, laid.late.channels), packed)
 
 
 def _responds(form: Form, late: tuple[str, ...]) -> Any:
@@ -186,7 +203,7 @@ def responses(
         prompt, signals = _RESPONSES.run(
             (form, laid.late.channels), full, Entries(tree, laid.rows, laid.renewed | ways)
         )
-        late = {name: laid.late.read(name, np.asarray(signal)) for name, signal in signals.items()}
+        late = {name: laid.late.read(name, np.asarray(signals[name])) for name in laid.places}
         return laid.shown(np.array(prompt), late)
 
     errors = np.stack([-weighted.slots.weight * along(way) for way in besides])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -14,16 +15,17 @@ from ..kernels.derivatives import forward
 from ..kernels.graph import Graph
 from ..kernels.lowering import lowered
 from ..kernels.machine import Kernel
-from ..model.delay import Earlier, LateInput, between, earlier, late_input
+from ..model.delay import Clock, Earlier, LateInput, between, earlier, late_input
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
 from .lanes import remembered, stored
-from .records import Entries, numbered, records_of, used_rows
+from .records import Entries, Remembered, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 _REMEMBERED = 256  # kernels
+_AT_ONCE = 65_536  # numbers of tangents that are shifted at a time: more fall out of the caches
 _WARP = 2e-5  # of a step's length, by which it is changed to see what that does to a shift
 
 Signal = Float[np.ndarray, "T L"]
@@ -101,11 +103,18 @@ def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], tuple[Any, K
     return entry.traced.leaves, stored(entry.traced, (entry.late, entry.ways))
 
 
+_PACKED, _CLOCKS = Remembered(), Remembered()
+
+
 def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
     """How late everything is, and its derivatives, (T, L) each."""
-    renewed = frozenset({numbered(batch).steps.guide_stiffness})
-    entries = Entries(batch, used_rows(batch.steps, batch.resets), renewed)
-    records, (results, kernel) = records_of(entries, lambda shape: _lags_entry(form, shape))
+
+    def packed() -> Any:
+        renewed = frozenset({numbered(batch).steps.guide_stiffness})
+        entries = Entries(batch, used_rows(batch.steps, batch.resets), renewed)
+        return records_of(entries, lambda shape: _lags_entry(form, shape))
+
+    records, (results, kernel) = _PACKED.of(jax.tree.leaves(batch), form, packed)
     return jax.tree.map(np.asarray, results.over(kernel, records, full))
 
 
@@ -126,19 +135,27 @@ class _Reading(NamedTuple):
         signal = signal if self.delay is None else self.delay.delayed(signal)
         return self._with(signal, self.logged.delayed(signal[:, self.lanes], np))
 
-    def tangent(self, way: Signal, signal: Signal, delay: Any, late: Any) -> Signal:
-        """Derivative of `read`, by those of the signal, its delay and its lateness."""
+    def tangents(
+        self, ways: Float[np.ndarray, "K T L"], signal: Signal, moves: Sequence[tuple[Any, Any]]
+    ) -> Float[np.ndarray, "K T L"]:
+        """Derivatives of `read`, by those of the signal and, in pairs, those of its delay and of its lateness."""
         if self.delay is not None:
-            way = self.delay.delayed(way) - delay * self.delay.rate(signal)
+            rate = self.delay.rate(signal)
+            ways = self.delay.delayed(ways)
+            for way, (delay, _) in zip(ways, moves, strict=True):
+                way -= delay * rate
             signal = self.delay.delayed(signal)
-        own = self.logged.delayed(way[:, self.lanes], np)
-        if np.any(late):
-            own -= late[:, self.lanes] * self.logged.rate(signal[:, self.lanes])
-        return self._with(way, own)
+        own = self.logged.delayed(ways[..., self.lanes], np)
+        if any(np.any(late) for _, late in moves):
+            rate = self.logged.rate(signal[:, self.lanes])
+            for way, (_, late) in zip(own, moves, strict=True):
+                if np.any(late):
+                    way -= late[:, self.lanes] * rate
+        return self._with(ways, own)
 
-    def _with(self, signal: Signal, own: Float[np.ndarray, "T l"]) -> Signal:
+    def _with(self, signal: Float[np.ndarray, "*K T L"], own: Float[np.ndarray, "*K T l"]) -> Any:
         out = np.array(signal)
-        out[:, self.lanes] = own
+        out[..., self.lanes] = own
         return out
 
 
@@ -155,24 +172,35 @@ class _Shifted(NamedTuple):
 
 
 def _shifted(
-    late: Lags, ways: Mapping[str, Lags], steps: Step, resets: Reset, near: _Shifted | None = None
+    late: Lags,
+    ways: Mapping[str, Lags],
+    steps: Step,
+    resets: Reset,
+    names: Collection[str],
+    near: _Shifted | None = None,
 ) -> _Shifted:
-    """`near`: read between the same entries as there."""
+    """`names`: of the channels that are read. `near`: read between the same entries as there."""
     channels, still = {}, np.zeros(np.shape(steps.dt))
-    for name in {*late.channels, *late.logged}:
+    for name in names:
         delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name, still)
         moves = [logged, *(way.logged[name] for way in ways.values() if name in way.logged)]
         lanes = np.flatnonzero(np.any([_anywhere(each) for each in moves], axis=0))
-        own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
+        own = _CLOCKS.of([steps.dt, resets.begins], lanes.tobytes(), partial(_clock_of, steps, resets, lanes))
         as_there = _Reading(None, None, lanes) if near is None else near.channels[name]
         channels[name] = _Reading(
             earlier(steps, resets, delay, np, as_there.delay) if delay > 0.0 else None,
-            between(*own, logged[:, lanes], np, as_there.logged),
+            between(own, logged[:, lanes], np, as_there.logged),
             lanes,
         )
     delay = 0.0 if late.input is None else _delay(late.input)
     begun = None if near is None else near.input
     return _Shifted(late_input(steps, resets, delay, np, begun) if delay > 0.0 else None, channels)
+
+
+def _clock_of(steps: Step, resets: Reset, lanes: Int[np.ndarray, " l"]) -> Clock:
+    """Of some lanes."""
+    own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
+    return Clock.of(*own, np)
 
 
 def _anywhere(signal: Signal) -> Bool[np.ndarray, " L"]:
@@ -193,16 +221,25 @@ class Shifts:
         full: value of every parameter, SI, shape (Q,).
         batch: what is simulated.
         differentiated: whether `ways` are asked for.
+        shown: channels that are read; all that may be late where None.
     Attributes:
         acting: what acts in each step; None where the input is never late.
         ways: of each parameter that changes it, the derivative.
+        channels: that may be late.
     """
 
     def __init__(
-        self, form: Form, full: Float[np.ndarray, " Q"], batch: Simulated, differentiated: bool = False
+        self,
+        form: Form,
+        full: Float[np.ndarray, " Q"],
+        batch: Simulated,
+        differentiated: bool = False,
+        shown: Collection[str] | None = None,
     ) -> None:
         self._late, self._ways = _found(form, full, batch)
         self._batch, late = batch, self._late
+        self.channels = tuple(sorted({*late.channels, *late.logged}))
+        self._read = [name for name in self.channels if shown is None or name in shown]
         self._as_is = self._with(late.dt)
         self._warped: dict[str, tuple[_Shifted, _Shifted, float]] = {}
         self.acting = None if late.acting is None else self._as_is.acting(late.acting)
@@ -211,7 +248,7 @@ class Shifts:
 
     def _with(self, dt: Signal | None, near: _Shifted | None = None) -> _Shifted:
         steps = self._batch.steps if dt is None else self._batch.steps._replace(dt=dt)
-        return _shifted(self._late, self._ways, steps, self._batch.resets, near)
+        return _shifted(self._late, self._ways, steps, self._batch.resets, self._read, near)
 
     @property
     def lanes(self) -> Int[np.ndarray, " l"]:
@@ -221,21 +258,27 @@ class Shifts:
         of_channels = (reading.lanes for reading in self._as_is.channels.values())
         return np.unique(np.concatenate([np.zeros(0, dtype=int), *of_channels]))
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Channels that may be late."""
-        return tuple(sorted(self._as_is.channels))
-
     def read(self, channel: str, signal: Signal) -> Signal:
         """A signal of a channel as it is logged."""
         return self._as_is.channels[channel].read(signal)
 
-    def tangent(self, symbol: str, channel: str, way: Signal, signal: Signal) -> Signal:
-        """Derivative of `read` in a parameter, where that of the signal is `way`."""
+    def tangents(
+        self, symbols: Sequence[str], channel: str, ways: Float[np.ndarray, "K T L"], signal: Signal
+    ) -> Float[np.ndarray, "K T L"]:
+        """Derivatives of `read` in parameters, where those of the signal are `ways`."""
+        reading, out = self._as_is.channels[channel], np.empty(ways.shape)
+        some = max(1, _AT_ONCE // signal.size)
+        for k in range(0, len(symbols), some):
+            few = slice(k, k + some)
+            out[few] = reading.tangents(ways[few], signal, [self._moves(s, channel) for s in symbols[few]])
+        for way, symbol in zip(out, symbols, strict=True):
+            way += self._by_warp(symbol, lambda shifted: shifted.channels[channel].read(signal))
+        return out
+
+    def _moves(self, symbol: str, channel: str) -> tuple[Any, Any]:
+        """Derivatives of a channel's delay and of its lateness in a parameter."""
         moves = self._ways.get(symbol)
-        late = (0.0, 0.0) if moves is None else (moves.channels.get(channel, 0.0), moves.logged.get(channel, 0.0))
-        along = self._as_is.channels[channel].tangent(way, signal, *late)
-        return along + self._by_warp(symbol, lambda shifted: shifted.channels[channel].read(signal))
+        return (0.0, 0.0) if moves is None else (moves.channels.get(channel, 0.0), moves.logged.get(channel, 0.0))
 
     def _by_warp(self, symbol: str, read: Callable[[_Shifted], Any]) -> Any:
         """What a shift does since a parameter changes the lengths of steps, by a central difference: rare, and exact to

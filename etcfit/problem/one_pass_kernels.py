@@ -69,7 +69,7 @@ def kernel(
     return compiled(entry(*asked).residual_loop(across, free, summed, stored))
 
 
-_PACKED = Remembered()
+_PACKED, _ROWS = Remembered(), Remembered()
 
 
 def data_of(weighted: WeightedData) -> tuple[Any, ...]:
@@ -79,7 +79,8 @@ def data_of(weighted: WeightedData) -> tuple[Any, ...]:
 
 def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     """Entries of each lane that are used, shape (L,)."""
-    return used_rows(weighted.steps, weighted.resets)
+    steps, resets = weighted.steps, weighted.resets
+    return _ROWS.of([steps.dt, resets.begins], None, lambda: used_rows(steps, resets))
 
 
 def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:

@@ -139,11 +139,12 @@ class Remembered:
         if not arrays:
             return make()
         key = (*map(id, arrays), further)
-        if key not in self._kept:
-            self._kept[key] = make()
+        found = self._kept.get(key, self)
+        if found is self:
+            found = self._kept[key] = make()
             for array in arrays:
                 weakref.finalize(array, partial(self._kept.pop, key, None)).atexit = False
-        return self._kept[key]
+        return found
 
 
 _FOUND, _RECORDS = Remembered(), Remembered()

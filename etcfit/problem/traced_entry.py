@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -45,6 +46,13 @@ class Shape:
     shapes: tuple[tuple[int, ...], ...]
     constant: tuple[tuple[Column, float], ...]
     uniform: tuple[Column, ...]
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:  # asked for at every evaluation of a residual
+        return hash((self.tree, self.shapes, self.constant, self.uniform))
 
 
 class TracedEntry:

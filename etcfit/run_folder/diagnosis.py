@@ -1,4 +1,5 @@
-"""diagnosis.json, and the rounds of a diagnosis under way: one that was interrupted goes on from there."""
+"""diagnosis.json, declared: every key and what of a diagnosis it is; and the rounds of a diagnosis under way: one that
+was interrupted goes on from there."""
 
 from __future__ import annotations
 
@@ -6,115 +7,215 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..diagnosis.findings import Diagnosis, RoundReport, Unexplained
+from ..diagnosis.findings import Diagnosis
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..errors import command
 from ..estimation.identifiability import listed
+from ..estimation.intervals import intervals
 from ..estimation.result import FitResult
 from ..files import plain, put_aside
-from ..rig.base import Finding
 from . import codec
-from .fit import AGREEMENT, FIT, ROW, SCORE, effects_of, rows_of, score_of, versions
+from .declared import Record, by_name, key, list_of
+from .fit import AGREEMENT, PARAMETER, ROW, SCORE, described, rows_of, score_of
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
+from .shared import CONVERGED, FILES, FOLDER, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS, effects_of
 
 
 def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The object of diagnosis.json (docs/formats.md), and what else a reader may want to know.
-
-    Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that stands
-    beside them.
+    """The object of diagnosis.json. Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers
+    are in the unit that stands beside them.
     """
-    before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
-    return {
-        "schema": "etcfit.diagnosis/1",
-        "name": after.rig.config.name,
-        "synthetic": after.rig.config.synthetic,
-        "converged": after.converged,
-        "reason": after.reason,
-        "verdict": list(diagnosis.verdict),
-        "start": {"effects": list(effects_of(before))},
-        "final": {"effects": list(effects_of(after))},
-        "rounds": [_round(each, tuple(effects_of(before))) for each in diagnosis.rounds],
-        "added": list(diagnosis.added),
-        "removed": list(diagnosis.removed),
-        "sets": [plain(each) for each in diagnosis.sets],
-        "ties": [list(tie.effects) for tie in diagnosis.ties],
-        "ties_apart": [list(tie.apart) for tie in diagnosis.ties],
-        "ties_told_by": [tie.told_by for tie in diagnosis.ties],
-        "rig": [
-            *({**plain(each), "probability": plain(diagnosis.probabilities.get(each.effect)), "chance": None}
-              for each in diagnosis.rig),
-            *map(_found_before, after.rig.findings),
-        ],
-        "statements": [plain(each) for each in diagnosis.statements],
-        "questions": [plain(each) for each in diagnosis.questions],
-        "probabilities": plain(dict(diagnosis.probabilities)),
-        "unexplained": _unexplained(unknown) if unknown is not None else None,
-        "discrepancy": [plain(each) for each in diagnosis.discrepancy],
-        "before": plain(SCORE.written(score_of(before))),
-        "after": plain(SCORE.written(score_of(after))),
-        "after_with_unknown": None if unknown is None else {
-            "fit": [plain(ROW.written(row)) for row in rows_of(unknown.fit)],
-            "holdout": [plain(ROW.written(row)) for row in rows_of(unknown.holdout)],
-        },
-        "parameters": plain(FIT.keys["parameters"].value(after)),
-        **plain(AGREEMENT.written(after)),
-        "settings": plain(diagnosis.settings),
-        "warnings": list(after.warnings),
-        "folder": after.rig.folder,
-        "files": dict(after.rig.digests),
-        "versions": versions(),
-    }  # fmt: skip
+    return plain(DIAGNOSIS.written(diagnosis))
 
 
-def _found_before(finding: Finding) -> dict[str, Any]:
-    """What the records show before any fit; `chance` is that of a rig without it, no probability of the mistake."""
-    return plain({
-        "effect": None,
-        "kind": finding.kind,
-        "test": finding.test,
-        "channel": finding.channel,
-        "size": finding.size,
-        "unit": finding.unit,
-        "mend": finding.mend,
-        "sentence": finding.found,
-        "file": finding.file,
-        "probability": None,
-        "chance": finding.chance,
-        "suspected": False,
-    })  # fmt: skip
+def _rounds(found: Diagnosis) -> list[dict[str, Any]]:
+    known = effects_of(found.before)
+    return [vars(each) | {"effects": list(dict.fromkeys((*known, *each.effects)))} for each in found.rounds]
 
 
-def _round(each: RoundReport, known: tuple[str, ...]) -> dict[str, Any]:
-    return {
-        "effects": list(dict.fromkeys((*known, *each.effects))),
-        "white": each.evidence.white,
-        "evidence": plain(each.evidence.rows),
-        "evidence_says": list(each.evidence.sentences),
-        "shares": plain(each.evidence.shares),
-        "fit_rms": plain(each.fit_rms),
-        "holdout_rms": plain(each.holdout_rms),
-        "candidates": plain(each.candidates),
-        "added": each.added,
-        "ties": list(each.ties),
-        "why": each.why,
-    }
+def _mistakes(found: Diagnosis) -> list[dict[str, Any]]:
+    """Those of the diagnosis, and what the records show before any fit: its `chance` is that of a rig without it, no
+    probability of the mistake."""
+    seen = {"effect": None, "probability": None, "suspected": False}
+    return [
+        *(vars(each) | {"probability": found.probabilities.get(each.effect), "chance": None} for each in found.rig),
+        *(vars(each) | {"sentence": each.found} | seen for each in found.after.rig.findings),
+    ]
 
 
-def _unexplained(unknown: Unexplained) -> dict[str, Any]:
-    return plain({
-        "enters": unknown.enters,
-        "depends_on": unknown.depends_on,
-        "shape": {"axis": unknown.axis, "axis_unit": unknown.axis_unit, "curve": unknown.curve, "unit": unknown.unit,
-                  "sd": unknown.sd},
-        "size": unknown.size,
-        "sentence": unknown.sentence,
-        "fit_rms_ratio": unknown.fit_rms_ratio,
-        "holdout_rms_ratio": unknown.holdout_rms_ratio,
-        "bic_change": unknown.bic_change,
-        "doubts": list(unknown.doubts),
-    })  # fmt: skip
+EFFECTS = Record(
+    effects=key("[text]", "Names, those of Eqs. 1-2 among them.", effects_of),
+)  # fmt: skip
+EVIDENCE = Record(
+    "One channel of one trace.", "evidence",
+    file=key("text", "The trace."),
+    test=key("text", "Rig test."),
+    channel=key("text", "Quantity."),
+    n=key("whole", "Samples."),
+    rms=key("number?", "Of the whitened residual; 1 where nothing is missing."),
+    ljung_box=key("number?", "p-value of Ljung and Box's test of no autocorrelation."),
+    strongest=key("text", "The signal that the residual goes along with most: input, speed, sign of speed, angle, "
+        "current or time."),
+    correlation=key("number?", "With that signal."),
+    p=key("number?", "Its p-value, corrected for the number of signals tried."),
+    white=key("flag", "Neither too large, nor correlated."),
+)  # fmt: skip
+SHARE = Record(
+    "One share.",
+    enters=key("text", "torque or voltage."),
+    axis=key("text", "angle, speed, current, load or time."),
+    share=key("number?", "Of the variance, taken away by a smooth curve over the axis."),
+)  # fmt: skip
+CANDIDATE = Record(
+    "One effect of the catalogue in one round.", "candidate",
+    effect=key("text", "Name."),
+    screened=key("number?", "By how much the score test expects it to lower chi2.", optional=True),
+    own=key("number?", "Share of its signature that no fitted parameter can imitate; 0 means it is the same as a "
+        "shift of those.", optional=True),
+    refitted=key("flag", "Whether it was refitted in full; the next four are null where not.", optional=True),
+    fit_rms_ratio=key("number?", "Free-running error of the fitted traces with it over that without it."),
+    holdout_rms_ratio=key("number?", "The same of the held-out traces; null where there are none."),
+    holdout_chi2_change=key("number?", "Change of chi2 of the held-out residual.", optional=True),
+    bic_change=key("number?", "Change of the Bayesian information criterion, `prior` included; below -10 it is worth "
+        "its parameters."),
+    prior=key("number?", "-2 ln prior of a mistake of the rig of this size; 0 of other effects. Not written by every "
+        "version.", optional=True),
+)  # fmt: skip
+ROUND = Record(
+    "One turn.",
+    effects=key("[text]", "The model it began with."),
+    white=key("flag", "Its residual is noise already.", "evidence.white"),
+    evidence=key(list_of(EVIDENCE), "Its residual, channel by channel.", "evidence.rows"),
+    evidence_says=key("[text]", "The same in words.", "evidence.sentences", optional=True),
+    shares=key(list_of(SHARE), "What the missing torque and voltage depend on, largest first.", "evidence.shares",
+        optional=True),
+    fit_rms=key("number?", "Free-running error of the fitted traces, in units of their noise.", optional=True),
+    holdout_rms=key("number?", "The same of the held-out ones; null without any.", optional=True),
+    candidates=key(list_of(CANDIDATE), "The effects tried, most promising first."),
+    added=key("text?", "The effect found, or null."),
+    ties=key("[text]", "Effects that would have done as well.", optional=True),
+    why=key("text", "One sentence."),
+)  # fmt: skip
+SET = Record(
+    "One set.",
+    effects=key("[text]", "Names; all that were found from there on."),
+    bic_change=key("number?", "Of taking it in place of what the rounds found; null where they do not compare: one is "
+        "far from its data, or one of the pair is not worth its parameters."),
+    taken=key("flag", "Whether it was."),
+)  # fmt: skip
+SHAPE = Record(
+    axis=key("[number]", "Where."),
+    axis_unit=key("text", "Of it."),
+    curve=key("[number?]", "Value."),
+    unit=key("text", "Of it."),
+    sd=key("[number?]", "Its standard deviation."),
+)  # fmt: skip
+UNEXPLAINED = Record(
+    enters=key("text", "torque, friction, voltage or position."),
+    depends_on=key("text", "angle, speed, load, current or time."),
+    shape=key(SHAPE, "The curve.", ""),
+    size=key("number?", "Root mean square of it along the measured motion, in the unit of the curve."),
+    sentence=key("text", "All that in words.", optional=True),
+    fit_rms_ratio=key("number?", "Free-running error with it over that without it, fitted traces.", optional=True),
+    holdout_rms_ratio=key("number?", "The same, held-out traces.", optional=True),
+    bic_change=key("number?", "Of adding it.", optional=True),
+    doubts=key("[text]", "Named effects that it replaces as well as they explain the data: they are not proven.",
+        optional=True),
+)  # fmt: skip
+STATEMENT = Record(
+    effect=key("text", "Name."),
+    probability=key("number", "That it is there, given the data.", minimum=0, maximum=1),
+    certainty=key("text", "found from 0.90, probably from 0.70, may be below.", enum=["found", "probably", "may be"]),
+    acted_on=key("flag", "It is likely enough to change something because of it (`settings.suspicion`)."),
+    instead=key("{number}", "Probability of what else could explain the same misfit, by name, the likeliest first.",
+        each={"description": "Probability."}),
+    told_by=key("text", "Which measurement would tell."),
+    sentence=key("text", "All that in words."),
+)  # fmt: skip
+QUESTION = Record(
+    asks=key("text", "The question in words."),
+    answers=key("{number}", "Probability of each answer; they exclude each other and add up to one.",
+        each={"description": "Probability.", "minimum": 0, "maximum": 1}),
+)  # fmt: skip
+DISCREPANCY = Record(
+    "One curve.",
+    enters=key("text", '"torque", "friction", "voltage" or "position".'),
+    depends_on=key("text", '"angle", "speed", "load", "current" or "time".'),
+    size=key("number", "Its standard deviation at any value of the axis."),
+    unit=key("text", "Of the size."),
+)  # fmt: skip
+WITH_UNKNOWN = Record(
+    fit=key(list_of(ROW), "Fitted traces.", lambda unknown: rows_of(unknown.fit)),
+    holdout=key(list_of(ROW), "Held-out traces.", lambda unknown: rows_of(unknown.holdout)),
+)  # fmt: skip
+MISTAKE = Record(
+    effect=key("text?", "Name of the effect that takes it into account, as in `added`; null: found before any fit, "
+        "and not fitted."),
+    kind=key("text", "Kind of mistake: series_resistance, channel_gain, channel_sign, ..."),
+    test=key("text?", "Rig test; null: every test."),
+    channel=key("text?", "Channel; null where none is meant."),
+    size=key("number", "Of the mistake, in `unit`; a share where that is empty."),
+    unit=key("text", "SI."),
+    mend=key("text", "The line of rig.toml, or the header of the CSV, that takes it into account."),
+    sentence=key("text", "All that in words."),
+    file=key("text?", "Trace; null: every trace of the test."),
+    suspected=key("flag", "Its probability is below `settings.suspicion`: change nothing because of it; `sentence` "
+        "says what to measure.", optional=True),
+    probability=key("number?", "Null: not calibrated."),
+    chance=key("number?", "Probability that a rig without the mistake would look so; null: found by the diagnosis."),
+).closed()  # fmt: skip
+ERRORS = Record(
+    "Errors.", "score",
+    **SCORE.keys | {name: SCORE.keys[name]._replace(optional=True) for name in ("explained", "explained_holdout")},
+)  # fmt: skip
+DIAGNOSIS = Record(
+    "What the fitted model lacks, and the final model: written by `etcfit diagnose`.",
+    name=RIG.of("after.rig.config.name"),
+    synthetic=SYNTHETIC.of("after.rig.config.synthetic"),
+    converged=CONVERGED.of("after.converged"),
+    reason=REASON.of("after.reason"),
+    verdict=key("[text]", "The whole in a few sentences."),
+    start=key(EFFECTS, "The model of the fit that was taken up.", "before"),
+    final=key(EFFECTS, "The final model.", "after"),
+    rounds=key(list_of(ROUND), "Each turn of the loop; the last one adds nothing.", _rounds),
+    added=key("[text]", "Effects found, in the order found; empty where the first model already explains the data."),
+    removed=key("[text]", "A sentence for each effect that gave way to another, or was taken away again."),
+    sets=key(list_of(SET), "Sets of effects refitted beside what the rounds found: the pairs that promise more "
+        "together.", optional=True),
+    ties=key("[[text]]", "Groups of effects that these data cannot tell apart; the first of each stands in the model.",
+        lambda found: [tie.effects for tie in found.ties], each={"description": "Names."}),
+    ties_apart=key("[[number?]]", "For each tie, how far the fits with the others are from that with the first: rms "
+        "over samples, in units of the noise.", lambda found: [tie.apart for tie in found.ties],
+        each={"description": "One number for each of the others."}),
+    ties_told_by=key("[text]", "For each tie, the measurement that would separate them.",
+        lambda found: [tie.told_by for tie in found.ties]),
+    rig=key(list_of(MISTAKE), "Mistakes and habits of the rig itself: those that the diagnosis found (each is one of "
+        "`added` too), then those that the records show before any fit.", _mistakes),
+    statements=key(list_of(STATEMENT), "What is stated of each effect added, in the order found. Not written by every "
+        "version.", optional=True),
+    questions=key(list_of(QUESTION), "What the data were asked: one question a round, and at last what is left. Not "
+        "written by every version.", optional=True),
+    probabilities=key("{number}", "Probability of each effect or rig mistake, of nothing, and of unexplained. Not "
+        "written by every version.", optional=True, each={"description": "Probability.", "minimum": 0, "maximum": 1}),
+    unexplained=key(UNEXPLAINED, "Structure that no named effect explains, as a smooth curve; null where there is "
+        "none.", null=True),
+    discrepancy=key(list_of(DISCREPANCY), "Random curves that what is left in the residual of the final model shows, "
+        "and that intervals allow for; empty where nothing is left, or the model is far from its data.",
+        optional=True),
+    before=key(ERRORS, "Free-running errors of the first model.", lambda found: score_of(found.before)),
+    after=key(ERRORS, "Free-running errors of the final model.", lambda found: score_of(found.after)),
+    after_with_unknown=key(WITH_UNKNOWN, "Free-running errors with the curve of `unexplained` in the model; null "
+        "without one.", "unexplained", null=True),
+    parameters=key(by_name(PARAMETER), "As in fit.json, of the final model.",
+        lambda found: described(found.after, intervals(found.after)), propertyNames=SYMBOL),
+    **AGREEMENT.within("after"),
+    settings=key("object", "What the diagnosis decided by: every field of `etcfit.DiagnosisSettings`."),
+    warnings=WARNINGS.of("after.warnings"),
+    folder=FOLDER.of("after.rig.folder"),
+    files=FILES.of("after.rig.digests"),
+    versions=VERSIONS,
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

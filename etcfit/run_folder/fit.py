@@ -1,17 +1,13 @@
-"""fit.json, declared: every key, what it means and what of a fit it is; and what other files share."""
+"""fit.json, declared: every key, what it means and what of a fit it is."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterable, Mapping
-from importlib import metadata
 from typing import Any
 
 import numpy as np
 
-from .. import __version__
 from ..estimation.explained import Explained, by_place, explained, share_of
-from ..estimation.fitted_model import Fitted
 from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.result import FitResult, Reason
@@ -19,9 +15,10 @@ from ..files import plain
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
 from .declared import Record, by_name, key, list_of
+from .shared import CONVERGED, FILES, FOLDER, MODEL, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
-SYMBOL = {"pattern": "^[A-Za-z][A-Za-z0-9_.]*$"}
+STATUSES = ["estimated", "fixed", "tied", "not identifiable", "compromise"]  # of a parameter
 _STATISTICAL, _STATED = "statistical only", "statistical and stated accuracy"
 _LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
 
@@ -41,22 +38,11 @@ def ends(interval: Interval) -> list[float] | None:
     return None if interval.low is None or interval.high is None else [interval.low, interval.high]
 
 
-def effects_of(result: FitResult | Fitted) -> list[str]:
-    """Names of all effects of a model, those of Eqs. 1-2 among them."""
-    return [effect.name for effect in result.free_parameters.layout.types]
-
-
 def readings_of(result: FitResult) -> dict[str, float]:
     """What the paper's graphs say, SI: read, not merely assumed, and finite."""
     readings = result.readings
     assumed = readings.nominal | {s for s, other in result.free_parameters.layout.ties if other in readings.nominal}
     return {s: float(v) for s, v in readings.values.items() if s not in assumed and np.isfinite(v)}
-
-
-def versions() -> dict[str, str]:
-    """Of etcfit, Python and the numerical libraries."""
-    ours = {"etcfit": __version__, "python": platform.python_version()}
-    return ours | {name: metadata.version(name) for name in ("jax", "optimistix", "numpy", "scipy")}
 
 
 def rows_of(rows: Iterable[PredictionError], found: Iterable[Explained] = ()) -> list[dict[str, Any]]:
@@ -131,27 +117,6 @@ def _sensors(rig: Rig) -> list[dict[str, Any]]:
     return list(seen.values())
 
 
-RIG = key("text", "Name of the rig, from rig.toml.", "rig.config.name")
-SYNTHETIC = key("flag", "The data came from a simulation.", "rig.config.synthetic")
-VERSIONS = key("{text}", "Versions of etcfit, Python and the numerical libraries that made this file.",
-    lambda _: versions())  # fmt: skip
-CONVERGED = key("flag", "Whether the end is an optimum. False also means exit status 3.")
-REASON = key("text", "Why (not), in words.")
-WARNINGS = key("[text]", "What a reader must know, one sentence each.")
-FOLDER = key("text", "The measurement folder as it was given.", "rig.folder")
-FILES = key("{text?}", "SHA-256 of every measurement file that was read, by its path in the measurement folder; null "
-    "for one that was gone by then.", "rig.digests", each={"pattern": "^[0-9a-f]{64}$"})  # fmt: skip
-MODEL = Record(
-    effects=key("[text]", "Names of all its effects, those of Eqs. 1-2 among them (see the catalogue of effects).",
-        effects_of),
-)  # fmt: skip
-FIT_STATE = Record(
-    chi2_per_dof=key("number?", "Of its residual, per degree of freedom; 1 where only noise is left."),
-    converged=key("flag", "Whether it is at an optimum."),
-    reason=key("text", "In words why (not)."),
-    compromise=key("text?", "Why its parameters are no estimates; null where they are. Else errors and draws are as "
-        "wide as the ranges that subsets of the data give, and a share of draws is no probability."),
-)  # fmt: skip
 PARAMETER = Record(
     "One parameter, SI.", "parameter",
     value=key("number?", "At the optimum. Of a parameter that is not identifiable it is where the search stopped, and "
@@ -162,7 +127,7 @@ PARAMETER = Record(
         "that subsets of the data give, not a statistical interval.", minItems=2, maxItems=2),
     status=key("text", "estimated; fixed (given in rig.toml); tied (equal to another parameter); not identifiable "
         "(these data do not tell it); compromise (the model is far from its data, so the value is a compromise "
-        "between its errors).", enum=["estimated", "fixed", "tied", "not identifiable", "compromise"]),
+        "between its errors).", enum=STATUSES),
     reading=key("number?", "What the paper's method of reading graphs gives; null where it reads nothing."),
     meaning=key("text", "In words."),
     remark=key("text", "What else must be known of it, such as: at its bound, or K_m = K_b. Absent where there is "

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from importlib.resources import files
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,19 +13,19 @@ from .. import __version__
 from ..errors import UsageError, command, require_extra
 from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
-from ..files import whole, write_json
-from ..fleets.line import FIGURE_BY_NAME, FigureResult, Prediction, Spread
-from ..fleets.statistics.charts import DECISION, Chart, run_length
+from ..files import plain, whole, write_json
+from ..fleets.line import FIGURE_BY_NAME, FigureResult, Spread
+from ..fleets.statistics.charts import DECISION, run_length
 from ..fleets.study import FleetStudy
-from ..fleets.unit import UnitResult
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
 from ..rig.toml import Toml, written
 from .commit import settle
-from .fit import versions
+from .declared import Record, by_name, key, list_of
 from .manifest import FLEET
 from .reading import object_in
+from .shared import SYNTHETIC, VERSIONS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +34,6 @@ if TYPE_CHECKING:
 
 UNITS = "units.parquet"
 _COLUMNS = ("unit", "symbol", "value", "stderr", "low", "high", "status", "shrunk_value", "shrunk_stderr")
-_LABELS = ("serial", "batch", "rig", "operator", "part")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +76,7 @@ def read_fleet_files(run: Path) -> FleetFiles:
         raise UsageError(f"{run} holds no fleet ({FLEET} and {UNITS} are not both there). "
                          f"Run `{command('fleet', 'FLEET', '--out', run)}` first.")  # fmt: skip
     again = f"Run `{command('fleet', 'FLEET', '--out', run)}` again: what it fitted is kept."
-    schema = files("etcfit.run_folder") / "schemas" / "fleet.schema.json"
-    needed = json.loads(schema.read_text(encoding="utf-8"))["required"]
-    content = object_in(run / FLEET, "fleet", ("version", *needed), again)
+    content = object_in(run / FLEET, "fleet", STUDY.required, again)
     if str(content["version"]).split(".")[:2] != __version__.split(".")[:2]:
         raise UsageError(f"{run} was written by etcfit {content['version']}, and this is {__version__}. {again}")
     return FleetFiles(content, _table(run / UNITS, again))
@@ -159,49 +154,15 @@ def _rows(study: FleetStudy) -> Iterator[dict[str, Any]]:
             }  # fmt: skip
 
 
+class _Written(NamedTuple):
+    study: FleetStudy
+    rig: Toml
+    pages: Mapping[str, str]
+
+
 def fleet_json(study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> dict[str, Any]:
-    """The content of fleet.json."""
-    odd = {unit.unit for unit in study.odd}
-    return {
-        "version": __version__,
-        "name": study.config.name,
-        "synthetic": study.synthetic,
-        "units": [unit.unit for unit in study.fitted],
-        "failed": [{"unit": unit.unit, "why": unit.why} for unit in study.failed],
-        "not_converged": [{"unit": unit.unit, "why": unit.reason} for unit in study.fitted if not unit.converged],
-        "members": {unit.unit: _member(study, unit, unit.unit in odd, pages) for unit in study.fitted},
-        "population": _population(study),
-        "uninformed": study.population.uninformed,
-        "left_out": [unit.unit for unit in study.fitted if unit.unit not in study.population.units],
-        "correlation": {"symbols": study.population.symbols, "matrix": study.population.correlation},
-        "odd": study.odd,
-        "effects": {
-            each.effect: {
-                "units": each.units, "of": each.of, "median": each.median, "symbol": each.symbol,
-                "unit": _unit_of(study, each.symbol), "strength": each.strength,
-            }
-            for each in study.effects
-        },
-        "drift": [
-            {
-                "symbol": each.symbol, "since": study.fitted[each.since].unit, "kind": each.kind, "size": each.size,
-                "size_sd": each.size_sd, "p": each.p, "unit": _unit_of(study, each.symbol),
-            }
-            for each in study.drifts
-        ],
-        "charts": {symbol: _chart(study, symbol, each) for symbol, each in study.charts.items()},
-        "capability": {
-            name: {"unit": _unit_of(study, name), **asdict(each)}
-            for name, each in study.capability.items()
-        },
-        "gauge": {name: {"unit": _unit_of(study, name), **asdict(each)} for name, each in study.gauge.items()} or None,
-        "figures": figures_json(study.model.units, study.figures, odd),
-        "predictions": predictions_json(study.predictions),
-        "settings": study.settings,
-        "rig_toml": written(rig),
-        "position_noise": study.model.position_noise,
-        "versions": versions(),
-    }  # fmt: skip
+    """The object of fleet.json."""
+    return plain(STUDY.written(_Written(study, rig, pages)))
 
 
 def _unit_of(study: FleetStudy, symbol: str) -> str:
@@ -212,19 +173,22 @@ def _unit_of(study: FleetStudy, symbol: str) -> str:
     return next((unit.parameters[symbol].unit for unit in study.fitted if symbol in unit.parameters), "1")
 
 
-def _member(study: FleetStudy, unit: UnitResult, odd: bool, pages: Mapping[str, str]) -> dict[str, Any]:
-    member = study.config.members[unit.unit]
+def _with_unit(study: FleetStudy, symbol: str, found: Any) -> dict[str, Any]:
+    return {**vars(found), "unit": _unit_of(study, symbol)}
+
+
+def _with_units(study: FleetStudy, found: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    return {symbol: _with_unit(study, symbol, each) for symbol, each in found.items()}
+
+
+def _members(of: _Written) -> dict[str, dict[str, Any]]:
+    odd, members = {unit.unit for unit in of.study.odd}, of.study.config.members
     return {
-        **{name: getattr(member, name) for name in _LABELS},
-        "date": None if member.date is None else member.date.isoformat(),
-        "temperature": member.temperature,
-        "chi2_per_dof": unit.chi2_per_dof,
-        "converged": unit.converged,
-        "seconds": unit.seconds,
-        "odd": odd,
-        "page": pages.get(unit.unit),
-        "warnings": unit.warnings,
-    }
+        each.unit: vars(each) | {
+            "member": members[each.unit], "odd": each.unit in odd, "page": of.pages.get(each.unit)
+        }
+        for each in of.study.fitted
+    }  # fmt: skip
 
 
 def _population(study: FleetStudy) -> dict[str, dict[str, Any]]:
@@ -240,19 +204,9 @@ def _population(study: FleetStudy) -> dict[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def _chart(study: FleetStudy, symbol: str, chart: Chart) -> dict[str, Any]:
-    """The limits are those of a unit that is known as well as most: of one that is known worse they are wider."""
-    return {
-        "unit": _unit_of(study, symbol), "order": chart.units, "value": chart.value, "stderr": chart.stderr,
-        "centre": chart.centre, "sd": chart.sd, "lower": float(np.median(chart.lower)),
-        "upper": float(np.median(chart.upper)), "cusum_high": chart.cusum_high, "cusum_low": chart.cusum_low,
-        "decision": DECISION, "run_length": run_length(),
-    }  # fmt: skip
-
-
-def figures_json(
+def figures_over(
     units: tuple[str, ...], measured: Mapping[str, FigureResult], odd: Collection[str] = ()
-) -> dict[str, Any]:
+) -> dict[str, dict[str, Any]]:
     """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
 
     Args:
@@ -263,26 +217,205 @@ def figures_json(
     ordinary = ~np.isin(units, list(odd))
     return {
         name: {
+            **vars(Spread.over_units(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
             "meaning": FIGURE_BY_NAME[name].meaning,
-            **asdict(Spread.over_units(FigureResult(told.value[ordinary], told.why), FIGURE_BY_NAME[name].unit)),
             "value": {unit: float(v) for unit, v in zip(units, told.value, strict=True) if np.isfinite(v)},
         }
         for name, told in measured.items()
     }
 
 
-def predictions_json(predictions: Iterable[Prediction]) -> list[dict[str, Any]]:
-    """Every condition with the spread of each figure over the units; figures that can be told of no unit are null."""
-    return [
-        {
-            "condition": each.condition.name,
-            "winding_C": each.condition.winding,
-            "supply_V": each.condition.supply,
-            "friction": each.condition.friction,
-            "figures": {name: asdict(figure) for name, figure in each.figures.items()},
-        }
-        for each in predictions
-    ]
+FAILED = Record(
+    "One unit.",
+    unit=key("text", "Its name."),
+    why=key("text", "In words, as a person must read it."),
+)  # fmt: skip
+UNFINISHED = Record("One unit.", unit=FAILED.keys["unit"], why=FAILED.keys["why"].of("reason"))
+MEMBER = Record(
+    "One unit.",
+    serial=key("text?", "Serial number.", "member.serial"),
+    batch=key("text?", "Batch.", "member.batch"),
+    rig=key("text?", "Rig that it was measured on.", "member.rig"),
+    operator=key("text?", "Who measured it.", "member.operator"),
+    part=key("text?", "The physical throttle; units that share it are repeats of it.", "member.part"),
+    date=key("text?", "When it was measured, ISO 8601.",
+        lambda each: each["member"].date and each["member"].date.isoformat()),
+    temperature=key("number?", "Of the surroundings, K (units.csv has degrees Celsius).", "member.temperature"),
+    chi2_per_dof=key("number?", "Of the whitened residual of its own fit; 1 where only noise is left."),
+    converged=key("flag", "Whether its fit is at an optimum."),
+    seconds=key("number?", "That its fit took."),
+    odd=key("flag", "Whether it is among `odd`."),
+    page=key("text?", "Its own report, relative to RUN; null where none was made."),
+    warnings=key("[text]", "What a reader of its fit must know."),
+)  # fmt: skip
+POPULATION = Record(
+    "One parameter.",
+    mean=key("number?", "Of the units."),
+    sd=key("number?", "Standard deviation between units; 0 of a shared parameter."),
+    mean_ci95=key("[number?]?", "95 % interval of the mean.", minItems=2, maxItems=2),
+    sd_ci95=key("[number?]?", "95 % interval of the standard deviation.", minItems=2, maxItems=2),
+    unit=key("text", "Unit of measure, SI."),
+    cpk=key("number?", "Against the specification limits; null without any."),
+    shared=key("flag", "One value for all units, estimated jointly."),
+    informed=key("whole?", "Number of units whose data tell it."),
+)  # fmt: skip
+CORRELATION = Record(
+    symbols=key("[text]", "Rows and columns."),
+    matrix=key("[[number?]]", "Row by row; null where it is not known.", "correlation"),
+)  # fmt: skip
+TRACE = Record(
+    "One trace.",
+    file=key("text", "Below the unit's folder."),
+    misfit=key("number?", "Root mean square of the whitened residual; 1 where the model explains all."),
+    z=key("number?", "The misfit against that of the fleet's other units, in robust standard deviations."),
+)  # fmt: skip
+ODD = Record(
+    "One unit.",
+    unit=key("text", "Its name."),
+    distance=key("number", "Mahalanobis distance from the population, in standard deviations of an ordinary unit."),
+    rank=key("whole", "Directions in which the distance is measured: an ordinary unit has about the square root of "
+        "it."),
+    p=key("number?", "That an ordinary unit is as odd, by its parameters or by its traces."),
+    rate=key("number?", "Least rate of false ones (Benjamini and Hochberg) at which it would still be called odd."),
+    symbols=key("[text]", "The parameters that make it odd."),
+    scores=key("{number}", "By symbol: distance from the mean, in standard deviations."),
+    drives=key("{number?}", "By symbol: its share of the distance, signed."),
+    misfit=key("number?", "chi2 per degree of freedom against those of the fleet, in robust standard deviations; 0 "
+        "where none is known."),
+    traces=key(list_of(TRACE), "The traces that make it odd."),
+    why=key("text", "In words."),
+)  # fmt: skip
+EFFECT = Record(
+    "One effect.",
+    units=key("[text]", "Those that have it."),
+    of=key("whole", "Number of units that were asked."),
+    median=key("number?", "Strength over the units that have it."),
+    symbol=key("text?", "The parameter that is its strength."),
+    unit=key("text?", "Unit of the strength."),
+    strength=key("{number?}", "By unit."),
+)  # fmt: skip
+DRIFT = Record(
+    "One change.",
+    symbol=key("text", "What changed."),
+    since=key("text", "First unit after it; of a trend the first of all."),
+    kind=key("text", '"step" or "trend".'),
+    size=key("number", "After less before; of a trend over all units."),
+    size_sd=key("number?", "In standard deviations between units."),
+    p=key("number?", "Of a change as large by chance."),
+    unit=key("text", "Unit of the size, SI."),
+)  # fmt: skip
+CHART = Record(
+    "One chart.",
+    unit=key("text", "Unit of measure, SI."),
+    order=key("[text]", "Names of the units, in the chart's order; every list below goes by it.", "units"),
+    value=key("[number?]", "Of each unit, SI."),
+    stderr=key("[number?]", "Of each unit, SI."),
+    centre=key("number?", "Centre line, SI."),
+    sd=key("number?", "Standard deviation that limits and sums are counted in, SI."),
+    lower=key("number?", "Lower control limit of a unit known as well as most, SI; of one known worse it is further "
+        "out.", lambda chart: float(np.median(chart["lower"]))),
+    upper=key("number?", "Upper control limit, likewise.", lambda chart: float(np.median(chart["upper"]))),
+    cusum_high=key("[number?]", "Cumulative sum above the centre, in standard deviations."),
+    cusum_low=key("[number?]", "Cumulative sum below the centre, in standard deviations."),
+    decision=key("number?", "Cumulative sum beyond which the process has moved.", lambda _: DECISION),
+    run_length=key("number?", "Mean number of units between false alarms of the cumulative sums.",
+        lambda _: run_length()),
+)  # fmt: skip
+CAPABILITY = Record(
+    "One of them.",
+    unit=key("text", "Unit of measure, SI."),
+    low=key("number?", "Lower limit, SI; null without one."),
+    high=key("number?", "Upper limit, SI; null without one."),
+    mean=key("number?", "Of the units."),
+    sd=key("number?", "Between units."),
+    cp=key("number?", "(high - low) / (6 sd); null with one limit."),
+    cp_ci95=key("[number?]?", "Its 95 % interval.", minItems=2, maxItems=2),
+    cpk=key("number?", "Distance of the mean from the nearer limit over 3 sd."),
+    cpk_ci95=key("[number?]?", "Its 95 % interval.", minItems=2, maxItems=2),
+    outside=key("number?", "Share of units expected outside the limits."),
+    outside_ci95=key("[number?]?", "Its 95 % interval."),
+)  # fmt: skip
+GAUGE = Record(
+    "One parameter.",
+    unit=key("text", "Unit of measure, SI."),
+    repeatability=key("number?", "Same part, rig and operator."),
+    rig=key("number?", "Between rigs."),
+    operator=key("number?", "Between operators."),
+    reproducibility=key("number?", "Rig and operator together."),
+    part=key("number?", "Between parts."),
+    total=key("number?", "All together."),
+    rr_percent=key("number?", "Repeatability and reproducibility, per cent of the total."),
+    ndc=key("number?", "Number of distinct categories."),
+    parts=key("whole", "Number of parts that were measured again."),
+    measurements=key("whole", "How many measurements of them."),
+    untold=key("[text]", "What cannot be told apart, a sentence each."),
+)  # fmt: skip
+SPREAD = Record(
+    "One figure.",
+    mean=key("number?", "Of the units."),
+    sd=key("number?", "Between units."),
+    low=key("number?", "2.5 % of the units are below."),
+    high=key("number?", "97.5 % of the units are below."),
+    unit=key("text", "Unit of measure, SI."),
+    told=key("whole", "Number of units that have one."),
+    why=key("text", "Why the others have none; empty where all have."),
+)  # fmt: skip
+FIGURE = Record(
+    "One figure.",
+    meaning=key("text", "In words."),
+    **SPREAD.keys,
+    value=key("{number?}", "By unit; null where it has none."),
+)  # fmt: skip
+PREDICTION = Record(
+    "One condition.",
+    condition=key("text", "In words.", "condition.name"),
+    winding_C=key("number", "Temperature of the winding, degrees Celsius.", "condition.winding"),
+    supply_V=key("number", "Supply, V.", "condition.supply"),
+    friction=key("number", "Dry friction over that of the bench.", "condition.friction"),
+    figures=key(by_name(SPREAD), "By name."),
+)  # fmt: skip
+STUDY = Record(
+    "Many units of one design: the population, odd units, drift and what they can: written by `etcfit fleet`.",
+    version=key("text", "Version of the program.", lambda _: __version__),
+    name=key("text?", "Name of the fleet, from fleet.toml.", "study.config.name"),
+    synthetic=SYNTHETIC.of("study.synthetic"),
+    units=key("[text]", "Every unit with a result, in the order of units.csv, else by name.",
+        lambda of: [unit.unit for unit in of.study.fitted]),
+    failed=key(list_of(FAILED), "Units without a result.", "study.failed"),
+    not_converged=key(list_of(UNFINISHED), "Units whose fit has a result but is not at an optimum.",
+        lambda of: [unit for unit in of.study.fitted if not unit.converged]),
+    members=key(by_name(MEMBER), "What is known of each unit, by name.", _members),
+    population=key(by_name(POPULATION), "By symbol: how the units are spread, their own uncertainty taken off.",
+        lambda of: _population(of.study)),
+    uninformed=key("[text]", "Symbols that no unit's data tell; they are in nothing above or below.",
+        "study.population.uninformed"),
+    left_out=key("[text]", "Units that mean, spread and correlation were estimated without, for they are unlike the "
+        "others.",
+        lambda of: [unit.unit for unit in of.study.fitted if unit.unit not in of.study.population.units]),
+    correlation=key(CORRELATION, "Between the units' parameters.", "study.population"),
+    odd=key(list_of(ODD), "Units that stand out, the oddest first.", "study.odd"),
+    effects=key(by_name(EFFECT), "By name: effects that units have beyond Eqs. 1-2.",
+        lambda of: {each.effect: _with_unit(of.study, each.symbol, each) for each in of.study.effects}),
+    drift=key(list_of(DRIFT), "Changes over the order of the charts.", lambda of: [
+        _with_unit(of.study, each.symbol, each) | {"since": of.study.fitted[each.since].unit}
+        for each in of.study.drifts]),
+    charts=key(by_name(CHART), "By symbol: control chart and cumulative sums.",
+        lambda of: _with_units(of.study, of.study.charts)),
+    capability=key(by_name(CAPABILITY), "By parameter or figure that has specification limits.",
+        lambda of: _with_units(of.study, of.study.capability)),
+    gauge=key(by_name(GAUGE), "Repeatability and reproducibility, by symbol; null where no part was measured again. "
+        "Standard deviations.", lambda of: _with_units(of.study, of.study.gauge) or None, null=True),
+    figures=key(by_name(FIGURE), "By name: what a line measures, from each unit's fitted model.",
+        lambda of: figures_over(of.study.model.units, of.study.figures, {unit.unit for unit in of.study.odd})),
+    predictions=key(list_of(PREDICTION), "The figures in other conditions.", "study.predictions"),
+    settings=key("object", "`FleetSettings`: what population, charts, oddness and effects were decided by.",
+        "study.settings"),
+    rig_toml=key("text", "Tables of one unit's rig.toml, what is common laid under them: what `etcfit design --fleet` "
+        "builds the units from.", lambda of: written(of.rig)),
+    position_noise=key("number", "Standard deviation of the position sensor that a design counts on, rad.",
+        "study.model.position_noise"),
+    versions=VERSIONS,
+)  # fmt: skip
 
 
 def parts_of(run: Path) -> Parts:

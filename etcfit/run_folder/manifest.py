@@ -16,7 +16,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from shlex import quote
@@ -26,7 +26,9 @@ from .. import __version__
 from ..errors import UsageError, command
 from ..files import SUPERSEDED, held, plain, write_json
 from ..files import digest as sha256_of
+from . import declared
 from .commit import all_or_none, settle
+from .declared import by_name, key
 
 MANIFEST = "run.json"
 FIT_STATE, DIAGNOSIS_STATE = "fit_state.npz", "diagnosis_state.npz"
@@ -70,7 +72,6 @@ _RESULTS = ("fit.json", "diagnosis.json", "posterior.json", "transfer_function.j
             "pid.json")  # fmt: skip
 _CONTROL = "pictures/control"
 _AGES = 1e9  # s that no stage takes
-_OPTIONAL = ("folder", "seconds")  # keys of a stage that are left out where nothing is known
 _OF_DESIGN = tuple(f"{_CONTROL}/{name}.png" for name in ("responses", "scenarios", "front", "safety"))
 # in order: a stage needs only what stages before it make
 STAGE_FILES: Mapping[str, StageFiles] = {
@@ -113,6 +114,28 @@ class Record:
     exit: int
     folder: str | None = None
     seconds: float | None = None
+
+
+_HASH = {"pattern": "^[0-9a-f]{64}$"}
+STAGE = declared.Record(
+    "The last time this stage ran.",
+    at=key("text", "When it ended, ISO 8601 with its offset from UTC."),
+    settings=key("object", "Options and settings it ran with."),
+    inputs=key("{text?}", "SHA-256 of every file it read, by path. A stage is stale when a hash differs, never by a "
+        "file's time.", each=_HASH),
+    outputs=key("{text?}", "SHA-256 of every file it wrote, by path below RUN.", each=_HASH),
+    exit=key("whole", "Its exit status."),
+    folder=key("text", "Where the measurements lie, as seen from RUN; of the fit only.", optional=True),
+    seconds=key("number", "How long it took, where that was noted: what the next one says it will take.",
+        optional=True),
+)  # fmt: skip
+RUN = declared.Record(
+    "The manifest of a run folder: which stage made what, from what. Written by every command that writes to RUN.",
+    version=key("text", "Version of etcfit that wrote the manifest last.", lambda _: __version__),
+    stages=key(by_name(STAGE), "By name of the stage: fit, diagnose, reduce, design, sample, report."),
+    aside=key("{object}", "By name of a stage that ran once and whose files no longer hold (moved to superseded/): the "
+        "options and settings it ran with. `etcfit run` makes it anew with those options.", optional=True),
+)  # fmt: skip
 
 
 def is_fleet(run: Path) -> bool:
@@ -204,10 +227,10 @@ _OF_A_RECORD: Mapping[str, Callable[[Any], bool]] = {
 
 def _record(name: str, stage: Mapping[str, Any]) -> Record:
     """One stage of the manifest, each key of the kind that `Record` says."""
-    for key, fits in _OF_A_RECORD.items():
-        if not fits(stage.get(key)):
-            raise ValueError(f"{key} of stage {name} is {json.dumps(stage.get(key))[:60]}")
-    fields: dict[str, Any] = {key: stage.get(key) for key in _OF_A_RECORD}
+    for known, fits in _OF_A_RECORD.items():
+        if not fits(stage.get(known)):
+            raise ValueError(f"{known} of stage {name} is {json.dumps(stage.get(known))[:60]}")
+    fields: dict[str, Any] = {known: stage.get(known) for known in _OF_A_RECORD}
     return Record(**fields)
 
 
@@ -253,7 +276,7 @@ def replacing(
             yield draft.files
             outputs = {name: digest(draft.files / name) for name in STAGE_FILES[stage].makes}
             now = datetime.now(UTC).isoformat(timespec="seconds")
-            draft.note({stage: _known(Record(now, plain(settings), taken, outputs, exit, folder))})
+            draft.note({stage: STAGE.written(Record(now, plain(settings), taken, outputs, exit, folder))})
         settle(run, _take_down)
 
 
@@ -375,10 +398,6 @@ def _put_aside(run: Path, name: str) -> None:
 
 
 def _write(run: Path, records: Mapping[str, Record]) -> None:
-    stages = {name: _known(records[name]) for name in STAGE_FILES if name in records}
+    stages = {name: records[name] for name in STAGE_FILES if name in records}
     aside = {name: settings for name, settings in _as_it_lies(run).settings.items() if name not in records}
-    write_json(run / MANIFEST, "run", {"version": __version__, "stages": stages, "aside": aside})
-
-
-def _known(record: Record) -> dict[str, Any]:
-    return {key: value for key, value in asdict(record).items() if key not in _OPTIONAL or value is not None}
+    write_json(run / MANIFEST, "run", RUN.written({"stages": stages, "aside": aside}))

@@ -20,7 +20,7 @@ from .design import (
     supply_table_json,
     written_for,
 )
-from .fit import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS
+from .shared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS
 
 
 def design_json(design: Design) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""advice.json, plan.json, the measurement folder that waits for the records, and what plays each test: a CSV, a
-table for C, a sketch for Arduino and Teensy.
+"""advice.json and plan.json, declared; the measurement folder that waits for the records, and what plays each test: a
+CSV, a table for C, a sketch for Arduino and Teensy.
 """
 
 from __future__ import annotations
@@ -8,46 +8,32 @@ import json
 import re
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import MeasurementError
-from ..experiment.advice import Advice, Option
-from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, band, logger
+from ..experiment.advice import Advice
+from ..experiment.campaign import Campaign, PlannedTest, band, logger
 from ..experiment.candidates import FULL, Played
 from ..files import held, plain, write_json
 from ..rig.config import parse_config
 from ..rig.user_text import c_comment, hash_comment
-from .fit import versions
+from .declared import Record, by_name, key, list_of
+from .shared import RIG, SYNTHETIC, VERSIONS
 
 _POINTS = 300  # of an expected curve
 
 
+class _Numbered(NamedTuple):
+    campaign: Campaign
+    number: int
+    test: PlannedTest
+
+
 def plan_json(campaign: Campaign) -> dict[str, Any]:
-    """The object of plan.json, see docs/formats.md."""
-    s, settings = campaign.setting, campaign.settings
-    return plain({
-        "rig": campaign.rig.config.name,
-        "synthetic": campaign.rig.config.synthetic,
-        "model": "fit" if campaign.at_fit else "graph readings",
-        "cautions": campaign.cautions,
-        "criterion": campaign.criterion.value,
-        "limits": {
-            "supply_V": s.supply,
-            "current_A": settings.current,
-            "winding_degC": settings.temperature,
-            "position_rad": _room(campaign),
-        },
-        "winding": {"capacity_J_per_K": campaign.winding.capacity, "cooling_s": campaign.winding.cooling,
-                    "fitted": campaign.winding.fitted},
-        "stderr": _stderr(campaign.symbols, campaign.now, campaign.expected),
-        "seconds": campaign.seconds,
-        "tests": [_test(campaign, k, test) for k, test in enumerate(campaign.tests, 1)],
-        "left_out": [{"how": how, "why": why} for how, why in campaign.left_out],
-        "settings": settings,
-        "versions": versions(),
-    })  # fmt: skip
+    """The object of plan.json."""
+    return plain(PLAN.written(campaign))
 
 
 def _room(campaign: Campaign) -> list[float]:
@@ -59,41 +45,102 @@ def _stderr(symbols: tuple[str, ...], before: np.ndarray, after: np.ndarray) -> 
     return {s: {"now": b, "expected": a} for s, b, a in zip(symbols, before.tolist(), after.tolist(), strict=True)}
 
 
-def _test(campaign: Campaign, number: int, test: PlannedTest) -> dict[str, Any]:
-    plan, played = test.candidate.plan, test.candidate.played
-    seen = np.unique(np.linspace(0, plan.time.size - 1, _POINTS).astype(int))
-    hot = campaign.settings.ambient + float(test.forecast.warmth.max())
-    bands = {name: band(test, campaign.setting, name) for name in test.forecast.shown}
-    expected = {
-        name: {"value": test.forecast.shown[name][0, seen], "low": low[seen], "high": high[seen]}
+def _peaks(at: _Numbered) -> dict[str, Any]:
+    hot = at.campaign.settings.ambient + float(at.test.forecast.warmth.max())
+    ends = {name: [float(v.min()), float(v.max())] for name, v in at.test.forecast.shown.items()}
+    return {**ends, "winding_degC": hot}
+
+
+def _expected(at: _Numbered) -> dict[str, Any]:
+    time, shown = at.test.candidate.plan.time, at.test.forecast.shown
+    seen = np.unique(np.linspace(0, time.size - 1, _POINTS).astype(int))
+    bands = {name: band(at.test, at.campaign.setting, name) for name in shown}
+    curves = {
+        name: {"value": shown[name][0, seen], "low": low[seen], "high": high[seen]}
         for name, (low, high) in bands.items()
     }
-    return {
-        "file": test.file,
-        "test": plan.test,
-        "shape": test.candidate.kind,
-        "how": plan.says,
-        "remark": campaign.remark(test) or None,
-        "seconds": test.candidate.seconds,
-        "keeps_off_stops_s": test.candidate.window,
-        "play": None if played is None else {
-            "csv": f"play/plan_{number}.csv",
-            "table": f"play/plan_{number}/plan_{number}.h",
-            "sketch": f"play/plan_{number}/plan_{number}.ino",
-            "period_s": float(played.time[1] - played.time[0]),
-            "supply_V": played.supply,
-        },
-        "logger": [_column(column) for column in logger(test, campaign)],
-        "peaks": {name: [float(v.min()), float(v.max())] for name, v in test.forecast.shown.items()}
-        | {"winding_degC": hot},
-        "pause_s": test.pause,
-        "expected": {"time": plan.time[seen], **expected},
-        "stderr": _stderr(campaign.symbols, test.before, test.after),
-    }  # fmt: skip
+    return {"time": time[seen], **curves}
 
 
-def _column(column: LoggedColumn) -> dict[str, Any]:
-    return {"header": column.header, "low": column.low, "high": column.high, "resolution": column.resolution}
+LIMITS = Record(
+    supply_V=key("number", "V.", "setting.supply"),
+    current_A=key("number", "A.", "settings.current"),
+    winding_degC=key("number", "degC.", "settings.temperature"),
+    position_rad=key("[number]", "Between what the plate stays while it is driven about, rad.", _room,
+        each={"description": "rad."}),
+)  # fmt: skip
+WINDING = Record(
+    capacity_J_per_K=key("number", "J/K.", "capacity"),
+    cooling_s=key("number", "Time constant, s.", "cooling"),
+    fitted=key("flag", "From the fitted winding_heating; else assumed."),
+)  # fmt: skip
+STDERR = Record(
+    now=key("number", "Before."),
+    expected=key("number", "After."),
+)  # fmt: skip
+PLAY = Record(
+    csv=key("text", "Time, voltage, duty.", lambda at: f"play/plan_{at.number}.csv"),
+    table=key("text", "C99 header.", lambda at: f"play/plan_{at.number}/plan_{at.number}.h"),
+    sketch=key("text", "For Arduino and Teensy.", lambda at: f"play/plan_{at.number}/plan_{at.number}.ino"),
+    period_s=key("number", "Of a sample, which is held, s.",
+        lambda at: float(at.test.candidate.played.time[1] - at.test.candidate.played.time[0])),
+    supply_V=key("number", "Voltage of a duty of 1, V.", "test.candidate.played.supply"),
+)  # fmt: skip
+COLUMN = Record(
+    "One column.",
+    header=key("text", "As in the CSV."),
+    low=key("number", "Lower end of the range, in the header's unit."),
+    high=key("number", "Upper end."),
+    resolution=key("number", "Coarsest step that loses nothing."),
+)  # fmt: skip
+TEST = Record(
+    "One test.",
+    file=key("text", "Where in `measurements/` its record goes.", "test.file"),
+    test=key("text", "The rig test.", "test.candidate.plan.test"),
+    shape=key("text", "Shape of the excitation; the rig test where it is one that was not made yet.",
+        "test.candidate.kind"),
+    how=key("text", "What is played, in words.", "test.candidate.plan.says"),
+    remark=key("text?", "What was assumed of it.", lambda at: at.campaign.remark(at.test) or None),
+    seconds=key("number", "Length of the log, s.", "test.candidate.seconds"),
+    keeps_off_stops_s=key("[number]?", "Between which instants the plate keeps off the stops, s; null where it need "
+        "not.", "test.candidate.window", each={"description": "s."}),
+    play=key(PLAY, "The files that play it; null with open terminals.",
+        lambda at: None if at.test.candidate.played is None else at, null=True),
+    logger=key(list_of(COLUMN), "Columns of the record.", lambda at: logger(at.test, at.campaign)),
+    peaks=key("object", "Least and largest of each channel over all models, SI; `winding_degC` is the hottest.",
+        _peaks),
+    pause_s=key("number", "For the winding to cool afterwards, s.", "test.pause"),
+    expected=key("object", "Curves, SI: `time`, and for each channel `value`, `low` and `high` of the band in which "
+        "it must stay.", _expected),
+    stderr=key(by_name(STDERR), "Relative standard error of each parameter before and after this test.",
+        lambda at: _stderr(at.campaign.symbols, at.test.before, at.test.after)),
+)  # fmt: skip
+LEFT_OUT = Record(
+    "One.",
+    how=key("text", "What would be played."),
+    why=key("text", "Which limit."),
+)  # fmt: skip
+PLAN = Record(
+    "The next tests: written by `etcfit plan RUN|FOLDER --out PLAN`.",
+    rig=RIG,
+    synthetic=SYNTHETIC,
+    model=key("text", "By what it was planned.",
+        lambda campaign: "fit" if campaign.at_fit else "graph readings", enum=["fit", "graph readings"]),
+    cautions=key("[text]", "How far that fit can be believed.", each={"description": "A sentence."}),
+    criterion=key("text", "What was to become small: sum (A) or geometric mean (D) of the relative variances.",
+        "criterion.value", enum=["A", "D"]),
+    limits=key(LIMITS, "What no test passes by any of the models.", ""),
+    winding=key(WINDING, "Its heat."),
+    stderr=key(by_name(STDERR), "Relative standard error of each free parameter now and after all tests.",
+        lambda campaign: _stderr(campaign.symbols, campaign.now, campaign.expected)),
+    seconds=key("number", "Length of all logs, s."),
+    tests=key(list_of(TEST), "In the order in which they are made.",
+        lambda campaign: [_Numbered(campaign, k, test) for k, test in enumerate(campaign.tests, 1)]),
+    left_out=key(list_of(LEFT_OUT), "Candidates that would pass a limit.",
+        lambda campaign: [{"how": how, "why": why} for how, why in campaign.left_out]),
+    settings=key("object", "What it was planned by: every field of `etcfit.CampaignSettings`."),
+    versions=VERSIONS,
+)  # fmt: skip
 
 
 def waiting_folder(campaign: Campaign) -> dict[str, str]:
@@ -276,26 +323,41 @@ def save_advice(run: Path, advice: Advice) -> None:
 
 
 def advice_json(advice: Advice) -> dict[str, Any]:
-    """The object of advice.json, see docs/formats.md."""
-    return plain({
-        "rig": advice.rig.config.name,
-        "synthetic": advice.rig.config.synthetic,
-        "stderr_now": dict(zip(advice.symbols, advice.sd.tolist(), strict=True)),
-        "options": [_option(option, advice.symbols) for option in advice.options],
-        "not_judged": dict(advice.not_judged),
-        "settings": advice.settings,
-        "versions": versions(),
-    })  # fmt: skip
+    """The object of advice.json."""
+    return plain(ADVICE.written(advice))
 
 
-def _option(option: Option, symbols: tuple[str, ...]) -> dict[str, Any]:
-    pair = option.separates
-    return {
-        "test": option.test,
-        "again": option.again,
-        "how": option.says,
-        "remark": option.remark or None,
-        "mean": option.mean,
-        "widths": dict(zip(symbols, option.shrinks.tolist(), strict=True)),
-        "separates": pair and {"symbols": pair.symbols, "correlation": pair.before, "correlation_after": pair.after},
-    }
+def _by_symbol(advice: Advice, values: np.ndarray) -> dict[str, float]:
+    return dict(zip(advice.symbols, values.tolist(), strict=True))
+
+
+SEPARATES = Record(
+    symbols=key("[text]", "The two."),
+    correlation=key("number", "Of their estimates now.", "before"),
+    correlation_after=key("number", "Of their estimates after it.", "after"),
+)  # fmt: skip
+OPTION = Record(
+    "One more trace.",
+    **Record(
+        test=key("text", "The rig test."),
+        again=key("flag", "It repeats a trace that was measured already."),
+        how=key("text", "How it is made.", "says"),
+        remark=key("text?", "What was assumed of it.", lambda option: option.remark or None),
+        mean=key("number", "Geometric mean of `widths`."),
+    ).within("option"),
+    widths=key("{number}", "Width of each interval after it, as a share of what it is now."),
+    separates=key(SEPARATES, "The pair of parameters that it tells apart best.", "option.separates", null=True),
+)  # fmt: skip
+ADVICE = Record(
+    "What one more trace of each rig test would tell: written by `etcfit check FOLDER --advise --out RUN`.",
+    rig=RIG,
+    synthetic=SYNTHETIC,
+    stderr_now=key("{number}", "Standard error of each free parameter with the traces that are there, relative: of a "
+        "factor, where the parameter is positive.", lambda advice: _by_symbol(advice, advice.sd)),
+    options=key(list_of(OPTION), "One more trace each, best first.",
+        lambda advice: [{"option": each, "widths": _by_symbol(advice, each.shrinks)} for each in advice.options]),
+    not_judged=key("{text}", "Rig tests that no trace can be simulated of, with the reason.",
+        lambda advice: dict(advice.not_judged)),
+    settings=key("object", "What the advice decided by: every field of `etcfit.AdviceSettings`."),
+    versions=VERSIONS,
+)  # fmt: skip

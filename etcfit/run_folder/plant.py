@@ -1,4 +1,4 @@
-"""Makes the contents of transfer_function.json and frequency_response.json, the linear plant of `control`.
+"""transfer_function.json and frequency_response.json, declared: the linear plant of `control`.
 
 `api.work` calls it and writes the files.
 """
@@ -6,62 +6,113 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..control.frequency import FrequencyResponse, Lag, Order, Ratio, phases
+from ..control.frequency import FrequencyResponse, Lag, Ratio, phases
 from ..control.frequency.response import DRIVE, POSITION, SETPOINT
-from ..control.linearise import INPUTS, SYMBOLS, UNITS, MotorConstants, Reduction
+from ..control.linearise import INPUTS, SYMBOLS, UNITS, Reduction
 from ..estimation.fitted_model import Fitted
 from ..files import plain
-from .fit import versions
+from .declared import Key, Record, by_name, key, list_of
+from .shared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS, WARNINGS
+
+
+class _Reduced(NamedTuple):
+    fitted: Fitted
+    reduction: Reduction
+    pade_order: int
 
 
 def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dict[str, Any]:
-    """The object of transfer_function.json (docs/formats.md), and what else a reader may want to know.
+    """The object of transfer_function.json.
 
     Args:
         fitted: the model.
         reduction: of it.
         pade_order: of the approximated delay in `with_delay_and_lag`; 0 leaves that out.
     """
-    plant, unit = reduction.plant, reduction.output_unit
-    extra = None
-    if pade_order:
-        appended = reduction.to_control(pade_order)
-        extra = {"pade_order": pade_order, "num": appended.num[0][0].tolist(), "den": appended.den[0][0].tolist()}
-    return plain({
-        "rig": fitted.config.name,
-        "synthetic": fitted.config.synthetic,
-        "model": {"effects": [effect.name for effect in fitted.free_parameters.layout.types]},
-        "fit": fitted.state,
-        "input": {"name": INPUTS[reduction.input_unit], "unit": reduction.input_unit},
-        "output": {"name": "position", "unit": unit},
-        "operating_point": {
-            "position_rad": reduction.theta, "position_pct": 100.0 * reduction.share,
-            "voltage_V": reduction.volts, "current_A": reduction.current,
-        },
-        "num": list(plant.num),
-        "den": list(plant.den),
-        "poles": [[float(p.real), float(p.imag)] for p in plant.poles],
-        "stderr": {"num": [reduction.stderr[0]], "den": [0.0, *reduction.stderr[1:].tolist()]},
-        "feedforward": _constants(reduction.constants),
-        "open_loop_dc_gain": plant.dc_gain,
-        "delay_s": plant.delay,
-        "sensor_lag_s": plant.lag,
-        "with_delay_and_lag": extra,
-        "versions": versions(),
-    })  # fmt: skip
+    return plain(TRANSFER_FUNCTION.written(_Reduced(fitted, reduction, pade_order)))
 
 
-def _constants(found: MotorConstants | None) -> dict[str, Any] | None:
-    """kS, kV and kA; null where nobody asked for them."""
-    if found is None:
+def _appended(of: _Reduced) -> dict[str, Any] | None:
+    if not of.pade_order:
         return None
-    return {**dict(zip(SYMBOLS, found.values.tolist(), strict=True)),
-            "stderr": dict(zip(SYMBOLS, found.stderr.tolist(), strict=True)),
-            "unit": dict(zip(SYMBOLS, UNITS, strict=True))}  # fmt: skip
+    appended = of.reduction.to_control(of.pade_order)
+    return {"pade_order": of.pade_order, "num": appended.num[0][0].tolist(), "den": appended.den[0][0].tolist()}
+
+
+INPUT = Record(
+    name=key("text", "voltage or duty.", lambda reduction: INPUTS[reduction.input_unit]),
+    unit=key("text", "V or %.", "input_unit"),
+)  # fmt: skip
+OUTPUT = Record(
+    name=key("text", "position.", lambda _: "position"),
+    unit=key("text", "rad, deg or %.", "output_unit"),
+)  # fmt: skip
+OPERATING_POINT = Record(
+    position_rad=key("number?", "Angle.", "theta"),
+    position_pct=key("number?", "The same, per cent of the travel.", "share", scale=100.0),
+    voltage_V=key("number?", "That holds it in the middle of the dry friction.", "volts"),
+    current_A=key("number?", "That holds it.", "current"),
+)  # fmt: skip
+STDERR = Record(
+    num=key("[number?]", "As num.", lambda reduction: [reduction.stderr[0]]),
+    den=key("[number?]", "As den; the leading 1 has none, 0.",
+        lambda reduction: [0.0, *reduction.stderr[1:].tolist()]),
+)  # fmt: skip
+WITH_DELAY_AND_LAG = Record(
+    pade_order=key("whole", "Order of the approximated delay."),
+    num=key("[number]", "Numerator."),
+    den=key("[number]", "Denominator."),
+)  # fmt: skip
+_MEANING = {"kS": "Dry friction, V.", "kV": "Back-EMF and drag, V s/rad.", "kA": "Inertia, V s^2/rad."}
+
+
+def _three(attribute: str) -> dict[str, Key]:
+    """kS, kV and kA, taken from an array of three."""
+    return {
+        symbol: key("number", _MEANING[symbol], lambda found, k=k: float(getattr(found, attribute)[k]))
+        for k, symbol in enumerate(SYMBOLS)
+    }
+
+
+FEEDFORWARD = Record(
+    **_three("values"),
+    stderr=key(Record(**_three("stderr")), "Standard errors of the three, by the delta method.", ""),
+    unit=key(
+        Record(**{s: key("text", f"Of {s}.", lambda _, own=own: own) for s, own in zip(SYMBOLS, UNITS, strict=True)}),
+        "Unit of each.", "",
+    ),
+)  # fmt: skip
+TRANSFER_FUNCTION = Record(
+    "The linear plant about an operating point: written by `etcfit reduce`.",
+    rig=RIG.of("fitted.config.name"),
+    synthetic=SYNTHETIC.of("fitted.config.synthetic"),
+    model=key(MODEL, "The model.", "fitted"),
+    fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
+    **Record(
+        input=key(INPUT, "The input.", ""),
+        output=key(OUTPUT, "The output.", ""),
+        operating_point=key(OPERATING_POINT, "Where the plate is held.", ""),
+        num=key("[number]", "Numerator [b0].", "plant.num", minItems=1, maxItems=1),
+        den=key("[number]", "Denominator [1, a2, a1, a0], highest power of s first.", "plant.den",
+            minItems=4, maxItems=4),
+        poles=key("[[number]]", "Each [real, imaginary], 1/s.",
+            lambda reduction: [[float(p.real), float(p.imag)] for p in reduction.plant.poles],
+            each={"minItems": 2, "maxItems": 2}),
+        stderr=key(STDERR, "Standard errors of the coefficients.", ""),
+        feedforward=key(FEEDFORWARD, "v = kS sgn(w) + kV w + kA dw/dt, w the speed of the shaft whose angle was "
+            "logged: the constants of robots' feed-forwards.", "constants", null=True, optional=True),
+        open_loop_dc_gain=key("number?", "Static gain, output unit over input unit.", "plant.dc_gain"),
+        delay_s=key("number?", "Delay of the input found by the diagnosis; not in num and den.", "plant.delay"),
+        sensor_lag_s=key("number?", "Time constant of the position sensor; not in num and den.", "plant.lag"),
+    ).within("reduction"),
+    with_delay_and_lag=key(WITH_DELAY_AND_LAG, "The same with delay and sensor lag appended, where `--pade` asked for "
+        "it; else null.", _appended, null=True),
+    versions=VERSIONS,
+)  # fmt: skip
 
 
 def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any]:
@@ -71,11 +122,14 @@ def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any
     `measured` has position over setpoint, position over drive, and drive over setpoint - position; `modelled` the same
     plant of the fitted model (run free on the logged drive, and linear) and the loops that the ECU would make of them.
     """
-    points, linear = response.points, response.linear
+    return plain(FREQUENCY_RESPONSE.written({"fitted": fitted, "response": response}))
+
+
+def _points(response: FrequencyResponse) -> list[dict[str, Any]]:
     measured = {
-        "closed_loop": [point.closed_loop for point in points],
+        "closed_loop": [point.closed_loop for point in response.points],
         "plant": response.plants,
-        "controller": [point.controller for point in points],
+        "controller": [point.controller for point in response.points],
     }
     modelled = {
         "nonlinear_plant": response.nonlinear,
@@ -85,37 +139,14 @@ def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any
     }
     columns = {name: _measured(ratios) for name, ratios in measured.items()}
     lines = {name: _modelled(values) for name, values in modelled.items()}
-    return plain({
-        "rig": fitted.config.name,
-        "synthetic": fitted.config.synthetic,
-        "fit": fitted.state,
-        "model": {"effects": [effect.name for effect in fitted.free_parameters.layout.types]},
-        "units": {"closed_loop": "1", "plant": "rad/V", "controller": "V/rad", "phase": "rad"},
-        "points": [
-            {
-                "file": point.measurement.file,
-                "held_out": point.measurement.held_out,
-                "frequency_Hz": point.frequency,
-                "cycles": point.window.cycles,
-                "cycles_left_out": point.window.skipped,
-                "position_mean_rad": point.waves.offsets[POSITION],
-                "position_amplitude_rad": point.amplitude,
-                "setpoint_amplitude_rad": abs(point.waves.amplitudes[SETPOINT][0]),
-                "outside_fundamental": {name: point.waves.outside.get(name) for name in (SETPOINT, POSITION, DRIVE)},
-                "position_harmonics": point.waves.in_harmonics[POSITION],
-                "position_noise": point.noise,
-                "measured": {name: column[k] for name, column in columns.items()},
-                "modelled": {name: line[k] for name, line in lines.items()},
-            }
-            for k, point in enumerate(points)
-        ],
-        "order": {"closed_loop": _order(response.order), "plant": _order(response.plant_order)},
-        "linear": {"num": list(linear.num), "den": list(linear.den), "delay_s": linear.delay,
-                   "sensor_lag_s": linear.lag, "position_pct": 100.0 * response.share},
-        "warnings": list(response.warnings),
-        "settings": response.settings,
-        "versions": versions(),
-    })  # fmt: skip
+    return [
+        {
+            "point": point,
+            "measured": {name: column[k] for name, column in columns.items()},
+            "modelled": {name: line[k] for name, line in lines.items()},
+        }
+        for k, point in enumerate(response.points)
+    ]
 
 
 def _measured(ratios: Sequence[Ratio | None]) -> list[dict[str, Any] | None]:
@@ -130,32 +161,93 @@ def _modelled(values: Sequence[complex | None]) -> list[dict[str, Any] | None]:
             for value, angle in zip(values, phases(values), strict=True)]  # fmt: skip
 
 
-def _order(order: Order | None) -> dict[str, Any] | None:
-    if order is None:
-        return None
-    return {
-        "told": order.told,
-        "says": order.says,
-        "order": order.best.order if order.best is not None and order.told else None,
-        "weights": {str(each): weight for each, weight in order.weights.items()},
-        "candidates": [_lag(lag) for lag in order.candidates],
-    }
+def _singles(lag: Lag) -> int:
+    """Place of the first single lag among the standard errors: gain, delay, a corner and a damping for each pair."""
+    return 2 + 2 * (lag.order // 2)
 
 
-def _lag(lag: Lag) -> dict[str, Any]:
-    pairs = lag.order // 2
-    return {
-        "order": lag.order,
-        "gain": lag.gain,
-        "delay_s": lag.delay if lag.delayed else None,
-        "corners_Hz": np.array(lag.corners) / (2.0 * np.pi),
-        "damping": [*lag.damping, *([None] * (lag.order % 2))],
-        "stderr": {
-            "ln_gain": lag.stderr[0],
-            "delay_s": lag.stderr[1] if lag.delayed else None,
-            "ln_corners": [*lag.stderr[2 : 2 + 2 * pairs : 2], *lag.stderr[2 + 2 * pairs :]],
-            "damping": [*lag.stderr[3 : 2 + 2 * pairs : 2], *([None] * (lag.order % 2))],
-        },
-        "unexplained": lag.tau,
-        "aicc": lag.aicc,
-    }
+RATIO = Record(
+    "Magnitude and phase.", "ratio",
+    magnitude=key("number?", "Ratio of amplitudes."),
+    magnitude_ci95=key("[number?]?", "95 % interval; of measured ratios only.", optional=True),
+    phase_rad=key("number?", "Negative where the output lags; continuous from one frequency to the next."),
+    phase_ci95_rad=key("[number?]?", "95 % interval; of measured ratios only.", optional=True),
+)  # fmt: skip
+POINT = Record(
+    "One frequency.",
+    file=key("text", "The trace.", "point.measurement.file"),
+    held_out=key("flag", "It was not fitted.", "point.measurement.held_out"),
+    frequency_Hz=key("number", "Of the setpoint's sine.", "point.frequency"),
+    cycles=key("number?", "Cycles evaluated.", "point.window.cycles"),
+    cycles_left_out=key("number?", "Cycles left out at the beginning, until the motion had settled.",
+        "point.window.skipped"),
+    position_mean_rad=key("number?", "About which it moves.", lambda at: at["point"].waves.offsets[POSITION]),
+    position_amplitude_rad=key("number?", "Of the fundamental.", "point.amplitude"),
+    setpoint_amplitude_rad=key("number?", "Of the fundamental.",
+        lambda at: abs(at["point"].waves.amplitudes[SETPOINT][0])),
+    outside_fundamental=key("{number?}", "By signal: share of the motion that is no sine of this frequency.",
+        lambda at: {name: at["point"].waves.outside.get(name) for name in (SETPOINT, POSITION, DRIVE)}),
+    position_harmonics=key("number?", "Share that lies in harmonics.",
+        lambda at: at["point"].waves.in_harmonics[POSITION]),
+    position_noise=key("number?", "Share that is noise.", "point.noise"),
+    measured=key(by_name(RATIO, null=True), "closed_loop (position over setpoint), plant (position over drive), "
+        "controller (drive over setpoint - position); null is what was not logged."),
+    modelled=key(by_name(RATIO, null=True), "nonlinear_plant (the fitted model run free on the logged drive), "
+        "linear_plant, and the loops that the ECU would make of them."),
+)  # fmt: skip
+LAG_STDERR = Record(
+    ln_gain=key("number?", "Of the logarithm of the gain.", lambda lag: lag.stderr[0]),
+    delay_s=key("number?", "Of the delay.", lambda lag: lag.stderr[1] if lag.delayed else None),
+    ln_corners=key("[number?]", "Of the logarithms of the corners.",
+        lambda lag: [*lag.stderr[2 : _singles(lag) : 2], *lag.stderr[_singles(lag) :]]),
+    damping=key("[number?]", "Of the dampings.",
+        lambda lag: [*lag.stderr[3 : _singles(lag) : 2], *([None] * (lag.order % 2))]),
+)  # fmt: skip
+LAG = Record(
+    "One lag.",
+    order=key("whole", "Of it."),
+    gain=key("number?", "Static gain."),
+    delay_s=key("number?", "Delay; null where it has none.", lambda lag: lag.delay if lag.delayed else None),
+    corners_Hz=key("[number?]", "Corner frequencies.", lambda lag: np.array(lag.corners) / (2.0 * np.pi)),
+    damping=key("[number?]", "Of each pair; null of a single lag.",
+        lambda lag: [*lag.damping, *([None] * (lag.order % 2))]),
+    stderr=key(LAG_STDERR, "Standard errors.", ""),
+    unexplained=key("number?", "Scatter beyond the measurement's own.", "tau"),
+    aicc=key("number?", "Akaike's criterion, corrected for few points."),
+)  # fmt: skip
+ORDER = Record(
+    told=key("flag", "The frequencies can tell the order."),
+    says=key("text", "In words."),
+    order=key("whole?", "The order; null where it is not told.",
+        lambda found: found.best.order if found.best is not None and found.told else None),
+    weights=key("{number?}", "By order: Akaike weight."),
+    candidates=key(list_of(LAG), "Each lag that was fitted."),
+)  # fmt: skip
+_LAGS = key(ORDER, "How many lags the frequency response looks like; null where there is nothing to judge.", null=True)
+ORDERS = Record(closed_loop=_LAGS.of("order"), plant=_LAGS.of("plant_order"))
+LINEAR = Record(
+    num=key("[number]", "As in transfer_function.json.", "linear.num"),
+    den=key("[number]", "Likewise.", "linear.den"),
+    delay_s=key("number?", "Delay.", "linear.delay"),
+    sensor_lag_s=key("number?", "Sensor lag.", "linear.lag"),
+    position_pct=key("number?", "Operating point, per cent of the travel.", "share", scale=100.0),
+)  # fmt: skip
+FREQUENCY_RESPONSE = Record(
+    "What sine traces say, beside the fitted and the linear model: written by `etcfit reduce` where the rig has sine "
+    "traces.",
+    rig=RIG.of("fitted.config.name"),
+    synthetic=SYNTHETIC.of("fitted.config.synthetic"),
+    fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
+    model=key(MODEL, "The model.", "fitted"),
+    units=key("{text}", "Units of the magnitudes and of the phase.",
+        lambda _: {"closed_loop": "1", "plant": "rad/V", "controller": "V/rad", "phase": "rad"}),
+    **Record(
+        points=key(list_of(POINT), "One for each sine trace, by frequency.", _points),
+        order=key(ORDERS, "Order of lag.", ""),
+        linear=key(LINEAR, "The linear plant that was compared.", ""),
+        warnings=WARNINGS,
+        settings=key("object", "Which traces count, and when their points tell an order of lag: every field of "
+            "`etcfit.FrequencySettings`."),
+    ).within("response"),
+    versions=VERSIONS,
+)  # fmt: skip

@@ -1,4 +1,5 @@
-"""posterior.json, and posterior.nc in ArviZ's layout: groups `posterior`, `unconstrained_posterior`, `sample_stats`.
+"""posterior.json, declared, and posterior.nc in ArviZ's layout: groups `posterior`, `unconstrained_posterior`,
+`sample_stats`.
 
 Written through xarray, whose groups are ArviZ's: `arviz.from_netcdf` reads it, and nothing of ArviZ need be imported.
 """
@@ -9,7 +10,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,58 +21,39 @@ from ..files import plain, whole
 from ..posterior.profile import Profile
 from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
-from .fit import effects_of, versions
+from .declared import Record, by_name, key, list_of
+from .fit import STATUSES
+from .shared import FILES, FIT_STATE, FOLDER, MODEL, REASON, RIG, SYNTHETIC, VERSIONS, WARNINGS
 
 _ENGINE = "h5netcdf"  # of xarray
 
 
+class _Written(NamedTuple):
+    posterior: Posterior
+    profiles: Mapping[str, Profile]
+    bands: Sequence[Band]
+
+
 def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> dict[str, Any]:
     """The object of posterior.json: every parameter that moves, in SI, and how far the chain came."""
-    fit, chain, here = posterior.fit, posterior.chain, posterior.convergence
-    config = fit.rig.config
-    return {
-        "rig": config.name,
-        "synthetic": config.synthetic,
-        "converged": here.converged,
-        "reason": here.reason,
-        "model": {"effects": list(effects_of(fit))},
-        "fit": plain(fit.state),
-        "parameters": parameters_json(posterior, profiles),
-        "draws": int(np.prod(posterior.points.shape[:3])),
-        "ensembles": len(chain.ensembles),
-        "walkers": chain.ensembles[0].points.shape[1],
-        "steps": here.steps,
-        "burn_in": here.burn,
-        "tau": plain(dict(zip(chain.symbols, here.tau.tolist(), strict=True))),
-        "acceptance": here.acceptance,
-        "effective_samples": here.effective,
-        "tempering": [{"file": file, "channel": channel, "factor": f}
-                      for (file, channel), f in posterior.target.factors.items() if f > 1.0],
-        "exact": list(posterior.exact),
-        "mode_moved_sd": plain(dict(zip(chain.symbols, _moved(posterior).tolist(), strict=True))),
-        "predictive": [_predicted(band) for band in bands],
-        "settings": plain(posterior.settings),
-        "warnings": list(_warnings(posterior)),
-        "folder": fit.rig.folder,
-        "files": dict(fit.rig.digests),
-        "versions": versions(),
-    }  # fmt: skip
-
-
-def _predicted(band: Band) -> dict[str, Any]:
-    """Share of a trace's samples inside the 95 % band, by channel."""
-    measurement = band.trace.measurement
-    inside = dict(zip(band.trace.channels, band.inside, strict=True))
-    return {"file": measurement.file, "held_out": measurement.held_out, "inside95": inside}
+    return plain(POSTERIOR.written(_Written(posterior, profiles, bands)))
 
 
 def parameters_json(posterior: Posterior, profiles: Mapping[str, Profile]) -> dict[str, Any]:
+    """The key `parameters` of posterior.json."""
+    return plain(POSTERIOR.keys["parameters"].value(_Written(posterior, profiles, ())))
+
+
+def _marginals(of: _Written) -> dict[str, dict[str, Any]]:
     """By symbol; one that is not identifiable gets no number: its draws show what was believed, not what was seen."""
-    described = posterior.described
-    return {s: plain(_numbers(m) | {"unit": described[s][0], "meaning": described[s][1], "status": m.status,
-                                    "ess": m.ess, "r_hat": m.r_hat, "laplace_sd": m.laplace,
-                                    "apart": disagree(m, profiles.get(s)), "profile": _profile(profiles.get(s))})
-            for s, m in posterior.marginals.items()}  # fmt: skip
+    described = of.posterior.described
+    return {
+        s: vars(m) | {
+            "known": None if m.status == "not identifiable" else m, "unit": described[s][0], "meaning": described[s][1],
+            "apart": disagree(m, of.profiles.get(s)), "profile": of.profiles.get(s),
+        }
+        for s, m in of.posterior.marginals.items()
+    }  # fmt: skip
 
 
 def disagree(m: Marginal, profile: Profile | None) -> bool:
@@ -81,15 +63,8 @@ def disagree(m: Marginal, profile: Profile | None) -> bool:
     return apart(m.sd, m.laplace, profile.sd if profile else None)
 
 
-def _numbers(m: Marginal) -> dict[str, Any]:
-    if m.status == "not identifiable":
-        return {"mean": None, "sd": None, "median": None, "ci95": None}
-    return {"mean": m.mean, "sd": m.sd, "median": m.median, "ci95": [m.low, m.high]}
-
-
-def _profile(profile: Profile | None) -> dict[str, Any] | None:
-    return profile and {"kind": profile.kind, "ci95": [profile.low, profile.high], "sd": profile.sd,
-                        "value": profile.value, "rise": profile.rise}  # fmt: skip
+def _by_coordinate(posterior: Posterior, values: np.ndarray) -> dict[str, float]:
+    return dict(zip(posterior.chain.symbols, values.tolist(), strict=True))
 
 
 def _moved(posterior: Posterior) -> np.ndarray:
@@ -111,6 +86,83 @@ def narrower(posterior: Posterior) -> list[str]:
         f"intervals of the diagnosis, which are wider, allow for {percent_off(effects)}."
     ) if effects else ""  # fmt: skip
     return [words for words in (as_exact, tempering(posterior.target.factors)) if words]
+
+
+PROFILE = Record(
+    kind=key("text", "bounded, one-sided or flat."),
+    ci95=key("[number?]", "95 % interval; null at a side where it has no end.",
+        lambda profile: [profile.low, profile.high]),
+    sd=key("number?", "Half its width as a standard deviation."),
+    value=key("[number?]?", "Values at which it was computed."),
+    rise=key("[number?]?", "By how much -2 log likelihood rises there."),
+)  # fmt: skip
+MARGINAL = Record(
+    "One parameter, SI.",
+    mean=key("number?", "Posterior mean; null where it is not identifiable, for its draws show what was believed, not "
+        "what was seen.", "known.mean"),
+    sd=key("number?", "Posterior standard deviation.", "known.sd"),
+    median=key("number?", "Posterior median.", "known.median"),
+    ci95=key("[number]?", "2.5 and 97.5 % quantiles.",
+        lambda each: each["known"] and [each["low"], each["high"]], minItems=2, maxItems=2),
+    unit=key("text", "SI unit."),
+    meaning=key("text", "In words."),
+    status=key("text", "As in fit.json.", enum=STATUSES),
+    ess=key("number?", "Effective number of independent draws."),
+    r_hat=key("number?", "Disagreement of the ensembles; 1 where there is none."),
+    laplace_sd=key("number?", "Standard error by the normal approximation, for comparison.", "laplace"),
+    apart=key("flag", "Laplace, profile and posterior differ by more than 20 % in width."),
+    profile=key(PROFILE, "Profile likelihood, made of weakly determined parameters only; else null.",
+        null=True, optional=True),
+)  # fmt: skip
+TEMPERED = Record(
+    "One channel.",
+    file=key("text", "The trace."),
+    channel=key("text", "Quantity."),
+    factor=key("number", "By which its log-likelihood is divided."),
+)  # fmt: skip
+BAND = Record(
+    "One trace.",
+    file=key("text", "The trace.", "trace.measurement.file"),
+    held_out=key("flag", "It was not fitted.", "trace.measurement.held_out"),
+    inside95=key("{number?}", "By channel, 0 to 1.",
+        lambda band: dict(zip(band.trace.channels, band.inside, strict=True))),
+)  # fmt: skip
+POSTERIOR = Record(
+    "The posterior in numbers, and how far its chain came: written by `etcfit sample`.",
+    rig=RIG.of("posterior.fit.rig.config.name"),
+    synthetic=SYNTHETIC.of("posterior.fit.rig.config.synthetic"),
+    converged=key("flag", "Whether the chain is long enough to be called a posterior. False also means exit status 3.",
+        "posterior.convergence.converged"),
+    reason=REASON.of("posterior.convergence.reason"),
+    model=key(MODEL, "The model.", "posterior.fit"),
+    fit=key(FIT_STATE, "State of the fit that this was made from.", "posterior.fit.state", optional=True),
+    parameters=key(by_name(MARGINAL), "By symbol, parameters and combinations.", _marginals),
+    draws=key("whole", "Draws kept after the burn-in.",
+        lambda of: int(np.prod(of.posterior.points.shape[:3]))),
+    ensembles=key("whole", "Ensembles of walkers that know nothing of each other.",
+        lambda of: len(of.posterior.chain.ensembles)),
+    walkers=key("whole", "Walkers of each.", lambda of: of.posterior.chain.ensembles[0].points.shape[1]),
+    steps=key("whole", "Steps of each ensemble.", "posterior.convergence.steps"),
+    burn_in=key("whole", "Steps left out at the beginning.", "posterior.convergence.burn"),
+    tau=key("{number?}", "By coordinate: integrated autocorrelation time, steps.",
+        lambda of: _by_coordinate(of.posterior, of.posterior.convergence.tau)),
+    acceptance=key("number?", "Share of proposals that were accepted.", "posterior.convergence.acceptance"),
+    effective_samples=key("number?", "Fewest effective samples of any coordinate.", "posterior.convergence.effective"),
+    tempering=key(list_of(TEMPERED), "Channels whose likelihood counts for less because their residual is too large or "
+        "not independent.", lambda of: [{"file": file, "channel": channel, "factor": factor}
+            for (file, channel), factor in of.posterior.target.factors.items() if factor > 1.0]),
+    exact=key("[text]", "Effects whose formulas the posterior takes as exact, while the diagnosis' intervals allow for "
+        "an error.", "posterior.exact"),
+    mode_moved_sd=key("{number?}", "By coordinate: from the fit's optimum to the posterior's mode, in standard "
+        "errors.", lambda of: _by_coordinate(of.posterior, _moved(of.posterior))),
+    predictive=key(list_of(BAND), "Share of each trace's samples inside the 95 % predictive band.", "bands"),
+    settings=key("object", "What the sampling decided by: every field of `etcfit.SamplingSettings`.",
+        "posterior.settings"),
+    warnings=WARNINGS.of(lambda of: _warnings(of.posterior)),
+    folder=FOLDER.of("posterior.fit.rig.folder"),
+    files=FILES.of("posterior.fit.rig.digests"),
+    versions=VERSIONS,
+)  # fmt: skip
 
 
 def require_netcdf() -> None:

@@ -60,7 +60,7 @@ def tuned(tmp_path_factory: pytest.TempPathFactory) -> Tuned:
 
 
 def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
-    written = validated({"schema": "etcfit.tune/1", "pid": None} | tuned_json(tuned))
+    written = validated({"schema": "etcfit.tune/1"} | tuned_json(tuned))
     assert written["verdict"] == "gains"
     assert [step["name"] for step in written["steps"]] == ["present", "half_way", "proposed"]
     assert written["steps"][1]["factors"] == pytest.approx(dict.fromkeys("PID", 2**0.5))
@@ -244,7 +244,7 @@ def compromised(tuned: Tuned) -> Tuned:
 
 def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
     far = replace(compromised(tuned), why_not="The parameters behind this are a compromise.")
-    written = validated({"schema": "etcfit.tune/1", "pid": None} | tuned_json(far))
+    written = validated({"schema": "etcfit.tune/1"} | tuned_json(far))
     assert written["verdict"] == "not from this log"
     assert [step["gains"] is None for step in written["steps"]] == [False, True, True]
     assert {step["probability_met"] for step in written["steps"]} == {None}

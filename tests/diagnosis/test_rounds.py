@@ -116,7 +116,7 @@ def test_an_even_set_that_differs_by_a_tie_is_said_once(model: CandidateModel) -
     assert progress.back_to(model).even == {}
 
 
-# ---- Which effects a fit is made anew with; that it finds one is tested on a whole folder, in test_recovery.py
+# ---- Which effects a fit is made anew with; that it finds one is tested on a whole folder: test_recovery_of_the_hidden
 
 LAG, BACKLASH = (EFFECT_BY_NAME[n] for n in ("position_sensor_lag", "backlash"))
 

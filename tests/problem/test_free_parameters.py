@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -73,6 +74,15 @@ def test_layouts_of_one_form_are_equal_so_that_they_compile_once() -> None:
     a, b = known({"K_s": Fixed(0.1)}).layout, known({"K_s": Fixed(0.2)}).layout
     assert a == b
     assert hash(a) == hash(b)
+
+
+def test_a_form_takes_no_hash_to_another_process() -> None:
+    """Which hashes its strings otherwise: an equal form there would be another key."""
+    form = known().layout.form
+    assert hash(form) == hash(known().layout.form)
+    other = pickle.loads(pickle.dumps(form))
+    assert other == form
+    assert vars(other) == {"types": form.types, "parameters": form.parameters, "ties": form.ties}
 
 
 def test_a_start_on_a_bound_moves_off_it_and_others_stay() -> None:

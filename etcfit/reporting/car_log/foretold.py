@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -49,19 +49,6 @@ class Held:
         if self.found.unchanged:
             said += " The error is that of the gains before."
         return said
-
-    def recorded(self) -> dict[str, Any]:
-        """For drive.json."""
-        figures = [asdict(figure) | {"as_foretold": figure.as_foretold} for figure in self.found.figures]
-        return {
-            "run": str(self.run),
-            "made_with": self.made_with,
-            "as_foretold": self.found.as_foretold,
-            "says": self.says,
-            "steps": self.found.steps,
-            "better": self.found.better,
-            "figures": figures,
-        }
 
 
 def foretold_table(held: Held) -> RenderableType:

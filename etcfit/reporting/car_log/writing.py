@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,8 +14,9 @@ from ...car_log.coverage import Lack
 from ...car_log.others import SECOND, VOLTS_1, VOLTS_2
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
-from ...files import held, plain, whole, write_json
+from ...files import held, whole, write_json
 from ...rig.base import RigConfig
+from ...run_folder.drive import drive_json
 from .. import style
 from ..html import environment
 from ..numbers import short
@@ -177,21 +177,14 @@ def write_page(
         draft.write_text(text, encoding="utf-8")
 
 
-_PARTS = ("usage", "spectrum", "tracking", "steps", "cycle", "duty")
-
-
 def write_drive(
     run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None],
     beside: Held | None = None,
 ) -> None:  # fmt: skip
     """RUN/drive.json, RUN/drive.html and RUN/pictures/drive; where asked, the log beside what was foretold for it."""
     lacks = record_next([each.log for each in studies])
-    content = {"rig": config.name, "synthetic": config.synthetic, "logs": [_json(each) for each in studies],
-               "record_next": plain(lacks)}  # fmt: skip
-    if beside is not None:
-        content["foretold"] = plain(beside.recorded())
     with held(run), style.drawing():
-        write_json(run / "drive.json", "drive", content)
+        write_json(run / "drive.json", "drive", drive_json(config, studies, lacks, beside))
         drawn = []
         for k, each in enumerate(studies):
             report(f"drawing {each.log.name}", k / len(studies))
@@ -206,16 +199,3 @@ def _written(folder: Path, each: Study, synthetic: bool) -> list[Path]:
         return [folder / f"{stem}.png"]
     style.save(answers, folder / f"{stem}_answers.png")
     return [folder / f"{stem}_answers.png", folder / f"{stem}.png"]
-
-
-def _json(each: Study) -> dict[str, Any]:
-    """One log; what is infinite becomes null, as a settling that never comes."""
-    pair, verdict = each.sensors, each.verdict
-    told = {"word": verdict.word, "says": verdict.says, "judgements": verdict.judgements}
-    return plain(
-        {"file": each.log.name, "seconds": np.ptp(each.log.position.time), "columns": each.log.columns}
-        | {k: getattr(each, k) for k in _PARTS}
-        | {"cycle_says": "" if each.cycle is None else each.cycle.says}
-        | {"sensors": None if pair is None else plain(pair) | {"findings": pair.findings, "table": pair.table}}
-        | {"verdict": told}
-    )
