@@ -167,7 +167,7 @@ def test_a_fit_that_did_not_converge_has_no_results(diagnosed: Path) -> None:
 def test_gains_that_fail_in_a_corner_are_not_sent_into_an_ecu(
     profile: str | None, met: bool, further: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("etcfit.reporting.closing.control.answer", lambda design: "Gains.")
+    monkeypatch.setattr("etcfit.reporting.closing.control.said_of", lambda design: "Gains.")
     good = LoopFigures(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
     made = partial(
         Design,

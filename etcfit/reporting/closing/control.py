@@ -52,6 +52,11 @@ def of_plant(reduction: Reduction, state: FitState, run: Path) -> Closing:
     return Closing(f"{gain} and {pole}.{_caution(state)}", _with(state, run, command("design", run)), look)
 
 
+def said_of(design: Design) -> str:
+    """The verdict on the proposed gains in one sentence."""
+    return sentence(design_json(design))
+
+
 def of_design(design: Design, state: FitState, run: Path) -> Closing:
     """The gains that are proposed; the way into an ECU where they hold, else the page, which says where they fail."""
     profile = design.task.profile
@@ -62,13 +67,13 @@ def of_design(design: Design, state: FitState, run: Path) -> Closing:
         further = command("export", run, "--to", _TUNE)
     else:
         further = command("report", run)
-    return Closing(sentence(design_json(design)), _with(state, run, further),
+    return Closing(said_of(design), _with(state, run, further),
                    (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 
 def of_fleet_design(design: Design, run: Path) -> Closing:
     """Gains for the units of a fleet: one of them, the nominal one, is exported no further."""
-    return Closing(sentence(design_json(design)), "try the gains on one unit on the bench, its plate free of an engine",
+    return Closing(said_of(design), "try the gains on one unit on the bench, its plate free of an engine",
                    (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 
