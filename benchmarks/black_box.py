@@ -217,14 +217,14 @@ def main() -> None:
     names = parser.parse_args().names
     use_compilation_cache()
     head = ("black box, fitted: each seed", "mean path", "held out: each seed", "mean path", "ours")
-    heads, texts = ("data", "unit", *head), []
+    heads, rows = ("data", "unit", *head), []
     with TemporaryDirectory() as scratch:
         for name in names:
             found = measure(name, Path(scratch))
             texts = [[f"{v:.3g}" for v in found[which]] for which in ("fitted", "held out")]
             cells = [cell for text in texts for cell in (", ".join(text[:-1]), text[-1])]
-            texts.append((name, UNITS[name][0], *cells, f"{OURS[name]:g}"))
-    print(render(headed("Free run, rms", PlainTable(of_texts("", heads, texts, 2)))))
+            rows.append((name, UNITS[name][0], *cells, f"{OURS[name]:g}"))
+    print(render(headed("Free run, rms", PlainTable(of_texts("", heads, rows, 2)))))
 
 
 if __name__ == "__main__":

@@ -150,9 +150,9 @@ LOG = Record(
     tracking=key(TRACKING, "How closely it follows; null without a setpoint.", null=True),
     steps=key(list_of(STEP), "Every step of the setpoint, in the order of time.", optional=True),
     cycle=key(CYCLE, "Oscillation while the setpoint rests; null where there is none.", null=True, optional=True),
+    duty=key(DUTY, "What the duty does; null where none was logged.", null=True, optional=True),
     cycle_says=key("text", "The same in sentences; empty where there is none.",
         lambda study: "" if study.cycle is None else study.cycle.says, optional=True),
-    duty=key(DUTY, "What the duty does; null where none was logged.", null=True, optional=True),
     sensors=key(SENSORS, "Both sensors of the plate; null where one was not logged.", null=True, optional=True),
     verdict=key(VERDICT, "Whether the loop is good enough.", optional=True),
 )  # fmt: skip
