@@ -1,4 +1,4 @@
-"""RUN/fleet.json and RUN/units.parquet, and the parts of one design that they hold, as docs/formats.md has them."""
+"""RUN/fleet.json and RUN/units.parquet, and the parts of one design that they hold, as formats.md has them."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def test_an_unknown_format_is_refused_with_all_that_there_are() -> None:
 def test_help_and_documentation_name_every_format() -> None:
     told = inspect.getdoc(etcfit.export) or ""
     shown = get_type_hints(export, include_extras=True)["to"].__metadata__[0].help
-    page = (Path(__file__).parents[2] / "docs" / "commands" / "export.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "commands" / "export.md").read_text(encoding="utf-8")
     *names, last = (f.name for f in FORMATS)
     for said in (told, shown):
         assert f"{', '.join(names)} or {last}" in " ".join(said.split())
