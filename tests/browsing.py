@@ -38,6 +38,11 @@ class Visit:
             assert monotonic() < end, f"never true: {true}"
             self.page.wait_for_timeout(20.0)
 
+    def mark(self, name: str) -> float:
+        """When the page came to a mark, ms from its request."""
+        self.until(f"performance.getEntriesByName('{name}').length")
+        return float(self.page.evaluate(f"performance.getEntriesByName('{name}')[0].startTime"))
+
     def settle(self) -> None:
         self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 

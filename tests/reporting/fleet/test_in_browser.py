@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 MANY = 10_000
-FIRST_PAINT = 1000.0  # ms
-ANSWER = 500.0  # ms until a filter of all units is drawn in every chart in sight
+SOON = 4.0  # times what a page of a few units takes
 SMALLEST = 12.0  # px, of letters; subscripts may be a fifth smaller
 SCATTER = "[...etcfit.Panel.every].find((each) => each.how.height === 340)"
 
@@ -71,24 +70,21 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_fleet_page(tmp_path_factory.mktemp("many"), fleet.content, fleet.units)
 
 
-def test_ten_thousand_units_are_painted_within_a_second_and_filtered_at_once(browser: Browser, many: Path) -> None:
-    visit = Visit(browser, many)
-    page = visit.page
-    visit.until("performance.getEntriesByName('first-contentful-paint').length")
-    paint, ready = (
-        page.evaluate(f"performance.getEntriesByName('{name}')[0].startTime")
-        for name in ("first-contentful-paint", "ready")
-    )
-    visit.everything()
-    took = page.evaluate(
-        """() => { const begun = performance.now(), frame = (call) => requestAnimationFrame(call);
-            document.getElementById('odd-only').click();
-            return new Promise((done) => frame(() => frame(() => done(performance.now() - begun)))); }"""
-    )
-    said = f"first paint {paint:.0f} ms, all sections {ready:.0f} ms, filter {took:.0f} ms"
-    print(f"{MANY} units, {many.stat().st_size / 1e6:.1f} MB: {said}")
-    assert paint < FIRST_PAINT
-    assert took < ANSWER
+FILTERED = """() => { const begun = performance.now(), frame = (call) => requestAnimationFrame(call);
+    document.getElementById('odd-only').click();
+    return new Promise((done) => frame(() => frame(() => done(performance.now() - begun)))); }"""
+
+
+def test_ten_thousand_units_are_painted_and_filtered_soon(browser: Browser, few: Path, many: Path) -> None:
+    little, visit = Visit(browser, few), Visit(browser, many)
+    took = []
+    for each in (little, visit):
+        each.everything()
+        took.append(each.page.evaluate(FILTERED))
+    paint = [each.mark("first-contentful-paint") for each in (little, visit)]
+    print(f"a few units, {MANY}: first paint {paint} ms, filter {took} ms")
+    assert paint[1] < SOON * paint[0]
+    assert took[1] < SOON * took[0]
     assert visit.tally() == "40 of 10,000 shown"
     assert (visit.said, visit.asked) == ([], [many.as_uri()])
 
