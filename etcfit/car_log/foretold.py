@@ -10,8 +10,8 @@ a log tells better:
 Less overshoot and an earlier rest are no warning; an error that is too small is one: other gains made the log, or the
 model is of another plate.
 
-Source: this project; the allowances are assumed, 0.1 s from the settling times of second-order loops in commands/drive.md
-(5 of 100 are off by more than 91 ms).
+Source: this project; the allowances are assumed, 0.1 s from the settling times of second-order loops in
+commands/drive.md (5 of 100 are off by more than 91 ms).
 """
 
 from __future__ import annotations
