@@ -21,7 +21,7 @@ import numpy as np
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid import RULES, Gains, Task
-from etcfit.control.pid.ecu import Memory, tick
+from etcfit.model.pid import Memory, tick
 from etcfit.control.pid.linear_loop import COARSE, OpenLoop
 from etcfit.control.pid.loop import Loop, Path
 from etcfit.control.pid.optimal import Scores, best_over_draws, scores

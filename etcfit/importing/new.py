@@ -154,4 +154,6 @@ series_ohm = "free"
 # form = "seconds"           # "ticks": I per tick and D in ticks
 # filter_ms = 2.0            # low-pass of the derivative
 # delay_ms = 0.0             # from its reading to its output
+# duty = 0.9                 # largest that it puts out, a share of the supply
+# integral = 0.3             # largest that its integral may hold, likewise; leave it out where it has no such limit
 """

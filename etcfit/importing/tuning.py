@@ -30,6 +30,7 @@ from ..errors import MeasurementError
 from ..model.ecu import Ecu, Notation, Terms
 from ..ranges import check_ranges, real, whole
 from ..rig.base import SLOW_LOG, Channel, Measurement, Rig
+from ..rig.ecu import ecu_lines
 from ..rig.user_text import toml_string
 from .ecu_clock import ticks
 
@@ -416,8 +417,5 @@ def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: s
     if held_out:
         lines += ["", "[holdout]", f"files = [{toml_string(held_out)}]"]
     if model == ECU and known.gains is not None:
-        gains, ecu, notation = known.gains, known.ecu, known.notation
-        lines += ["", "[ecu]", *(f"{key} = {value:.10g}" for key, value in zip("PID", gains, strict=True)),
-                  f'unit = "{notation.unit}"', f'form = "{notation.form}"', f"period_ms = {1e3 * ecu.period:.10g}",
-                  f"filter_ms = {1e3 * ecu.filter:.10g}", f"delay_ms = {1e3 * ecu.delay:.10g}"]  # fmt: skip
+        lines += ["", *ecu_lines(known.ecu, known.notation, known.gains)]
     return "\n".join([*lines, ""])

@@ -3,7 +3,7 @@
 Parts:
 
     throttle, stepper, tangents     one step of the balances, and its exact derivative
-    ecu, ecus/                      a discrete PID as part of the model; makes of engine computers
+    pid, ecu, ecus/                 the discrete PID; engine computers, and makes of them
     effects/, rig_effects/          physics of the throttle; mistakes of the rig around it
     smooth/                         curves without a name
     linear                          the transfer function

@@ -68,9 +68,11 @@ class Ecu(NamedTuple):
 
     @property
     def constants(self) -> dict[str, float]:
-        """Its limits as parameters of `effects.controller`, never fitted: SI by symbol; those of its converters are not
-        modelled there."""
-        return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.limit}
+        """Its limits as parameters of `effects.controller`, SI by symbol; those of its converters are not modelled
+        there."""
+        return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.limit,
+                "I_e": self.integral / self.duty, "S_e": self.slew / self.limit, "e_0": self.dead_band,
+                "b": self.setpoint_weight, "c": self.derivative_weight}  # fmt: skip
 
 
 OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")

@@ -237,7 +237,7 @@ def voltage(trace: Measurement, ecu: Ecu, gains: Mapping[str, float]) -> Channel
     """What the ECU put out, but for what its integral held at first, V."""
     parts = terms(trace, ecu)
     volts = sum(gains[s] * part.value for s, part in zip(SYMBOLS, parts, strict=True))
-    limited = np.clip(volts, -ecu.supply, ecu.supply)
+    limited = np.clip(volts, -ecu.limit, ecu.limit)
     return replace(parts[0], value=limited, sigma=0.0, header="voltage [V]", unit="V", scale=1.0)
 
 
@@ -275,7 +275,7 @@ def _regression(trace: Measurement, ecu: Ecu, config: RigConfig, known: Mapping[
     lumped = np.array([{**known, **lumps}.get(symbol, 0.0) for symbol in LUMPED])
     back = gear * known["K_b"] * (np.array(LUMPED) == "B_eq")
     volts = inner.rows @ (ohms * lumped + back)
-    within = np.abs(volts) < 0.9 * ecu.supply
+    within = np.abs(volts) < 0.9 * ecu.limit
     return Equations(inner.time[within], np.column_stack([m.right for m in made])[within], volts[within])
 
 

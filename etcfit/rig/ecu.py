@@ -6,15 +6,25 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from ..model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
+from ..model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation, Terms
 from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 
-KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms")
+KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms", "duty", "integral", "slew_V_per_s",
+        "dead_band_deg", "setpoint_weight", "derivative_weight")  # fmt: skip
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
 TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
 SUPPLY_SD = 0.1  # of the supply under load, a share of the nameplate's
 MOST_MS = 1000.0  # of any time in it
+LIMITS: Mapping[str, tuple[str, float, float]] = {
+    "duty": ("duty", 1.0, 1.0),
+    "integral": ("integral", 1.0, 10.0),
+    "slew_V_per_s": ("slew", 1.0, 1e6),
+    "dead_band_deg": ("dead_band", math.pi / 180.0, 90.0),
+    "setpoint_weight": ("setpoint_weight", 1.0, 1.0),
+    "derivative_weight": ("derivative_weight", 1.0, 1.0),
+}
+"""Key -> what `Ecu` calls it, its unit in SI, and the largest number that it may be."""
 
 
 def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge]]:
@@ -39,6 +49,8 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notat
                          "Add supply_V = 12.0 below [rig].")  # fmt: skip
     period = _ms(toml, "period_ms", table["period_ms"], least=0.01)
     given = {field: _ms(toml, key, table[key]) for key, field in TIMES.items() if key in table}
+    given |= {field: unit * _within(toml, key, table[key], most)
+              for key, (field, unit, most) in LIMITS.items() if key in table}  # fmt: skip
     ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
     notation = _notation(toml, table, travel)
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
@@ -64,6 +76,25 @@ def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
         raise toml.wrong(f"ecu.{key}", f"found {shown(value)}.", f"It must lie within {least:g} and {MOST_MS:g} ms.",
                          "Correct it; an ECU's clock ticks every 1 to 10 ms.")  # fmt: skip
     return 1e-3 * number
+
+
+def _within(toml: Toml, key: str, value: Any, most: float) -> float:
+    """What limits it: a number from 0 to the largest; a largest duty of 0 would be no output at all."""
+    number = toml.finite(f"ecu.{key}", value)
+    if not 0.0 <= number <= most or (key == "duty" and number == 0.0):
+        raise toml.wrong(f"ecu.{key}", f"found {shown(value)}.", f"It must lie within 0 and {most:g}.",
+                         "Correct it, or leave it out.")  # fmt: skip
+    return number
+
+
+def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms) -> list[str]:
+    """[ecu] of a rig.toml; what is as where nothing is said is left out, the times apart."""
+    usual = Ecu()
+    lines = ["[ecu]", *(f"{key} = {value:.10g}" for key, value in gains._asdict().items())]
+    lines += [f'unit = "{notation.unit}"', f'form = "{notation.form}"', f"period_ms = {1e3 * ecu.period:.10g}"]
+    lines += [f"{key} = {1e3 * getattr(ecu, field):.10g}" for key, field in TIMES.items()]
+    return lines + [f"{key} = {getattr(ecu, field) / unit:.10g}" for key, (field, unit, _) in LIMITS.items()
+                    if getattr(ecu, field) != getattr(usual, field)]  # fmt: skip
 
 
 def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float]) -> Notation:

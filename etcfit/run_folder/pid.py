@@ -7,9 +7,9 @@ from typing import Any
 from ..control.design import Design
 from ..control.loop_figures import MARGINS, REQUIRED, LoopFigures
 from ..control.on_units import Share
-from ..control.pid.ecu import UNIT
 from ..files import plain
 from ..model.feed_forward import listed
+from ..model.pid import UNIT
 from .declared import Record, by_name, figures, key, list_of
 from .design import (
     as_written,

@@ -18,7 +18,6 @@ from effect_samples import every_effect, made, rows, seen, typical
 from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
 from etcfit.control.linearise import reduce
 from etcfit.control.pid import RULES, Gains, Requirements
-from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.formulas import Ultimate, ultimate
 from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings
@@ -29,6 +28,7 @@ from etcfit.model.ecus import ECUS, FOME, RUSEFI, EcuProfile
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.feed_forward import Asked
 from etcfit.model.linear import closed_form
+from etcfit.model.pid import Memory, tick
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render

@@ -33,7 +33,6 @@ from etcfit.cli import app, export
 from etcfit.control.design import ecu_of, propose, task_of
 from etcfit.control.loop_figures import REQUIRED
 from etcfit.control.pid import RULES, Gains, Requirements
-from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
 from etcfit.errors import MeasurementError, UsageError
@@ -45,6 +44,7 @@ from etcfit.files import write_json
 from etcfit.model.ecu import Ecu
 from etcfit.model.ecus import ECUS
 from etcfit.model.effects import Inputs, State
+from etcfit.model.pid import Memory, tick
 from etcfit.run_folder.manifest import replacing
 from etcfit.run_folder.reading import read_design
 from etcfit.stages import Done

@@ -17,13 +17,13 @@ import pytest
 
 import exports
 import results
-from etcfit.control.pid.ecu import Gains, Memory, tick
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
 from etcfit.errors import UsageError
 from etcfit.exporting import Export, ExportSettings, Source, fmu
 from etcfit.exporting.plant import C
 from etcfit.model.ecu import Ecu
+from etcfit.model.pid import Gains, Memory, tick
 
 SETPOINT = Setpoint((0.0, 0.05, 0.06, 0.3, 0.5, 0.7, 0.71, 1.0), (0.2, 0.2, 0.6, 0.6, 0.05, 0.05, 0.95, 0.95), ())
 GAINS = Gains(12.0, 60.0, 0.25)

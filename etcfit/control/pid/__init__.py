@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from ...model.pid import Gains
 from ..loop_figures import LoopFigures, Requirements
 from .base import Refusal, Rule, Task
-from .ecu import Gains
 from .experiments import manual, relay
 from .formulas import amigo, as_found, damping_optimum, simc, tyreus_luyben, ziegler_nichols
 from .optimal import optimal

@@ -9,10 +9,10 @@ from ...model.ecu import Ecu
 from ...model.ecus import EcuProfile
 from ...model.feed_forward import Term
 from ...model.linear import TransferFunction
+from ...model.pid import Gains
 from ..loop_figures import Requirements
 from ..setpoint import Setpoint, trapezoid
 from ..settings import DesignSettings
-from .ecu import Gains
 from .loop import Loop
 
 

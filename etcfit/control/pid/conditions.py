@@ -16,10 +16,10 @@ import numpy as np
 from ...car_log.log import Series
 from ...model.linear import MIDDLE
 from ...model.parameters import Scalar
+from ...model.pid import Gains
 from ...model.throttle import Throttle
 from ..setpoint import Setpoint, Stretch, in_turn, stairs, trapezoid
 from ..settings import ConditionSettings, ScenarioSettings
-from .ecu import Gains
 from .loop import Loop
 
 LEAD = 0.3  # s at the first level of a scenario, not judged

@@ -11,11 +11,11 @@ import numpy as np
 
 from ...model.ecu import Ecu
 from ...model.linear import MIDDLE
+from ...model.pid import Gains, quantised
 from ..loop_figures import LoopFigures
 from ..setpoint import step, trapezoid
 from ..settings import ManualSettings
 from .base import Refusal, Task
-from .ecu import Gains, quantised
 from .formulas import Ultimate, from_ultimate
 
 

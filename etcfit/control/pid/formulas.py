@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ...model.linear import TransferFunction
+from ...model.pid import Gains
 from .base import Refusal, Rule, Task
-from .ecu import Gains
 
 _SCAN = np.geomspace(1e-2, 1e5, 4000)  # rad/s
 

@@ -21,8 +21,8 @@ from jaxtyping import Complex, Float
 
 from ...model.ecu import Ecu
 from ...model.linear import TransferFunction
+from ...model.pid import Gains
 from ..setpoint import Setpoint
-from .ecu import Gains
 
 _QUICKEST = 1e-4  # ticks: the lag that a sensor without one is given beside plants whose sensor has one
 

@@ -16,6 +16,7 @@ from ...model.ecu import Ecu
 from ...model.effects import Inputs, State
 from ...model.linear import MIDDLE, TransferFunction, coefficients, sensor_lag
 from ...model.parameters import Scalar
+from ...model.pid import Gains, Memory, tick
 from ...model.stepper import step
 from ...model.tangents import fusion_barrier
 from ...model.throttle import Throttle
@@ -24,7 +25,6 @@ from ..loop_figures import LoopFigures, Run, judge, with_effort, with_heat
 from ..motion import free_step
 from ..setpoint import Setpoint
 from ..settings import LoopSettings
-from .ecu import Gains, Memory, tick
 from .feedforward import Bias, HoldingVoltages, Sliding, hold_curve, rates
 from .loop_kernel import kernel_of
 

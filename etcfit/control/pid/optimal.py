@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...model.pid import Gains
 from ...problem.cores import concurrently
 from ..loop_figures import LoopFigures
 from ..settings import OptimumSettings
 from .base import Refusal, Task
-from .ecu import Gains
 from .formulas import FORMULAS
 from .linear_loop import COARSE, OpenLoop
 from .loop import Loop

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...model.linear import MIDDLE
+from ...model.pid import Gains
 from ..pid.base import Task
-from ..pid.ecu import Gains
 from .faults import (
     FAILS_AT,
     WATCHED,

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...model.linear import MIDDLE
+from ...model.pid import Gains
 from ..pid.base import Task
 from ..pid.conditions import Conditions, corners, scattered, under
-from ..pid.ecu import Gains
 from ..pid.loop import Loop
 from ..setpoint import Setpoint
 from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of_setpoint, run_trials, stack_trials

@@ -11,9 +11,9 @@ import numpy as np
 
 from ...model.ecu import Ecu
 from ...model.parameters import Scalar
+from ...model.pid import Gains, Memory, tick
 from ..pid.base import Task
 from ..pid.conditions import Conditions, under
-from ..pid.ecu import Gains, Memory, tick
 from ..pid.loop import Loop, Path
 from ..setpoint import Setpoint
 
@@ -109,7 +109,7 @@ class Seen(NamedTuple):
 
 
 def guarded(trial: Trial, ecu: Ecu, memory: Watch, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
-    """`pid.ecu.tick` behind a sensor that may fail, before a supply that may sag and checks that may cut it.
+    """`model.pid.tick` behind a sensor that may fail, before a supply that may sag and checks that may cut it.
 
     The ECU knows nothing of the supply, its duty is a share of whatever there is, unless it divides by the battery
     voltage: then the supply only limits the volts that it means. A supply sags as of the tick at which

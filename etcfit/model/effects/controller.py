@@ -6,7 +6,9 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from ..ecu import Ecu
 from ..parameters import NonNegative, Positive, Scalar, parameter
+from ..pid import Gains, Memory, tick
 from .base import AbstractComputer, Contribution, Inputs, State
 
 _SOURCE = "Astrom and Hagglund 2006, ch. 3 and 13"
@@ -14,24 +16,21 @@ _AT_ONCE = 1e-6  # s, a delay that is none
 
 
 class Controller(AbstractComputer):
-    """The discrete PID of `model.ecu`: at each tick, every t_e,
+    """The PID of `model.pid.tick`, every t_e, of the setpoint and the angle t_l ago; its output is held until the next
+    tick.
 
-        e = setpoint(t - t_l) - theta(t - t_l)
-        d = (e - f)/(tau_e + t_e),        f <- f + t_e d
-        v = clip(v_0 + K_p e + I + K_i t_e e + K_d d, +-V_e)
-        I <- I + K_i t_e e                still while v is at its limit and e drives it further
-
-    and v is held until the next one. v_0 is what the integral held where the trace began; f, the error filtered, begins
-    as e. The angle t_l ago is theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)).
+    Its integral held v_0 where the trace began, which `u.voltage` has; its memory f begins with no derivative. The
+    angle t_l ago is theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). What limits it is counted in V_e, which
+    is its supply under load: a share of the one is the same share of the other.
 
     Where `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows. An `actuation_delay`
     shifts logged inputs only: the ECU's own delay is t_l.
 
-    Source: Astrom and Hagglund 2006, ch. 3 and 13. Differs from source: the derivative is of the error.
+    Source: Astrom and Hagglund 2006, ch. 3 and 13.
     """
 
     name = "controller"
-    z0: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.0)  # I, s, f and v
+    z0: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.0)  # integral less v_0, s, f and output
     K_p: Scalar = parameter("V/rad", NonNegative(6.0), 6.0, "proportional gain of the ECU", _SOURCE)
     K_i: Scalar = parameter("V/(rad*s)", NonNegative(50.0), 30.0, "integral gain of the ECU", _SOURCE)
     K_d: Scalar = parameter("V*s/rad", NonNegative(0.1), 0.1, "derivative gain of the ECU", _SOURCE)
@@ -39,19 +38,28 @@ class Controller(AbstractComputer):
     tau_e: Scalar = parameter("s", NonNegative(2e-3), 2e-3, "derivative filter of the ECU", _SOURCE)
     t_l: Scalar = parameter("s", NonNegative(1e-3), 0.0, "delay from the ECU's reading to its output", _SOURCE)
     V_e: Scalar = parameter("V", Positive(12.0), 12.0, "limit of the ECU's output", _SOURCE)
+    I_e: Scalar = parameter("1", NonNegative(1.0), 0.0, "limit of the ECU's integral over V_e; 0: none", _SOURCE)
+    S_e: Scalar = parameter("1/s", NonNegative(1.0), 0.0, "limit of the output's slew over V_e; 0: none", _SOURCE)
+    e_0: Scalar = parameter("rad", NonNegative(0.01), 0.0, "error below which the integral stands still", _SOURCE)
+    b: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's P", _SOURCE)
+    c: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's D", _SOURCE)
 
     def ticked(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[Scalar, ...]:
         if u.controlled is None:  # nothing was asked of it: another computer is simulated, or a constant voltage
             return z
-        integral, speed, filtered, _ = z
-        error = u.setpoint - (x.theta - self.t_l * speed)
-        filtered = jnp.where(u.time < 0.5 * self.t_e, error, filtered)
-        rate = (error - filtered) / (self.tau_e + self.t_e)
-        more = self.K_i * self.t_e * error
-        wanted = u.voltage + self.K_p * error + integral + more + self.K_d * rate
-        volts = jnp.clip(wanted, -self.V_e, self.V_e)
-        winding = (wanted - volts) * error > 0.0
-        return integral + jnp.where(winding, 0.0, more), speed, filtered + self.t_e * rate, volts
+        integral, speed, filtered, output = z
+        read, first = x.theta - self.t_l * speed, u.time < 0.5 * self.t_e
+        ecu = Ecu(
+            period=self.t_e, supply=self.V_e, filter=self.tau_e, integral=self.I_e, slew=self.S_e * self.V_e,
+            dead_band=self.e_0, setpoint_weight=self.b, derivative_weight=self.c,
+        )  # fmt: skip
+        before = Memory(
+            u.voltage + integral,
+            jnp.where(first, self.c * u.setpoint - read, filtered),
+            jnp.where(first, u.voltage, output),
+        )
+        volts, after = tick(Gains(self.K_p, self.K_i, self.K_d), ecu, before, u.setpoint, read, 0.0)
+        return after.integral - u.voltage, speed, after.filtered, volts
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         if u.controlled is None:

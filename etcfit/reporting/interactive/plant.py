@@ -19,7 +19,6 @@ from typing import Any
 import jax
 
 from ...control.linearise import stops
-from ...control.pid.ecu import Gains, Memory, tick
 from ...control.pid.loop import lagging
 from ...control.setpoint import trapezoid
 from ...control.settings import LoopSettings
@@ -31,6 +30,7 @@ from ...kernels.lowering import NotScalarError, lowered
 from ...model.ecu import Ecu
 from ...model.effects import AbstractEffect, State
 from ...model.parameters import NonNegative, Parameter, Positive, Scalar, parameters_of
+from ...model.pid import Gains, Memory, tick
 from ...model.refusals import refused
 from ...model.rig_effects import AbstractRigEffect
 from ...model.stepper import Step, step

@@ -12,7 +12,6 @@ import rigs
 from bodies import OPEN
 from etcfit.control.loop_figures import REQUIRED
 from etcfit.control.pid import Gains
-from etcfit.control.pid.ecu import Memory, tick
 from etcfit.control.pid.feedforward import bias_of, hold_curve
 from etcfit.control.pid.linear_loop import respond
 from etcfit.control.setpoint import step, trapezoid
@@ -21,6 +20,7 @@ from etcfit.model.ecu import Ecu
 from etcfit.model.effects import State
 from etcfit.model.effects.actuation_delay import ActuationDelay
 from etcfit.model.effects.position_sensor_lag import PositionSensorLag
+from etcfit.model.pid import Memory, tick
 
 ENDLESS = Ecu(supply=1e9)
 SMOOTH = {"T_f": 0.0, "T_PL": 0.0}

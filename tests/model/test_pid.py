@@ -9,11 +9,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import rigs
-from etcfit.control.pid.ecu import Gains, Memory, tick
 from etcfit.control.pid.linear_loop import margins, respond
 from etcfit.control.setpoint import trapezoid
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.ecus import ARDUINO, FOME, GENERIC, RUSEFI, EcuProfile, differences
+from etcfit.model.pid import Gains, Memory, tick
 from firmwares import Firmware, Fome, PidV1, Rusefi, Settings, Textbook
 
 S = 1j * np.geomspace(0.1, 100.0, 7)  # 1/s

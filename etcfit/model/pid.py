@@ -1,4 +1,7 @@
-"""The discrete PID of an engine control unit: its gains, and what it computes at each tick of its clock."""
+"""The discrete PID of an engine control unit: its gains, and what it computes at each tick of its clock.
+
+The one that drove the logs (`effects.controller`) and the one that gains are sought for (`control.pid`) are this one.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,8 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from ...model.ecu import Ecu
-from ...model.parameters import Scalar
+from .ecu import Ecu
+from .parameters import Scalar
 
 UNIT = "V/rad"  # of Kp; Ki is per s, Kd times s
 
@@ -41,14 +44,12 @@ class Memory(NamedTuple):
 
     Args:
         integral: V.
-        derivative: filtered, rad/s.
-        last: what is differenced, c r - y, rad.
+        filtered: what is differenced, c r - y, behind the derivative's low-pass, rad.
         output: before the steps of the PWM, V.
     """
 
     integral: Scalar
-    derivative: Scalar
-    last: Scalar
+    filtered: Scalar
     output: Scalar
 
     @classmethod
@@ -56,17 +57,17 @@ class Memory(NamedTuple):
         """Of a plate that stands at its setpoint (rad), where the PID puts out nothing."""
         still = 0.0 * gains.Kp
         integral = (1.0 - ecu.setpoint_weight) * gains.Kp * angle
-        return cls(integral, still, (ecu.derivative_weight - 1.0) * angle + still, still)
+        return cls(integral, (ecu.derivative_weight - 1.0) * angle + still, still)
 
 
 def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
     """One tick: v = clip(clip(Kp (b r - y) + I + Kd d, V) + bias, limit), slewed, and rounded to the PWM's resolution.
 
-        I <- I + Ki T e where |e| >= dead band,    d <- (T_f d + (c r - y) - (c r - y)_last) / (T_f + T)
+        I <- I + Ki T e where |e| >= dead band,    d = ((c r - y) - f) / (T_f + T),    f <- f + T d
 
-    with e = r - y, and b and c the weights of the setpoint. The integral stands still while the output is at its limit,
-    that of its slew included, and the error would drive it further (anti-windup), or is clamped itself, where the ECU
-    does that (`Ecu.integral`).
+    with f as `Memory.filtered`, e = r - y, and b and c the weights of the setpoint. The integral stands still while the
+    output is at its limit, that of its slew included, and the error would drive it further (anti-windup), or is clamped
+    itself, where the ECU does that (`Ecu.integral`).
 
     Source: Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13. Differs from source: the integral has the
     error of the tick itself in it, as those of the ECUs have.
@@ -77,7 +78,7 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
     """
     seen = quantised(position, ecu.resolution)
     error, tracked = setpoint - seen, ecu.derivative_weight * setpoint - seen
-    derivative = (ecu.filter * memory.derivative + tracked - memory.last) / (ecu.filter + ecu.period)
+    derivative = (tracked - memory.filtered) / (ecu.filter + ecu.period)
     grown = memory.integral + gains.Ki * ecu.period * error
     integral = jnp.where(jnp.abs(error) >= ecu.dead_band, grown, memory.integral)
     clamped = jnp.clip(integral, -ecu.integral * ecu.supply, ecu.integral * ecu.supply)
@@ -87,7 +88,7 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
     volts = slewed(volts, memory.output, ecu)
     winding = ((wanted + bias - volts) * error > 0.0) & (ecu.integral == 0.0)
     integral = jnp.where(winding, memory.integral, integral)
-    return quantised(volts, ecu.pwm), Memory(integral, derivative, tracked, volts)
+    return quantised(volts, ecu.pwm), Memory(integral, memory.filtered + ecu.period * derivative, volts)
 
 
 def slewed(volts: Scalar, before: Scalar, ecu: Ecu) -> Scalar:
