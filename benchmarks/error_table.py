@@ -21,13 +21,13 @@ import numpy as np
 
 from etcfit.backend import use_compilation_cache
 from etcfit.control.pid import RULES, Gains, Task
-from etcfit.model.pid import Memory, tick
 from etcfit.control.pid.linear_loop import COARSE, OpenLoop
 from etcfit.control.pid.loop import Loop, Path
 from etcfit.control.pid.optimal import Scores, best_over_draws, scores
 from etcfit.control.setpoint import Setpoint
 from etcfit.model.ecu import Ecu
 from etcfit.model.parameters import Scalar
+from etcfit.model.pid import Memory, tick
 
 from .on_the_ecu import known
 

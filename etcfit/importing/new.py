@@ -156,4 +156,8 @@ series_ohm = "free"
 # delay_ms = 0.0             # from its reading to its output
 # duty = 0.9                 # largest that it puts out, a share of the supply
 # integral = 0.3             # largest that its integral may hold, likewise; leave it out where it has no such limit
+# slew_V_per_s = 400.0       # largest change of its output; leave it out likewise
+# dead_band_deg = 0.0        # error below which its integral stands still
+# setpoint_weight = 1.0      # 0: its P acts on the position alone
+# derivative_weight = 1.0    # 0: its D does
 """

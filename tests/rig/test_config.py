@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from etcfit.errors import MeasurementError
-from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation
+from etcfit.model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation, Terms
 from etcfit.rig.base import Accuracy, Fixed, Prior, RigConfig, Start, Tied, TpsCalibration
 from etcfit.rig.config import read_config
-from etcfit.rig.ecu import GAINS, SUPPLY_SD
+from etcfit.rig.ecu import GAINS, SUPPLY_SD, ecu_lines
 from etcfit.rig.units import to_channel
 from folders import TOML
 
@@ -164,6 +164,29 @@ def test_gains_of_an_ecu_arrive_in_volts_radians_and_seconds(tmp_path: Path) -> 
     assert "K_i" not in config.parameters
     assert config.parameters["t_e"] == Fixed(2e-3)
     assert config.parameters["V_e"] == Prior(12.5, SUPPLY_SD * 12.5)
+
+
+def test_limits_of_an_ecu_are_written_as_they_were_read(tmp_path: Path) -> None:
+    """Those of a firmware that clamps its integral, and of one that differences the position."""
+    said = Ecu(2e-3, 12.5, 0.0, 2e-3, duty=0.9, integral=0.3, slew=400.0, dead_band=math.radians(0.5),
+               setpoint_weight=0.5, derivative_weight=0.0)  # fmt: skip
+    gains = Terms(4.0, 0.137, 30.0)
+    for ecu in (said, Ecu(1e-3, 12.5)):
+        lines = ecu_lines(ecu, Notation("%", "%", "ticks"), gains)
+        assert len(lines) == (15 if ecu is said else 9)
+        config = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *lines, "")))
+        assert config.ecu == pytest.approx(ecu)
+    constants = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *ecu_lines(said, Notation(), gains)))).parameters
+    assert constants["I_e"] == Fixed(pytest.approx(0.3 / 0.9))
+    assert constants["V_e"] == Prior(pytest.approx(0.9 * 12.5), pytest.approx(0.09 * 12.5))
+    assert constants["c"] == Fixed(0.0)
+
+
+@pytest.mark.parametrize(("key", "value"), [("duty", "0"), ("duty", "90"), ("integral", "-0.3"), ("slew_V_per_s", "inf"),
+                                            ("derivative_weight", "2"), ("dead_band_deg", "'wide'")])  # fmt: skip
+def test_a_limit_of_an_ecu_that_cannot_be_is_refused_by_name(tmp_path: Path, key: str, value: str) -> None:
+    with pytest.raises(MeasurementError, match=rf"ecu\.{key}.*{value}"):
+        read(tmp_path, f"{ECU}{key} = {value}\n")
 
 
 def test_where_no_gain_gives_volts_a_scale_the_supply_does_not_either(tmp_path: Path) -> None:

@@ -22,9 +22,11 @@ from etcfit.rig.ecu import GAINS
 GAIN = {"K_p": 6.0, "K_i": 40.0, "K_d": 0.12}
 
 
-def controller(period: float = 1e-3, delay: float = 0.0, limit: float = 1e6, **gains: float) -> Controller:
-    fixed: Any = {"t_e": period, "tau_e": 2e-3, "t_l": delay, "V_e": limit}
-    return Controller(**(GAIN | gains | fixed))
+def controller(
+    period: float = 1e-3, delay: float = 0.0, limit: float = 1e6, hold: float = 0.0, **gains: float
+) -> Controller:
+    ecu = Ecu(period, limit, delay=delay, integral=hold / limit)
+    return Controller(**(GAIN | gains | ecu.constants))  # pyright: ignore[reportArgumentType]
 
 
 def run(effect: Controller, setpoint: np.ndarray, angle: np.ndarray, speed: np.ndarray, v_0: float = 0.0) -> np.ndarray:
@@ -47,29 +49,36 @@ def run(effect: Controller, setpoint: np.ndarray, angle: np.ndarray, speed: np.n
     return np.asarray(jax.lax.scan(tick, first, tuple(map(jnp.asarray, entries)))[1])
 
 
-def written_out(error: np.ndarray, period: float, limit: float, v_0: float) -> np.ndarray:
-    """The PID of `independent.kernel.run_loop`, from a filtered error that begins as the error."""
+def written_out(error: np.ndarray, period: float, limit: float, v_0: float, hold: float) -> np.ndarray:
+    """The PID of `independent.kernel.run_loop`, from a filtered error that begins as the error; what the integral held
+    at first counts for its own limit."""
     area, smooth, out = 0.0, error[0], []
     for miss in error:
         chase = (miss - smooth) / (2e-3 + period)
         smooth += period * chase
-        volts = v_0 + GAIN["K_p"] * miss + GAIN["K_i"] * (area + period * miss) + GAIN["K_d"] * chase
-        if abs(volts) <= limit or volts * miss < 0.0:
-            area += period * miss
+        if hold:
+            area = (min(max(v_0 + GAIN["K_i"] * (area + period * miss), -hold), hold) - v_0) / GAIN["K_i"]
+            volts = v_0 + GAIN["K_p"] * miss + GAIN["K_i"] * area + GAIN["K_d"] * chase
+        else:
+            volts = v_0 + GAIN["K_p"] * miss + GAIN["K_i"] * (area + period * miss) + GAIN["K_d"] * chase
+            if abs(volts) <= limit or volts * miss < 0.0:
+                area += period * miss
         out.append(min(max(volts, -limit), limit))
     return np.array(out)
 
 
 @pytest.mark.parametrize("period", [1e-3, 5e-3])
 @pytest.mark.parametrize("limit", [1e6, 3.0])
-def test_it_is_the_discrete_pid_tick_by_tick(period: float, limit: float) -> None:
-    """With jumps of the setpoint, into its limit and out of it."""
+@pytest.mark.parametrize("hold", [0.0, 0.3])
+def test_it_is_the_discrete_pid_tick_by_tick(period: float, limit: float, hold: float) -> None:
+    """With jumps of the setpoint, into its limit and out of it, and into that of its integral where it has one."""
     rng = np.random.default_rng(3)
     setpoint, angle = np.repeat(rng.uniform(0.2, 1.2, 8), 10), 0.7 + 0.2 * np.sin(0.1 * np.arange(80))
-    found = run(controller(period, limit=limit), setpoint, angle, np.zeros(80), v_0=0.5)
-    wanted = written_out(setpoint - angle, period, limit, 0.5)
+    found = run(controller(period, limit=limit, hold=hold), setpoint, angle, np.zeros(80), v_0=0.5)
+    wanted = written_out(setpoint - angle, period, limit, 0.5, hold)
     assert_allclose(found, wanted, rtol=1e-12)
     assert (np.abs(wanted) == limit).any() == (limit < 10.0)
+    assert not hold or np.max(np.abs(wanted - written_out(setpoint - angle, period, limit, 0.5, 0.0))) > 0.1
 
 
 def test_it_sees_the_angle_as_late_as_its_delay_says() -> None:
