@@ -182,8 +182,9 @@ def test_limits_of_an_ecu_are_written_as_they_were_read(tmp_path: Path) -> None:
     assert constants["c"] == Fixed(0.0)
 
 
-@pytest.mark.parametrize(("key", "value"), [("duty", "0"), ("duty", "90"), ("integral", "-0.3"), ("slew_V_per_s", "inf"),
-                                            ("derivative_weight", "2"), ("dead_band_deg", "'wide'")])  # fmt: skip
+@pytest.mark.parametrize(("key", "value"), [
+                         ("duty", "0"), ("duty", "90"), ("integral", "-0.3"), ("slew_V_per_s", "inf"),
+                         ("derivative_weight", "2"), ("dead_band_deg", "'wide'")])  # fmt: skip
 def test_a_limit_of_an_ecu_that_cannot_be_is_refused_by_name(tmp_path: Path, key: str, value: str) -> None:
     with pytest.raises(MeasurementError, match=rf"ecu\.{key}.*{value}"):
         read(tmp_path, f"{ECU}{key} = {value}\n")
