@@ -142,7 +142,7 @@ class TraceBatch:
 
     def with_times_of(self, traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray]) -> TraceBatch:
         """The batch with other instants at which held plates were let go, or at which an ECU in the model saw its
-        setpoint jump; arrays that are the same are the same ones.
+        setpoint jump; arrays that are the same are the same ones, unless a trace has now another number of steps.
 
         Args:
             traces: those of the batch, some of them with another such instant.
@@ -162,6 +162,8 @@ class TraceBatch:
             if trace is self.traces[k]:
                 continue
             breaks, command = _under_ecu(trace, substeps[k], config)
+            if breaks.ends.size != self.places[k][2][-1] - row + 1:
+                return batch_of(traces, config, substeps, self.guidable.shape + self.slots.sigma.shape[2:])
             places[k] = lane, row, row + breaks.marks
             for name, column in _strip(trace, breaks, command, config).items():
                 own = slice(row, row + len(column)), lane, *(slice(n) for n in column.shape[1:])

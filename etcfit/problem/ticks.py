@@ -41,7 +41,8 @@ def broken(
 ) -> tuple[Breaks, Float[np.ndarray, " ticks"]]:
     """The steps of a trace under an ECU, and its ticks, s.
 
-    The number of steps does not depend on where the ticks lie, so that nothing is compiled again when they move.
+    There is room for a tick more wherever a jump may act, so that the number of steps is the same when ticks move, all
+    but always: two ticks may come to lie in an interval that is shorter than their period by a rounding.
 
     Args:
         trace: whose instants.
@@ -54,8 +55,10 @@ def broken(
     home = np.searchsorted(t, inner) - 1
     count = np.bincount(home, minlength=t.size - 1)
     room = np.ceil(np.diff(t) / ecu.period).astype(int)
-    room[setpoint.jumps] += 1
-    room[np.minimum(setpoint.jumps + 1, t.size - 2)] += 1
+    acts = t[setpoint.jumps] + ecu.delay
+    begins, ends = (np.searchsorted(t, each, side="right") - 1 for each in (acts, acts + setpoint.windows))
+    for begin, end in zip(begins, ends, strict=True):
+        room[begin : end + 1] += 1
     room = np.maximum(np.maximum(room, 0), count)
     pieces = _filled(t, inner, home, room)
     parts = np.repeat(-(-substeps // (room + 1)), room + 1)
