@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -111,6 +112,25 @@ def test_a_jump_is_seen_within_an_interval_and_a_period_and_the_clock_ticks_with
     assert_allclose(setpoint.at(np.array([seen - 1e-6, seen + 1e-6])), [0.5, 0.9], atol=1e-9)
     apart = np.diff(ticks)
     assert np.all((apart > 0.45e-3) & (apart < 1.55e-3))
+
+
+@pytest.mark.parametrize("period", [2e-3, 2e-3 * (1.0 - 1e-9), 1e-3])
+@pytest.mark.parametrize("delay", [0.0, 1.5e-3, 2e-3, 5e-3])
+def test_a_jump_seen_later_is_laid_out_as_in_a_new_batch(period: float, delay: float) -> None:
+    """Of a log with a row for each tick, which acts a tick later, and others."""
+    config = replace(CONFIG, ecu=ECU._replace(period=period, delay=delay))
+    time = 2e-3 * np.arange(40)
+    asked = np.where(time > 0.0301, 0.9, 0.5) - 0.3 * (time > 0.0321)
+    first = prepare(logged(setpoint=asked), config)
+    assert first is not None
+    batch = batch_of([first], config, [np.ones(39, int)])
+    for share in np.linspace(0.0, 1.0, 23):
+        trace = first.with_jumps_at(float(share))
+        found = batch.with_times_of([trace], config, [np.ones(39, int)])
+        wanted = batch_of([trace], config, [np.ones(39, int)])
+        for part in ("steps", "slots", "disturbance"):
+            for column, anew in zip(*(jax.tree.leaves(getattr(each, part)) for each in (found, wanted)), strict=True):
+                assert_array_equal(column, anew)
 
 
 def test_steps_follow_the_instant_of_a_jump_as_their_columns_say() -> None:
