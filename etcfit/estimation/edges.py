@@ -99,6 +99,16 @@ def with_edges_in_step(
     return Clocked(replace(rig, config=config, measurements=turned), places)
 
 
+def phases_hold(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> bool:
+    """Whether no free phase ran away from its interval by more than another one.
+
+    Beyond the interval chi2 does not depend on the phase. One that went far lay, on its way, where the model fits
+    worse at either end than between them: it lacks an effect, and tells nothing of the edges.
+    """
+    phases = (x[k] for k, symbol in enumerate(problem.layout.free) if symbol.startswith(f"{EdgePhase.kind}."))
+    return all(-1.0 <= phase <= 2.0 for phase in phases)
+
+
 def edge_places(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> dict[str, tuple[EdgePlace, ...]]:
     """Every edge of every trace, by file."""
     seen = (replace(problem, batch=problem.batch.jumping(share)).free_run(x) for share in SHARES)

@@ -17,7 +17,7 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings, read_graphs
-from .edges import with_edges_in_step, with_edges_on_samples
+from .edges import phases_hold, with_edges_in_step, with_edges_on_samples
 from .free_run import Model, comes_near, fitted_free_running, no_higher_than_smaller, removable_effects
 from .intervals import with_accuracy
 from .levenberg_marquardt import descend, descend_in_stages, with_lag_of_start
@@ -96,8 +96,10 @@ def _end(
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
-        rig, (traces, held_out, _) = clocked.rig, ready(clocked.rig)
-        reached = _fitted_again(rig, traces, reached, settings)
+        phased = _fitted_again(clocked.rig, ready(clocked.rig)[0], reached, settings)
+        clocked = clocked if phases_hold(phased.problem, phased.x) else None
+    if clocked is not None:
+        rig, (traces, held_out, _), reached = clocked.rig, ready(clocked.rig), phased
         decided = with_edges_on_samples(rig, reached, clocked.places)
         if decided is not None:  # a phase at the end of its interval is no free parameter
             rig, (traces, held_out, _) = decided.rig, ready(decided.rig)

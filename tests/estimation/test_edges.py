@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from benchmarks.bank import cases
 from etcfit.estimation.edges import (
     Decided,
     EdgePlace,
     accepts,
     common_phase,
     edge_places,
+    phases_hold,
     turns,
     with_edges_in_step,
     with_edges_on_samples,
@@ -196,6 +198,26 @@ def test_a_descent_that_left_the_interval_is_sent_back_into_it() -> None:
     assert found is not None
     assert phase_of(found) is None
     assert found.x[at] == pytest.approx(-0.05, abs=0.02)
+
+
+@pytest.mark.parametrize(("phase", "holds"), [(-0.9, True), (1.1, True), (13.7, False), (-8.5, False)])
+def test_a_phase_that_ran_away_places_no_edge(phase: float, holds: bool) -> None:
+    _, end = reached(circuit(SHARP, 0.05, 1.0, SIGMA), circuit(WEAK, 0.05, 1.0, SIGMA))
+    beyond = end.x.copy()
+    beyond[end.problem.layout.free.index("edge_phase.inductance")] = phase
+    assert phases_hold(end.problem, beyond) == holds
+
+
+@pytest.mark.slow
+def test_a_model_that_lacks_a_slow_sensor_leaves_edges_where_they_are(tmp_path: Path) -> None:
+    """They lie on the samples; without the sensor's lag the phases ran away to 13.7 and -8.5 intervals."""
+    cases.made(cases.chosen("edges", 8304, 1)[0], tmp_path)
+    rig = read_folder(tmp_path)
+    without = fit(rig)
+    assert not any(effect.startswith(EdgePhase.kind) for effect in without.rig.config.effects)
+    known = fit(replace(rig, config=replace(rig.config, effects=("position_sensor_lag", "gravity_load"))))
+    assert known.values["edge_phase.response"] == 0.0
+    assert known.chi2_per_dof == pytest.approx(1.0, abs=0.03)
 
 
 def test_one_clock_drives_all_tests() -> None:
