@@ -101,17 +101,17 @@ def _reach(moves: Moves) -> float:
 WANTED = (
     Wanted("hold at rest", "hold the pedal still at three openings, 5 s each, engine off",
            "noise of the sensor, and how restless the duty is at rest", 10.0, _at_rest, "s at rest"),
-    Wanted("small steps", "steps of the setpoint of 0.5 to 3 % and back, 0.5 s each (the ECU's bench test)",
+    Wanted("small steps", "steps of 0.5 to 3 % and back, the target still for 0.5 s before and after (the ECU's bench test)",
            "dry friction: overshoot and settling are worst there", 4, _both_ways(0.3, 3.5), "each way"),
-    Wanted("large steps", "steps of 30 % and more and back, 0.5 s each",
+    Wanted("large steps", "steps of 30 % and more and back, the target still for 0.5 s before and after",
            "limits of duty and speed, winding-up of the integral", 2, _both_ways(30.0, 101.0), "each way"),
-    Wanted("across the limp-home position", "steps from 2 % to 25 % and back, 0.5 s each",
+    Wanted("across the limp-home position", "steps from 2 % to 25 % and back, the target still for 0.5 s before and after",
            "the other spring and the preloads: the duty changes its sign there", 2, _across, "each way"),
     Wanted("the whole travel", "one slow ramp from closed to open and back, 5 s each way, engine off",
-           "springs and bias curve; what is not visited is not known", 80.0, _reach, "% of travel"),
+           "springs and bias curve; what is not visited is not known", 80.0, _reach, "% of travel, by the target"),
 )  # fmt: skip
 SUPPLY = Lack(
-    "supply", 0.0, 2.0, "V between logs", "one log at low supply (engine off, lights on) and one with the alternator",
+    "supply", 0.0, 2.0, "V between logs", "engine off, one log with the lights on and one on a battery charger",
     "how much every gain changes with the supply, of which a duty is a share: position and setpoint do not",
 )  # fmt: skip
 """Always asked for: `etcfit drive` reads no supply."""

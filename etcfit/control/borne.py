@@ -65,7 +65,7 @@ class Borne:
                  f"the loop bears {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
         if self.enough:
             return f"{found}."
-        return (f"{found} (|Delta T| {self.worst:.2g}, at most {MOST:g}). Log faster, at each tick of the ECU, and "
+        return (f"{found} (|Delta T| {self.worst:.2g}, at most {MOST:g}). Log at each tick of the ECU if it can, and "
                 "record more quick steps with rests between them.")  # fmt: skip
 
 

@@ -72,7 +72,8 @@ def _gains(told: Mapping[str, Any]) -> Table:
                  for key, gain in step["gains"].items()]  # fmt: skip
         rows.append((NAMES[step["name"]], *cells))
     head = (f"{name}\n{told['unit'][key]}" for name, key in zip(named(told["ecu"]).gains, "PID", strict=True))
-    title = "Gains, as this ECU writes them; the number behind x: over the present gain"
+    title = ("Gains, as this ECU writes them; behind x: times the present gain; half way is half of the way in these "
+             "factors")  # fmt: skip
     return of_texts(title, ("step", *head), rows)
 
 
@@ -87,7 +88,7 @@ def _figures(told: Mapping[str, Any]) -> Table:
     never = "; never: not before the next step" if any(None in step["settling_s"] for step in steps) else ""
     return of_texts(f"What the model says they do: steps of 10 to 70 % of the travel and back{never}",
                  ("step", "overshoot\n% of step", "settling\ns", "RMSE %,\ntrapezoid", "gain\nmargin dB",
-                  "phase\nmargin deg", "P(meets all)", "P(better)"), rows)  # fmt: skip
+                  "phase\nmargin deg", "P(meets all\nrequirements)", "P(tracks\nbetter)"), rows)  # fmt: skip
 
 
 def range_of(each: Sequence[float | None]) -> str:
@@ -133,12 +134,13 @@ def of_requirements(pid: Mapping[str, Any], steps: Sequence[Mapping[str, Any]]) 
     here, there = missed_on_nominal(pid), missed_in_corner(pid)
     if not here and not there:
         return "The proposed gains meet every requirement, in the worst corner of supply, heat and friction too."
-    said = [f"On the fitted model the proposed gains miss {listed(here)}." if here else
-            "On the fitted model the proposed gains meet every requirement."]  # fmt: skip
+    judged = "Judged on all moves of a design, the smallest steps too, and each figure is a share of its own step:"
+    said = [f"{judged} on the fitted model the proposed gains miss {listed(here)}." if here else
+            f"{judged} on the fitted model the proposed gains meet every requirement."]  # fmt: skip
     if there:
         place = place_of_corner(pid["conditions"]).replace("the bench's", "that of the log")
-        said.append(f"{'Also' if here else 'But'} in the worst corner outside the log ({place}) they miss, on the "
-                    f"hardest steps, {listed(there)}.")  # fmt: skip
+        said.append(f"{'Also' if here else 'But'} in the worst corner outside the log ({place}) they miss "
+                    f"{listed(there)}.")  # fmt: skip
     first, last = steps[0]["rmse_pct"], steps[-1]["rmse_pct"]
     if len(steps) > 1 and first is not None and last is not None:
         figures = f"RMSE {short(last)} instead of {short(first)} % of the travel"
@@ -147,8 +149,8 @@ def of_requirements(pid: Mapping[str, Any], steps: Sequence[Mapping[str, Any]]) 
     if not here:
         said.append("What decides is whether your car meets that corner: log there before you rely on it.")
     elif limits := pid.get("limits"):
-        eased = f"eased alone, each of these would let gains meet everything: {'; '.join(limits)}"
-        said.append(f"What decides: {limits[0] if limits[0].startswith('no limit') else eased}.")
+        eased = f"Gains could meet everything if this were eased: {'; or '.join(limits)}"
+        said.append(f"What decides: {limits[0]}." if limits[0].startswith("no limit") else f"{eased}.")
     return " ".join(said)
 
 
@@ -164,7 +166,9 @@ def _model(found: Any) -> list[str]:
     chi2 = found.result.state.chi2_per_dof
     said = [f"{', and '.join(words)}; chi2 per degree of freedom {short(chi2)}; with {effects}."]
     names = [step.name.replace("_", "-") for step in found.steps if step.name != "present"]
-    said += [f"Stability with the {name} gains: {each.says}" for name, each in zip(names, found.borne, strict=False)]
+    said += [f"Stability with the {name} gains: {each.says}" if each.enough else
+             f"WARNING: this log does not show that the loop with the {name} gains is stable. {each.says}"
+             for name, each in zip(names, found.borne, strict=False)]  # fmt: skip
     if found.result.state.cautions and not found.doubts:
         said.append(
             f"{found.result.state.cautions[-1]} The loops bear what it misses: gains are given, no probability."
@@ -184,11 +188,11 @@ def _next(steps: Sequence[Mapping[str, Any]]) -> list[str]:
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
     half = steps[1]
     return [
-        "Type in the half-way gains first, engine off, and log the same moves again, with steps from 10 to 70 % of the "
-        f"travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the step and "
+        "Type in the half-way gains first, engine off, and log the same moves again, with three steps from 10 to 70 % of "
+        f"the travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the step and "
         f"{_settles(half['settling_s'])} (95 % of the models that fit).",
-        "etcfit drive NEXT_LOG --foretold RUN says whether they do: if so, type in the proposed gains; if not, give "
-        "the command that it names, which tunes again with that log and the half-way gains.",
+        "The last line below says how to ask whether they do: if so, type in the proposed gains; if not, give the "
+        "command that is named then, which tunes again with that log and the half-way gains.",
     ]  # fmt: skip
 
 
@@ -197,7 +201,7 @@ def _settles(seconds: Sequence[float | None]) -> str:
     low, _, high = seconds
     if high is not None:
         return f"settle in {range_of(seconds)} s"
-    return (f"settle in {short(low, 2)} s or more, or not before the next step" if low is not None else
+    return (f"not settle before {short(low, 2)} s, some models not before the next step" if low is not None else
             "not settle before the next step")  # fmt: skip
 
 
@@ -232,8 +236,8 @@ def _prediction(panel: Axes, found: Any) -> None:
     ends = np.interp(time + _SECONDS, time, way)
     begin = float(time[int(np.argmax(ends - way))])
     seen = (time >= begin) & (time <= begin + _SECONDS)
-    panel.plot(time[seen], measured[seen], color=style.MEASURED, lw=1.6, label="measured")
-    panel.plot(time[seen], predicted[seen], color=style.SIMULATED, lw=1.2, label="predicted, free running")
+    panel.plot(time[seen], measured[seen], color=style.MEASURED, lw=4.0, alpha=0.5, label="measured")
+    panel.plot(time[seen], predicted[seen], color=style.SIMULATED, lw=1.2, label="predicted from the input alone")
     part = "held-out" if result.holdout is not None else "fitted"
     share = found.explained[0] if result.holdout is not None else found.explained[1]
     panel.set_title(f"{part} part: {percent(share)} % of the motion explained", loc="left", fontsize=10)
@@ -250,5 +254,5 @@ def _steps(panel: Axes, found: Any) -> None:
     for step in found.steps:
         panel.plot(step.time, 100.0 * step.position, color=colours[step.name], lw=1.6, label=NAMES[step.name])
     panel.set_title("large steps, simulated with the fitted model", loc="left", fontsize=10)
-    panel.set(xlabel="time [s]", ylabel="throttle [% of travel]")
+    panel.set(xlabel="time [s]", ylabel="throttle [% of travel]", yticks=range(0, 101, 10))
     panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)
