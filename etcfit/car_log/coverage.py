@@ -14,6 +14,7 @@ from .log import DriveLog
 from .steps import pairs_with_quick_change, rests
 
 _SETTLES = 0.5  # s of a rest in which the plate may still move
+_STILL = "the target still for 0.5 s before and after"
 _DEFAULT = 3.0, 20.0  # per cent: between which a limp-home position lies
 
 
@@ -101,11 +102,11 @@ def _reach(moves: Moves) -> float:
 WANTED = (
     Wanted("hold at rest", "hold the pedal still at three openings, 5 s each, engine off",
            "noise of the sensor, and how restless the duty is at rest", 10.0, _at_rest, "s at rest"),
-    Wanted("small steps", "steps of 0.5 to 3 % and back, the target still for 0.5 s before and after (the ECU's bench test)",
+    Wanted("small steps", f"steps of 0.5 to 3 % and back, {_STILL} (the ECU's bench test)",
            "dry friction: overshoot and settling are worst there", 4, _both_ways(0.3, 3.5), "each way"),
-    Wanted("large steps", "steps of 30 % and more and back, the target still for 0.5 s before and after",
+    Wanted("large steps", f"steps of 30 % and more and back, {_STILL}",
            "limits of duty and speed, winding-up of the integral", 2, _both_ways(30.0, 101.0), "each way"),
-    Wanted("across the limp-home position", "steps from 2 % to 25 % and back, the target still for 0.5 s before and after",
+    Wanted("across the limp-home position", f"steps from 2 % to 25 % and back, {_STILL}",
            "the other spring and the preloads: the duty changes its sign there", 2, _across, "each way"),
     Wanted("the whole travel", "one slow ramp from closed to open and back, 5 s each way, engine off",
            "springs and bias curve; what is not visited is not known", 80.0, _reach, "% of travel, by the target"),
