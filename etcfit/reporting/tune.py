@@ -189,8 +189,8 @@ def _next(steps: Sequence[Mapping[str, Any]]) -> list[str]:
     half = steps[1]
     return [
         "Type in the half-way gains first, engine off, and log the same moves again, with three steps from 10 to 70 % "
-        f"of the travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the step "
-        f"and {_settles(half['settling_s'])} (95 % of the models that fit).",
+        f"of the travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the "
+        f"step and {_settles(half['settling_s'])} (95 % of the models that fit).",
         "The last line below says how to ask whether they do: if so, type in the proposed gains; if not, give the "
         "command that is named then, which tunes again with that log and the half-way gains.",
     ]  # fmt: skip
