@@ -60,6 +60,8 @@ class TuneRequest:
         anyway: give gains even where the model is a compromise or did not converge.
         settings: what decides whether logs can tell gains.
         of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
+        bias: the ECU's feed-forward: setpoint, % of the travel, and % of duty.
+        tune_file: where the bias was read; "" where it was given, or none was.
     """
 
     profile: str
@@ -70,6 +72,8 @@ class TuneRequest:
     anyway: bool = False
     settings: TuneSettings = field(default_factory=TuneSettings)
     of_logs: tuple[tuple[float, float, float], ...] = ()
+    bias: tuple[tuple[float, float], ...] = ()
+    tune_file: str = ""
 
     def options(self, of_files: bool = False) -> list[str]:
         """The options that ask for it once more, the present gains apart, which change from log to log.
@@ -81,6 +85,8 @@ class TuneRequest:
         for key, value in self.ecu:
             if option := TIMES.get(key):
                 words += [option, f"{1e3 * value:.10g}ms"]
+        if self.tune_file:
+            words += ["--msq", self.tune_file]
         if self.supply is not None:
             words += ["--supply", f"{self.supply:.10g}"]
         if self.settings.hold_out != TuneSettings().hold_out:
@@ -216,7 +222,7 @@ def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> 
     gains = None if asked.gains is None else Terms(*asked.gains)
     of_logs = tuple(Terms(*each) for each in asked.of_logs)
     return KnownEcu(
-        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs
+        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs, asked.bias
     )
 
 

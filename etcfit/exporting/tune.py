@@ -102,8 +102,15 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
     return data
 
 
-def gains_in(path: Path, profile: EcuProfile) -> tuple[float, float, float]:
-    """P, I and D that a tune holds, as the ECU writes them.
+class Found(NamedTuple):
+    """What a tune holds: P, I and D as the ECU writes them, and its bias table, % of the travel and % of duty."""
+
+    gains: tuple[float, float, float]
+    bias: tuple[tuple[float, float], ...]
+
+
+def gains_in(path: Path, profile: EcuProfile) -> Found:
+    """Gains of a tune, and its bias table; () where that is all 0, or the make has none.
 
     Raises:
         UsageError: that make of ECU has no tune file.
@@ -114,16 +121,23 @@ def gains_in(path: Path, profile: EcuProfile) -> tuple[float, float, float]:
                          "--present P,I,D.")  # fmt: skip
     data = read_regular(path, str(path))
     settings, _ = _read(path, data, profile.title)
-    found = []
-    for name in profile.gains:
-        place = _place(path, settings, {"name": name}, profile.title)
+
+    def numbers(name: str, rows: Mapping[str, str]) -> list[float]:
+        place = _place(path, settings, {"name": name, **rows}, profile.title)
         text = data[place.begin : place.end].decode("ascii", "replace").strip().strip('"')
         try:
-            found.append(float(text))
+            return [float(word) for word in text.split()] if rows else [float(text)]
         except ValueError:
             raise MeasurementError(f"{path}: {name}", f"found '{text[:40]}'.", "A number is required.",
                                    "Save the tune again in TunerStudio.") from None  # fmt: skip
-    return found[0], found[1], found[2]
+
+    p, i, d = (numbers(name, {})[0] for name in profile.gains)
+    table = profile.bias
+    if table is None or not any(each.attributes.get("name") == table.bins for each in settings):
+        return Found((p, i, d), ())
+    rows = {"rows": str(table.points)}
+    bias = dict(zip(numbers(table.bins, rows), numbers(table.values, rows), strict=False))  # unused points repeat
+    return Found((p, i, d), tuple(sorted(bias.items())) if any(bias.values()) else ())
 
 
 def _content(ours: Xml.Element) -> str:

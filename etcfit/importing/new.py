@@ -160,4 +160,5 @@ series_ohm = "free"
 # dead_band_deg = 0.0        # error below which its integral stands still
 # setpoint_weight = 1.0      # 0: its P acts on the position alone
 # derivative_weight = 1.0    # 0: its D does
+# bias_percent = [[0, -20], [10, 0], [20, 18], [100, 25]]  # its bias table: % of the travel, % of duty
 """

@@ -89,6 +89,7 @@ class KnownEcu:
         gains: that are in it now, as it writes them; None where nobody said.
         supply: V; None where nobody said.
         of_logs: gains under which each log was made, where somebody said so; else those of all logs are `gains`.
+        bias: its feed-forward: setpoint, % of the travel, and % of duty.
     """
 
     title: str
@@ -98,6 +99,7 @@ class KnownEcu:
     gains: Terms | None = None
     supply: float | None = None
     of_logs: tuple[Terms, ...] = ()
+    bias: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -417,5 +419,5 @@ def _rig_toml(name: str, model: str, known: KnownEcu, within: float, held_out: s
     if held_out:
         lines += ["", "[holdout]", f"files = [{toml_string(held_out)}]"]
     if model == ECU and known.gains is not None:
-        lines += ["", *ecu_lines(known.ecu, known.notation, known.gains)]
+        lines += ["", *ecu_lines(known.ecu, known.notation, known.gains, known.bias)]
     return "\n".join([*lines, ""])

@@ -71,7 +71,7 @@ class Ecu(NamedTuple):
         """Its limits as parameters of `effects.controller`, SI by symbol; those of its converters are not modelled
         there."""
         return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.limit,
-                "I_e": self.integral / self.duty, "S_e": self.slew / self.limit, "e_0": self.dead_band,
+                "d_e": self.duty, "I_e": self.integral, "S_e": self.slew / self.supply, "e_0": self.dead_band,
                 "b": self.setpoint_weight, "c": self.derivative_weight}  # fmt: skip
 
 

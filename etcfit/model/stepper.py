@@ -42,12 +42,14 @@ class Command(NamedTuple):
         active: 1 where it drives the throttle.
         tick: 1 where its output changes at the step's begin, else 0.
         setpoint: what it read for that tick, rad.
+        ahead: its feed-forward for that, a share of its supply.
         origin: angle at which the trace began, rad.
     """
 
     active: Scalar
     tick: Scalar
     setpoint: Scalar
+    ahead: Scalar
     origin: Scalar
 
 
@@ -148,7 +150,7 @@ class Step(NamedTuple):
     def inputs(self, fraction: float) -> Inputs:
         """The inputs at a fraction of the step, 0 at its begin and 1 at its end."""
         c = self.command
-        asked = {} if c is None else {"controlled": c.active, "setpoint": c.setpoint}
+        asked = {} if c is None else {"controlled": c.active, "setpoint": c.setpoint, "ahead": c.ahead}
         acts = None if self.besides is None else {GAMMA: self.besides.early, 1.0: self.besides.late}.get(fraction)
         return Inputs(
             **asked,

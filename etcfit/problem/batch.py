@@ -317,7 +317,7 @@ def _under_ecu(
     if config.ecu is None or trace.setpoint is None:
         return breaks_of(trace, edges.halved(trace, substeps)), {}
     breaks, ticks = broken(trace, trace.setpoint, substeps, config.ecu)
-    return breaks, commands(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu)
+    return breaks, commands(trace.setpoint, trace.start.state[1], breaks.ends, ticks, config.ecu, config.bias)
 
 
 def _target(trace: Trace, ends: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:

@@ -95,7 +95,12 @@ def _filled(
 
 
 def commands(
-    setpoint: Setpoint, origin: float, ends: Float[np.ndarray, " rows"], ticks: Float[np.ndarray, " ticks"], ecu: Ecu
+    setpoint: Setpoint,
+    origin: float,
+    ends: Float[np.ndarray, " rows"],
+    ticks: Float[np.ndarray, " ticks"],
+    ecu: Ecu,
+    bias: tuple[tuple[float, float], ...],
 ) -> dict[str, Float[np.ndarray, " rows"]]:
     """Columns of `Command`, and of `Disturbance` for the jumps of the setpoint.
 
@@ -105,12 +110,14 @@ def commands(
         ends: of the steps, s.
         ticks: of the ECU, s.
         ecu: its delay.
+        bias: its feed-forward, see `RigConfig`.
     """
     begins = np.concatenate(([np.nan], ends[:-1]))  # the first entry is the start itself
     tick = np.isin(begins, ticks)
     read = setpoint.at(np.nan_to_num(begins, nan=ends[0]) - ecu.delay + SAME_INSTANT)
     always = np.ones(ends.size)
-    command = {"active": always, "tick": tick * 1.0, "setpoint": read, "origin": origin * always}
+    ahead = np.interp(read, *zip(*bias, strict=True)) if bias else 0.0 * always
+    command = {"active": always, "tick": tick * 1.0, "setpoint": read, "ahead": ahead, "origin": origin * always}
     return command | _moved_with_jumps(setpoint, ends, tick, ecu)
 
 

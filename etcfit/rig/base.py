@@ -178,6 +178,7 @@ class RigConfig:
     holdout: tuple[str, ...] = ()
     ecu: Ecu | None = None
     notation: Notation | None = None  # of its gains; None: it names no unit
+    bias: tuple[tuple[float, float], ...] = ()  # of the ECU: setpoint, rad, and its feed-forward there, a duty
     accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
 
     def sets_aside(self, measurement: Measurement) -> bool:

@@ -73,7 +73,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
     written = {symbol: value for symbol, value in toml.table("parameters").items() if symbol != "N"}
     parameters = {symbol: _knowledge(toml, symbol, value) for symbol, value in written.items()}
     _refuse_circles(toml, parameters)
-    ecu, notation, gains = read_ecu(toml, travel)
+    ecu, notation, gains, bias = read_ecu(toml, travel)
     name, synthetic = toml.string("rig.name", rig.get("name", name)), rig.get("synthetic", False)
     if found := unseen(name):
         raise toml.wrong("rig.name", f"{found} in it.", VISIBLE, "Type it anew; a line break becomes a space.")
@@ -95,6 +95,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         holdout=tuple(PurePosixPath(f.replace("\\", "/")).as_posix() for f in toml.strings("holdout", "files")),
         ecu=ecu,
         notation=notation,
+        bias=bias,
         accuracy=read_accuracy(toml, travel, tps),
     )
 

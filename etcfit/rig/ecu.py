@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 from ..model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation, Terms
@@ -11,7 +12,7 @@ from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 
 KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms", "duty", "integral", "slew_V_per_s",
-        "dead_band_deg", "setpoint_weight", "derivative_weight")  # fmt: skip
+        "dead_band_deg", "setpoint_weight", "derivative_weight", "bias_percent")  # fmt: skip
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
 TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
 SUPPLY_SD = 0.1  # of the supply under load, a share of the nameplate's
@@ -27,17 +28,20 @@ LIMITS: Mapping[str, tuple[str, float, float]] = {
 """Key -> what `Ecu` calls it, its unit in SI, and the largest number that it may be."""
 
 
-def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge]]:
-    """What [ecu] says: the ECU's own limits, how it writes its gains, and its parameters of the model, SI.
+Bias = tuple[tuple[float, float], ...]
 
-    None, None and {} where there is no [ecu]; no notation where it names no unit, as all its gains are free.
+
+def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge], Bias]:
+    """What [ecu] says: the ECU's own limits, how it writes its gains, its parameters of the model, SI, and its bias.
+
+    None, None, {} and () where there is no [ecu]; no notation where it names no unit, as all its gains are free.
 
     Raises:
         MeasurementError: a key unknown, missing or of the wrong kind; no supply to clamp at; a gain given twice.
     """
     table = toml.table("ecu", KEYS)
     if "ecu" not in toml.tables:
-        return None, None, {}
+        return None, None, {}, ()
     for key in (*GAINS, "period_ms"):
         if key not in table:
             raise toml.wrong(f"ecu.{key}", "missing.", "[ecu] needs P, I, D and period_ms.",
@@ -66,7 +70,7 @@ def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notat
         if symbol in toml.table("parameters"):
             raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
                              "Delete it here.")  # fmt: skip
-    return ecu, notation if "unit" in table else None, gains
+    return ecu, notation if "unit" in table else None, gains, _bias(toml, table.get("bias_percent", []), travel)
 
 
 def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
@@ -87,14 +91,29 @@ def _within(toml: Toml, key: str, value: Any, most: float) -> float:
     return number
 
 
-def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms) -> list[str]:
+def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> Bias:
+    """Pairs of % of the travel and % of duty, rising: rad and shares here."""
+    rows = value if isinstance(value, list) else [None]
+    pairs = [row for row in rows if isinstance(row, list) and len(row) == 2 and all(
+             isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= 100.0 for x in row)]  # fmt: skip
+    rising = all(a[0] < b[0] for a, b in pairwise(pairs))
+    if len(pairs) < len(rows) or not rising or (pairs and not math.isfinite(travel[1] - travel[0])):
+        raise toml.wrong("ecu.bias_percent", f"found {shown(value)}.", "It must be a list of pairs, % of the travel, "
+                         "rising, and % of duty, within end stops.",
+                         "Write bias_percent = [[0, -20], [10, 0], [20, 18], [100, 25]].")  # fmt: skip
+    return tuple((travel[0] + 0.01 * at * (travel[1] - travel[0]), 0.01 * duty) for at, duty in pairs)
+
+
+def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms, bias_percent: Bias = ()) -> list[str]:
     """[ecu] of a rig.toml; what is as where nothing is said is left out, the times apart."""
     usual = Ecu()
     lines = ["[ecu]", *(f"{key} = {value:.10g}" for key, value in gains._asdict().items())]
     lines += [f'unit = "{notation.unit}"', f'form = "{notation.form}"', f"period_ms = {1e3 * ecu.period:.10g}"]
     lines += [f"{key} = {1e3 * getattr(ecu, field):.10g}" for key, field in TIMES.items()]
-    return lines + [f"{key} = {getattr(ecu, field) / unit:.10g}" for key, (field, unit, _) in LIMITS.items()
-                    if getattr(ecu, field) != getattr(usual, field)]  # fmt: skip
+    lines += [f"{key} = {getattr(ecu, field) / unit:.10g}" for key, (field, unit, _) in LIMITS.items()
+              if getattr(ecu, field) != getattr(usual, field)]  # fmt: skip
+    pairs = ", ".join(f"[{at:.10g}, {duty:.10g}]" for at, duty in bias_percent)
+    return [*lines, f"bias_percent = [{pairs}]"] if pairs else lines
 
 
 def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float]) -> Notation:

@@ -233,6 +233,25 @@ def test_the_next_command_keeps_what_the_user_said(
     assert asked_by(monkeypatch, shlex.split(command)) == replace(first, anyway=True)
 
 
+def test_a_tune_has_the_bias_table_and_gains_that_are_given_beside_it_go_before_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    # a table of three points, its last one repeated, as TunerStudio fills it
+    bins, values = ("0 50 100 100 100 100 100 100", "-20.5 10 25 25 25 25 25 25")
+    constants = "".join(f'<constant name="etb_{key}Factor">{gain}</constant>' for key, gain in
+                        zip("pid", ("6", "40", "0.05"), strict=True))  # fmt: skip
+    constants += f'<constant name="etbBiasBins" rows="8">{bins}</constant>'
+    constants += f'<constant name="etbBiasValues" rows="8">{values}</constant>'
+    head = '<msq xmlns="http://www.msefi.com/:msq"><versionInfo signature="rusEFI"/>'
+    (tmp_path / "mine.msq").write_text(f"{head}<page>{constants}</page></msq>")
+    words = ["tune", "lap.csv", "--ecu", "rusefi", "--msq", "mine.msq", "--out", "car"]
+    found = asked_by(monkeypatch, words)
+    assert (found.gains, found.bias) == ((6.0, 40.0, 0.05), ((0.0, -20.5), (50.0, 10.0), (100.0, 25.0)))
+    assert found.options() == ["--ecu", "rusefi", "--msq", "mine.msq"]
+    assert asked_by(monkeypatch, [*words, "--present", "9,80,0.06"]) == replace(found, gains=(9.0, 80.0, 0.06))
+
+
 def compromised(tuned: Tuned) -> Tuned:
     """The same of a model far from its data."""
     assert tuned.result is not None

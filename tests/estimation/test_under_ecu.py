@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from ecu_folders import FREE, GAINS, under_ecu
+from ecu_folders import COMPUTER, FREE, GAINS, KNOWN, under_ecu
 from etcfit.control.setpoint import trapezoid
 from etcfit.diagnosis.composition import compose
 from etcfit.estimation.intervals import intervals
@@ -23,14 +23,20 @@ from etcfit.model.effects import COMMANDING
 from etcfit.problem.batch import batch_of
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.instants import SHARES
+from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.setpoint import Setpoint
 from etcfit.problem.ticks import tick_instants
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Measurement, Prior, Rig, RigConfig, Start
 from etcfit.rig.paper_readings import Readings, read_graphs
-from independent import Truth
+from etcfit.rig.reader import read_folder
+from independent import NONE, Truth, draw_truth
+from independent.control import helped
+from independent.simulate import throttle
 from independent.strengths import MEDIUM
+from independent.truth import OPEN
 from independent.under_ecu import Log
+from independent.under_ecu import setpoint as ecu_setpoint
 from measurements import channel
 from rigs import loop, one
 
@@ -233,6 +239,37 @@ def test_a_computer_that_is_designed_meets_nothing_of_the_one_that_was_fitted() 
 
 
 # ---- folders of the independent generator
+
+
+BIAS = ((0.0, -20.0), (20.0, -10.0), (30.0, 15.0), (100.0, 30.0))  # % of the travel, % of duty
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_an_ecu_with_a_bias_table_moves_the_plate_as_the_independent_one(tmp_path: Path, told: bool) -> None:
+    """At the truth the free run leaves the sensor's noise, and without the table ten times as much."""
+    truth, rng, sigma = draw_truth(np.random.default_rng(4)), np.random.default_rng(5), 1e-3
+    ticks = 1e-3 * np.arange(3000)
+    wanted = ecu_setpoint(rng, "pedal", ticks, 0.12 * OPEN, 0.85 * OPEN)
+    ahead = 0.12 * np.interp(100.0 * wanted / OPEN, *zip(*BIAS, strict=True))
+    angle, _ = helped(throttle(truth, NONE), COMPUTER, wanted, ahead)
+    rows = np.column_stack((ticks, angle + sigma * rng.standard_normal(ticks.size), wanted))[::2]
+    (tmp_path / "closed_loop").mkdir()
+    np.savetxt(tmp_path / "closed_loop" / "1.csv", rows, "%.6f", ",", comments="",
+               header="time [s],position [rad],setpoint [rad]")  # fmt: skip
+    plate = {s: getattr(truth, s) for s in ("R_a", "L_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL")}
+    fixed = "".join(f"{symbol} = {{ fixed = {value!r} }}\n" for symbol, value in plate.items())
+    table = f"bias_percent = {[list(pair) for pair in BIAS]}\n" if told else ""
+    (tmp_path / "rig.toml").write_text(
+        f'[rig]\nname = "SYNTHETIC"\nsynthetic = true\ngear_ratio = {truth.N}\nsupply_V = 12.0\n'
+        f"[noise]\nposition_rad = {sigma}\n[parameters]\n{fixed}{KNOWN}{table}", encoding="utf-8"
+    )  # fmt: skip
+    rig = read_folder(tmp_path)
+    known = free_parameters(rig.config)
+    x = known.layout.coordinates({"T_f": truth.T_f, "V_e": 12.0})
+    problem = EstimationProblem.of(rig.config, known, ready(rig).fitted).refined(x).with_integrator_states(x)
+    left = problem.free_run(x)[0][:, 0] - rows[:, 1]
+    rms = float(np.sqrt(np.mean(left**2)))
+    assert rms < 1.3 * sigma if told else rms > 10.0 * sigma
 
 
 @dataclass(frozen=True)

@@ -214,12 +214,23 @@ def test_present_gains_are_read_off_a_tune(tmp_path: Path) -> None:
     written = export.files["etcfit_rusefi.msq"]
     tune.write_bytes(written.encode() if isinstance(written, str) else written)
     designed = [gain["value"] for gain in pid("rusefi")["profile"]["gains"].values()]
-    assert gains_in(tune, ECUS["rusefi"]) == pytest.approx(designed, rel=1e-7)
+    assert gains_in(tune, ECUS["rusefi"]).gains == pytest.approx(designed, rel=1e-7)
     with pytest.raises(UsageError, match=r"Link.*no tune file.*--present"):
         gains_in(tune, ECUS["link"])
     tune.write_bytes(tune.read_bytes().replace(b"etb_iFactor", b"other"))
     with pytest.raises(MeasurementError, match="no setting etb_iFactor"):
         gains_in(tune, ECUS["rusefi"])
+
+
+def test_a_bias_table_is_read_off_a_tune_and_one_of_zeros_is_none(tmp_path: Path) -> None:
+    mine = tmp_path / "mine.msq"
+    mine.write_bytes(tune())
+    assert gains_in(mine, ECUS["rusefi"]) == ((30.0, 30.0, 30.0), tuple((float(k), float(k)) for k in range(8)))
+    mine.write_bytes(tune({name: rows for name, rows in INI.items() if rows == 1}))
+    assert gains_in(mine, ECUS["rusefi"]).bias == ()
+    before, values = tune().split(b'name="etbBiasValues"')
+    mine.write_bytes(before + b'name="etbBiasValues"' + re.sub(rb"\d\.0", b"0.0", values))
+    assert gains_in(mine, ECUS["rusefi"]).bias == ()
 
 
 COMPROMISE = FitState(17.0, True, "", "the model is far from the data (chi2/dof 17)")

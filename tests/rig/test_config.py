@@ -177,7 +177,7 @@ def test_limits_of_an_ecu_are_written_as_they_were_read(tmp_path: Path) -> None:
         config = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *lines, "")))
         assert config.ecu == pytest.approx(ecu)
     constants = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *ecu_lines(said, Notation(), gains)))).parameters
-    assert constants["I_e"] == Fixed(pytest.approx(0.3 / 0.9))
+    assert (constants["I_e"], constants["d_e"]) == (Fixed(pytest.approx(0.3)), Fixed(0.9))
     assert constants["V_e"] == Prior(pytest.approx(0.9 * 12.5), pytest.approx(0.09 * 12.5))
     assert constants["c"] == Fixed(0.0)
 
@@ -188,6 +188,20 @@ def test_limits_of_an_ecu_are_written_as_they_were_read(tmp_path: Path) -> None:
 def test_a_limit_of_an_ecu_that_cannot_be_is_refused_by_name(tmp_path: Path, key: str, value: str) -> None:
     with pytest.raises(MeasurementError, match=rf"ecu\.{key}.*{value}"):
         read(tmp_path, f"{ECU}{key} = {value}\n")
+
+
+def test_a_bias_table_arrives_in_radians_and_shares_and_is_written_as_it_was_read(tmp_path: Path) -> None:
+    pairs = ((0.0, -20.0), (14.0, 12.5), (100.0, 25.0))
+    lines = ecu_lines(Ecu(2e-3, 12.5), Notation(), Terms(1.0, 2.0, 0.0), pairs)
+    config = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *lines, "")))
+    assert np.asarray(config.bias) == pytest.approx(np.asarray(pairs) * (math.pi / 200.0, 0.01))
+    assert read(tmp_path, ECU).bias == ()
+
+
+@pytest.mark.parametrize("table", ["20", "[1, 2]", "[[1, 2, 3]]", "[[10, 2], [5, 3]]", "[[0, 'x']]", "[[0, 200]]"])
+def test_a_bias_table_that_is_none_is_refused_with_one_that_is(tmp_path: Path, table: str) -> None:
+    with pytest.raises(MeasurementError, match=r"ecu\.bias_percent.*rising.*Write bias_percent = \[\[0, -20\]"):
+        read(tmp_path, f"{ECU}bias_percent = {table}\n")
 
 
 def test_where_no_gain_gives_volts_a_scale_the_supply_does_not_either(tmp_path: Path) -> None:

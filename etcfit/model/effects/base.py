@@ -59,6 +59,7 @@ class Inputs(NamedTuple):
             given to `loaded` effects only, 0 for all others.
         controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
         setpoint: what that ECU last read that it should follow, rad.
+        ahead: its feed-forward for that, a share of its supply.
         besides: what acts besides all effects, of which none sees anything; None where nothing does.
     """
 
@@ -74,6 +75,7 @@ class Inputs(NamedTuple):
     external: Scalar = 0.0
     controlled: Scalar | None = None
     setpoint: Scalar | None = None
+    ahead: Scalar = 0.0
     besides: Besides | None = None
 
     @property

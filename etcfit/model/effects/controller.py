@@ -20,8 +20,8 @@ class Controller(AbstractComputer):
     tick.
 
     Its integral held v_0 where the trace began, which `u.voltage` has; its memory f begins with no derivative. The
-    angle t_l ago is theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). What limits it is counted in V_e, which
-    is its supply under load: a share of the one is the same share of the other.
+    angle t_l ago is theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). V_e, the limit of its output, is d_e of
+    its supply under load, and so tells that supply.
 
     Where `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows. An `actuation_delay`
     shifts logged inputs only: the ECU's own delay is t_l.
@@ -38,8 +38,11 @@ class Controller(AbstractComputer):
     tau_e: Scalar = parameter("s", NonNegative(2e-3), 2e-3, "derivative filter of the ECU", _SOURCE)
     t_l: Scalar = parameter("s", NonNegative(1e-3), 0.0, "delay from the ECU's reading to its output", _SOURCE)
     V_e: Scalar = parameter("V", Positive(12.0), 12.0, "limit of the ECU's output", _SOURCE)
-    I_e: Scalar = parameter("1", NonNegative(1.0), 0.0, "limit of the ECU's integral over V_e; 0: none", _SOURCE)
-    S_e: Scalar = parameter("1/s", NonNegative(1.0), 0.0, "limit of the output's slew over V_e; 0: none", _SOURCE)
+    d_e: Scalar = parameter("1", Positive(1.0), 1.0, "largest duty of the ECU", _SOURCE)
+    I_e: Scalar = parameter("1", NonNegative(1.0), 0.0, "limit of the ECU's integral over its supply; 0: none", _SOURCE)
+    S_e: Scalar = parameter(
+        "1/s", NonNegative(1.0), 0.0, "limit of its slew over the supply; 0: none", _SOURCE
+    )
     e_0: Scalar = parameter("rad", NonNegative(0.01), 0.0, "error below which the integral stands still", _SOURCE)
     b: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's P", _SOURCE)
     c: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's D", _SOURCE)
@@ -49,8 +52,9 @@ class Controller(AbstractComputer):
             return z
         integral, speed, filtered, output = z
         read, first = x.theta - self.t_l * speed, u.time < 0.5 * self.t_e
+        supply = self.V_e / self.d_e
         ecu = Ecu(
-            period=self.t_e, supply=self.V_e, filter=self.tau_e, integral=self.I_e, slew=self.S_e * self.V_e,
+            period=self.t_e, supply=supply, filter=self.tau_e, duty=self.d_e, integral=self.I_e, slew=self.S_e * supply,
             dead_band=self.e_0, setpoint_weight=self.b, derivative_weight=self.c,
         )  # fmt: skip
         before = Memory(
@@ -58,7 +62,7 @@ class Controller(AbstractComputer):
             jnp.where(first, self.c * u.setpoint - read, filtered),
             jnp.where(first, u.voltage, output),
         )
-        volts, after = tick(Gains(self.K_p, self.K_i, self.K_d), ecu, before, u.setpoint, read, 0.0)
+        volts, after = tick(Gains(self.K_p, self.K_i, self.K_d), ecu, before, u.setpoint, read, u.ahead * supply)
         return after.integral - u.voltage, speed, after.filtered, volts
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
