@@ -40,9 +40,7 @@ class Controller(AbstractComputer):
     V_e: Scalar = parameter("V", Positive(12.0), 12.0, "limit of the ECU's output", _SOURCE)
     d_e: Scalar = parameter("1", Positive(1.0), 1.0, "largest duty of the ECU", _SOURCE)
     I_e: Scalar = parameter("1", NonNegative(1.0), 0.0, "limit of the ECU's integral over its supply; 0: none", _SOURCE)
-    S_e: Scalar = parameter(
-        "1/s", NonNegative(1.0), 0.0, "limit of its slew over the supply; 0: none", _SOURCE
-    )
+    S_e: Scalar = parameter("1/s", NonNegative(1.0), 0.0, "limit of its slew over the supply; 0: none", _SOURCE)
     e_0: Scalar = parameter("rad", NonNegative(0.01), 0.0, "error below which the integral stands still", _SOURCE)
     b: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's P", _SOURCE)
     c: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's D", _SOURCE)
