@@ -150,7 +150,8 @@ def linearised(
     if available():
         r, slopes = residual_kernels.linearised(form, form.full(x, weighted.pick), weighted)
         live = np.flatnonzero(form.live(weighted.pick))
-        slopes *= form.slopes(x, weighted.pick)[live]
+        with np.errstate(invalid="ignore"):  # of a runaway, of a coordinate at its bound: inf times 0 is NaN, as by JAX
+            slopes *= form.slopes(x, weighted.pick)[live]
         if live.size == x.size:  # as large as all samples times parameters: no second one
             return r, slopes
         columns = np.zeros((*r.shape, x.size))
