@@ -450,8 +450,8 @@ class TuneOptions:
         "P,I,D",
     )  # fmt: skip
     msq: Path | None = _option(
-        None, "Its tune, in which they stand unless --present says them, and its bias table.", "FILE", exists=True,
-        dir_okay=False,
+        None, "Its tune: gains, unless --present gives them, bias table and limit of the integral.", "FILE",
+        exists=True, dir_okay=False,
     )  # fmt: skip
     hold_out: float = _option(40.0, "Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
     supply: float | None = _option(None, "V.", None, "as logged, else 13.5", min=1.0, max=100.0)
@@ -480,22 +480,15 @@ def tune(
     if len(present) > 1 and len(present) != len(logs):
         raise UsageError(f"--present is there {len(present)} times for {len(logs)} logs. Give it once, or once for "
                          "each log in their order.")  # fmt: skip
-    gains, bias = present[-1] if present else None, ()
-    if options.msq is not None:
-        from .exporting.tune import gains_in
-        from .model.ecus import named
-
-        with _of_option("--ecu"):
-            profile = named(ecu)
-        found = gains_in(options.msq, profile)
-        gains, bias = gains or found.gains, found.bias
     given = _times_of_ecu(options)
     _refuse_what_a_make_fixes(ecu, given)
     answers = parsed(options.column or (), (), [str(file) for file in logs])
+    gains = present[-1] if present else None
     request = TuneRequest(ecu, gains, tuple(given.items()), options.supply, answers, options.anyway,
                           TuneSettings(hold_out=0.01 * options.hold_out),
-                          tuple(present) if len(present) > 1 else (), bias,
-                          str(options.msq) if bias else "")  # fmt: skip
+                          tuple(present) if len(present) > 1 else ())  # fmt: skip
+    if options.msq is not None:
+        request = request.with_tune(options.msq)
     with _progress(quiet) as progress:
         done = stages.tune_logs(logs, stages.opened(out), progress, request)
     _tell(done)

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.result import FitResult
     from ..estimation.settings import FitSettings
+    from ..exporting.tune import OwnTune
     from ..rig.base import Rig
 
 LOGS = "logs"  # the measurement folder, below the run folder
@@ -60,8 +61,7 @@ class TuneRequest:
         anyway: give gains even where the model is a compromise or did not converge.
         settings: what decides whether logs can tell gains.
         of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
-        bias: the ECU's feed-forward: setpoint, % of the travel, and % of duty.
-        tune_file: where the bias was read; "" where it was given, or none was.
+        own: what the user's own tune says, the gains apart; None where there is none.
     """
 
     profile: str
@@ -72,21 +72,32 @@ class TuneRequest:
     anyway: bool = False
     settings: TuneSettings = field(default_factory=TuneSettings)
     of_logs: tuple[tuple[float, float, float], ...] = ()
-    bias: tuple[tuple[float, float], ...] = ()
-    tune_file: str = ""
+    own: OwnTune | None = None
+
+    def with_tune(self, file: Path) -> TuneRequest:
+        """With what the user's own tune says; gains that are given go before its own.
+
+        Raises:
+            UsageError: the make of ECU has no tune file.
+            MeasurementError: it is no tune, or one without these settings.
+        """
+        from ..exporting.tune import read_tune
+
+        own = read_tune(file, named(self.profile))
+        return replace(self, gains=self.gains or own.gains, own=own)
 
     def options(self, of_files: bool = False) -> list[str]:
         """The options that ask for it once more, the present gains apart, which change from log to log.
 
         Args:
-            of_files: those too that are about a column of one file.
+            of_files: those too that are about these logs: a column of one of them, and the tune that made them.
         """
         words = ["--ecu", self.profile]
         for key, value in self.ecu:
             if option := TIMES.get(key):
                 words += [option, f"{1e3 * value:.10g}ms"]
-        if self.tune_file:
-            words += ["--msq", self.tune_file]
+        if of_files and self.own is not None:
+            words += ["--msq", self.own.file]
         if self.supply is not None:
             words += ["--supply", f"{self.supply:.10g}"]
         if self.settings.hold_out != TuneSettings().hold_out:
@@ -219,10 +230,13 @@ def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> 
     fields = profile.completed(given)
     # nobody publishes it: what is read at a tick acts by the next one, and the lag of the winding takes up the rest
     fields.setdefault("delay", fields.get("period", Ecu().period))
+    if asked.own is not None and asked.own.integral is not None:
+        fields["integral"] = asked.own.integral
+    bias = () if asked.own is None else asked.own.bias
     gains = None if asked.gains is None else Terms(*asked.gains)
     of_logs = tuple(Terms(*each) for each in asked.of_logs)
     return KnownEcu(
-        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs, asked.bias
+        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs, bias
     )
 
 

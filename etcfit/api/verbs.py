@@ -450,7 +450,7 @@ def tune(
     *,
     anyway: bool = False,
     supply: float | None = None,
-    bias: Sequence[tuple[float, float]] = (),
+    tune_file: Folder | None = None,
     settings: TuneSettings | None = None,
     quiet: bool = False,
     **controller: float,
@@ -465,7 +465,7 @@ def tune(
             of each log, the last of which are in it now.
         anyway: give gains even where the model is a compromise or did not converge.
         supply: V; as logged where None, else 13.5.
-        bias: the ECU's bias (feed-forward) table: setpoint, % of the travel, and % of duty.
+        tune_file: the ECU's tune (.msq): its gains where none are given, its bias table, the limit of its integral.
         settings: what decides whether logs can tell gains; the defaults where None.
         quiet: show no progress.
         controller: fields of `Ecu` that its make leaves open, as period=1e-3.
@@ -483,8 +483,8 @@ def tune(
         if len(every) > 1 and len(every) != len(files):
             raise UsageError(f"gains: {len(every)} sets for {len(files)} logs. Give one, or one for each log.")
         asked = TuneRequest(ecu, every[-1] if every else None, tuple(controller.items()), supply, anyway=anyway,
-                            settings=settings or TuneSettings(), of_logs=every if len(every) > 1 else (),
-                            bias=tuple(bias))  # fmt: skip
+                            settings=settings or TuneSettings(), of_logs=every if len(every) > 1 else ())  # fmt: skip
+        asked = asked if tune_file is None else asked.with_tune(Path(tune_file))
         return tune_logs(files, RunFolder(Path(out)), asked, report)
 
 

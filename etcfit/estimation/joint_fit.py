@@ -96,14 +96,14 @@ def _end(
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x) if trusted else None
     if clocked is not None:  # instants of edges that were taken as independent share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
-        phased = _fitted_again(clocked.rig, ready(clocked.rig)[0], reached, settings)
-        clocked = clocked if phases_hold(phased.problem, phased.x) else None
-    if clocked is not None:
-        rig, (traces, held_out, _), reached = clocked.rig, ready(clocked.rig), phased
-        decided = with_edges_on_samples(rig, reached, clocked.places)
-        if decided is not None:  # a phase at the end of its interval is no free parameter
-            rig, (traces, held_out, _) = decided.rig, ready(decided.rig)
-            reached = _fitted_again(rig, traces, reached._replace(x=decided.x), settings)
+        prepared = ready(clocked.rig)
+        phased = _fitted_again(clocked.rig, prepared.fitted, reached, settings)
+        if phases_hold(phased.problem, phased.x):
+            rig, (traces, held_out, _), reached = clocked.rig, prepared, phased
+            decided = with_edges_on_samples(rig, reached, clocked.places)
+            if decided is not None:  # a phase at the end of its interval is no free parameter
+                rig, (traces, held_out, _) = decided.rig, ready(decided.rig)
+                reached = _fitted_again(rig, traces, reached._replace(x=decided.x), settings)
     if trusted and reached.problem.controlled:
         reached = likeliest_nearby(reached, start, report, settings)
     problem, weighted, x, end = reached

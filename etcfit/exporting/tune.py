@@ -11,6 +11,7 @@ from xml.parsers import expat
 from .. import __version__
 from ..errors import MeasurementError, UsageError
 from ..files import read_regular
+from ..model.ecu import BiasPoints
 from ..model.ecus import PROFILES, EcuProfile, Pasting
 from ..model.ecus import named as ecu_named
 from ..reporting.control.gains import constants
@@ -102,15 +103,27 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
     return data
 
 
-class Found(NamedTuple):
-    """What a tune holds: P, I and D as the ECU writes them, and its bias table, % of the travel and % of duty."""
+class OwnTune(NamedTuple):
+    """What a user's own tune says of the loop.
 
+    Args:
+        file: it.
+        gains: P, I and D as the ECU writes them.
+        bias: its bias table, % of the travel and % of duty; () where that is all 0, or the make has none.
+        integral: largest that its integral may hold, a share of the supply; None where it does not say.
+    """
+
+    file: str
     gains: tuple[float, float, float]
-    bias: tuple[tuple[float, float], ...]
+    bias: BiasPoints
+    integral: float | None
 
 
-def gains_in(path: Path, profile: EcuProfile) -> Found:
-    """Gains of a tune, and its bias table; () where that is all 0, or the make has none.
+_INTEGRAL = ("etb_iTermMin", "etb_iTermMax")  # %
+
+
+def read_tune(path: Path, profile: EcuProfile) -> OwnTune:
+    """Gains, bias table and limit of the integral of a tune.
 
     Raises:
         UsageError: that make of ECU has no tune file.
@@ -132,12 +145,19 @@ def gains_in(path: Path, profile: EcuProfile) -> Found:
                                    "Save the tune again in TunerStudio.") from None  # fmt: skip
 
     p, i, d = (numbers(name, {})[0] for name in profile.gains)
-    table = profile.bias
-    if table is None or not any(each.attributes.get("name") == table.bins for each in settings):
-        return Found((p, i, d), ())
-    rows = {"rows": str(table.points)}
-    bias = dict(zip(numbers(table.bins, rows), numbers(table.values, rows), strict=False))  # unused points repeat
-    return Found((p, i, d), tuple(sorted(bias.items())) if any(bias.values()) else ())
+    names, table = {each.attributes.get("name") for each in settings}, profile.bias
+    bias, integral = dict[float, float](), None
+    if table is not None and table.bins in names:
+        rows = {"rows": str(table.points)}
+        bias = dict(zip(numbers(table.bins, rows), numbers(table.values, rows), strict=False))  # unused points repeat
+    if names.issuperset(_INTEGRAL):
+        low, high = (numbers(name, {})[0] for name in _INTEGRAL)
+        if low != -high or high <= 0.0:
+            raise MeasurementError(f"{path}: {_INTEGRAL[0]}", f"found {low:g}, and {high:g} as {_INTEGRAL[1]}.",
+                                   "One limit in both directions is required.",
+                                   "Give the gains by --present instead; etcfit knows no other limit.")  # fmt: skip
+        integral = 0.01 * high
+    return OwnTune(str(path), (p, i, d), tuple(sorted(bias.items())) if any(bias.values()) else (), integral)
 
 
 def _content(ours: Xml.Element) -> str:

@@ -27,7 +27,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from ..errors import MeasurementError
-from ..model.ecu import Ecu, Notation, Terms
+from ..model.ecu import BiasPoints, Ecu, Notation, Terms
 from ..ranges import check_ranges, real, whole
 from ..rig.base import SLOW_LOG, Channel, Measurement, Rig
 from ..rig.ecu import ecu_lines
@@ -89,7 +89,7 @@ class KnownEcu:
         gains: that are in it now, as it writes them; None where nobody said.
         supply: V; None where nobody said.
         of_logs: gains under which each log was made, where somebody said so; else those of all logs are `gains`.
-        bias: its feed-forward: setpoint, % of the travel, and % of duty.
+        bias: its bias table, % of the travel and % of duty.
     """
 
     title: str
@@ -99,7 +99,7 @@ class KnownEcu:
     gains: Terms | None = None
     supply: float | None = None
     of_logs: tuple[Terms, ...] = ()
-    bias: tuple[tuple[float, float], ...] = ()
+    bias: BiasPoints = ()
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,9 @@ class Ecu(NamedTuple):
                 "b": self.setpoint_weight, "c": self.derivative_weight}  # fmt: skip
 
 
+BiasPoints = tuple[tuple[float, float], ...]
+"""Feed-forward of an ECU, linear between points and constant beyond: setpoint and output."""
+
 OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")
 
 

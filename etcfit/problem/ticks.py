@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..model.ecu import Ecu
+from ..model.ecu import BiasPoints, Ecu
 from .breaks import Breaks
 from .setpoint import SAME_INSTANT, Setpoint
 from .trace import Trace
@@ -100,7 +100,7 @@ def commands(
     ends: Float[np.ndarray, " rows"],
     ticks: Float[np.ndarray, " ticks"],
     ecu: Ecu,
-    bias: tuple[tuple[float, float], ...],
+    bias: BiasPoints,
 ) -> dict[str, Float[np.ndarray, " rows"]]:
     """Columns of `Command`, and of `Disturbance` for the jumps of the setpoint.
 

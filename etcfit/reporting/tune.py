@@ -72,8 +72,7 @@ def _gains(told: Mapping[str, Any]) -> Table:
                  for key, gain in step["gains"].items()]  # fmt: skip
         rows.append((NAMES[step["name"]], *cells))
     head = (f"{name}\n{told['unit'][key]}" for name, key in zip(named(told["ecu"]).gains, "PID", strict=True))
-    title = ("Gains, as this ECU writes them; behind x: times the present gain; half way is half of the way in these "
-             "factors")  # fmt: skip
+    title = "Gains, as this ECU writes them; x: over the present gain; half way: about the root of that factor"
     return of_texts(title, ("step", *head), rows)
 
 
@@ -109,7 +108,7 @@ def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "answer": answer(found),
         "model": _model(found),
         "requirements": of_requirements(design_json(found.design), shown) if shown else None,
-        "next": _next(shown) if shown else [],
+        "next": _next(shown, bool(found.asked.own and found.asked.own.bias)) if shown else [],
     }
 
 
@@ -134,7 +133,7 @@ def of_requirements(pid: Mapping[str, Any], steps: Sequence[Mapping[str, Any]]) 
     here, there = missed_on_nominal(pid), missed_in_corner(pid)
     if not here and not there:
         return "The proposed gains meet every requirement, in the worst corner of supply, heat and friction too."
-    judged = "Judged on all moves of a design, the smallest steps too, and each figure is a share of its own step:"
+    judged = "Judged on all moves of a design, the smallest steps too (overshoot and error are shares of the step),"
     said = [f"{judged} on the fitted model the proposed gains miss {listed(here)}." if here else
             f"{judged} on the fitted model the proposed gains meet every requirement."]  # fmt: skip
     if there:
@@ -181,18 +180,25 @@ def percent(share: float) -> str:
     return "over 99.9" if 0.999 < share < 1.0 else f"{100.0 * share:.1f}"
 
 
-def _next(steps: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What to do, and what the next log should show."""
+def _next(steps: Sequence[Mapping[str, Any]], biased: bool) -> list[str]:
+    """What to do, and what the next log should show.
+
+    Args:
+        biased: the ECU has a bias table now.
+    """
     if len(steps) == 1:
         return ["Say which gains are in the ECU now (--present P,I,D or --msq FILE): then a half-way step is given.",
                 "Type the proposed gains in with the engine off, and log the same moves again."]  # fmt: skip
     half = steps[1]
+    zeros = ("Set every value of the bias table to 0 together with the gains, which were sought without one; an "
+             "exported .msq does so.")  # fmt: skip
     return [
+        *([zeros] if biased else []),
         "Type in the half-way gains first, engine off, and log the same moves again, with three steps from 10 to 70 % "
         f"of the travel and back, 0.5 s each. These should overshoot by {range_of(half['overshoot_pct'])} % of the "
         f"step and {_settles(half['settling_s'])} (95 % of the models that fit).",
-        "The last line below says how to ask whether they do: if so, type in the proposed gains; if not, give the "
-        "command that is named then, which tunes again with that log and the half-way gains.",
+        "etcfit drive NEXT_LOG --foretold, with this run folder, says whether they do: if so, type in the proposed "
+        "gains; if not, give the command that it names, which tunes again with that log and the half-way gains.",
     ]  # fmt: skip
 
 
@@ -201,7 +207,7 @@ def _settles(seconds: Sequence[float | None]) -> str:
     low, _, high = seconds
     if high is not None:
         return f"settle in {range_of(seconds)} s"
-    return (f"not settle before {short(low, 2)} s, some models not before the next step" if low is not None else
+    return (f"settle in {short(low, 2)} s or later, in some models not before the next step" if low is not None else
             "not settle before the next step")  # fmt: skip
 
 

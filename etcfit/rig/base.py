@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
-from ..model.ecu import Ecu, Notation
+from ..model.ecu import BiasPoints, Ecu, Notation
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -178,7 +178,7 @@ class RigConfig:
     holdout: tuple[str, ...] = ()
     ecu: Ecu | None = None
     notation: Notation | None = None  # of its gains; None: it names no unit
-    bias: tuple[tuple[float, float], ...] = ()  # of the ECU: setpoint, rad, and its feed-forward there, a duty
+    bias: BiasPoints = ()  # of the ECU: rad, and shares of the supply
     accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
 
     def sets_aside(self, measurement: Measurement) -> bool:

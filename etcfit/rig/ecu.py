@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
-from ..model.ecu import ERRORS, FORMS, OUTPUTS, Ecu, Notation, Terms
+from ..model.ecu import ERRORS, FORMS, OUTPUTS, BiasPoints, Ecu, Notation, Terms
 from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 
@@ -28,10 +28,9 @@ LIMITS: Mapping[str, tuple[str, float, float]] = {
 """Key -> what `Ecu` calls it, its unit in SI, and the largest number that it may be."""
 
 
-Bias = tuple[tuple[float, float], ...]
-
-
-def read_ecu(toml: Toml, travel: tuple[float, float]) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge], Bias]:
+def read_ecu(
+    toml: Toml, travel: tuple[float, float]
+) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge], BiasPoints]:
     """What [ecu] says: the ECU's own limits, how it writes its gains, its parameters of the model, SI, and its bias.
 
     None, None, {} and () where there is no [ecu]; no notation where it names no unit, as all its gains are free.
@@ -91,20 +90,23 @@ def _within(toml: Toml, key: str, value: Any, most: float) -> float:
     return number
 
 
-def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> Bias:
+def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> BiasPoints:
     """Pairs of % of the travel and % of duty, rising: rad and shares here."""
     rows = value if isinstance(value, list) else [None]
     pairs = [row for row in rows if isinstance(row, list) and len(row) == 2 and all(
              isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= 100.0 for x in row)]  # fmt: skip
     rising = all(a[0] < b[0] for a, b in pairwise(pairs))
-    if len(pairs) < len(rows) or not rising or (pairs and not math.isfinite(travel[1] - travel[0])):
+    if len(pairs) < len(rows) or not rising:
         raise toml.wrong("ecu.bias_percent", f"found {shown(value)}.", "It must be a list of pairs, % of the travel, "
-                         "rising, and % of duty, within end stops.",
+                         "rising, and % of duty.",
                          "Write bias_percent = [[0, -20], [10, 0], [20, 18], [100, 25]].")  # fmt: skip
+    if pairs and not math.isfinite(travel[1] - travel[0]):
+        raise toml.wrong("ecu.bias_percent", f"found {shown(value)}.", "A % of the travel needs end stops.",
+                         "Give [rig] travel_deg.")  # fmt: skip
     return tuple((travel[0] + 0.01 * at * (travel[1] - travel[0]), 0.01 * duty) for at, duty in pairs)
 
 
-def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms, bias_percent: Bias = ()) -> list[str]:
+def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms, bias_percent: BiasPoints = ()) -> list[str]:
     """[ecu] of a rig.toml; what is as where nothing is said is left out, the times apart."""
     usual = Ecu()
     lines = ["[ecu]", *(f"{key} = {value:.10g}" for key, value in gains._asdict().items())]

@@ -104,7 +104,7 @@ def test_a_long_finding_folds_and_leaves_the_table_of_checks_whole(tuned: Tuned)
     ("settling", "said"),
     [
         ((0.11, 0.12, 0.15), "settle in 0.11..0.15 s (95 %"),
-        ((0.44, np.inf, np.inf), "not settle before 0.44 s, some models not before the next step (95 %"),
+        ((0.44, np.inf, np.inf), "settle in 0.44 s or later, in some models not before the next step (95 %"),
         ((np.inf, np.inf, np.inf), "not settle before the next step (95 %"),
     ],
 )
@@ -241,14 +241,17 @@ def test_a_tune_has_the_bias_table_and_gains_that_are_given_beside_it_go_before_
     bins, values = ("0 50 100 100 100 100 100 100", "-20.5 10 25 25 25 25 25 25")
     constants = "".join(f'<constant name="etb_{key}Factor">{gain}</constant>' for key, gain in
                         zip("pid", ("6", "40", "0.05"), strict=True))  # fmt: skip
+    constants += '<constant name="etb_iTermMin">-25</constant><constant name="etb_iTermMax">25</constant>'
     constants += f'<constant name="etbBiasBins" rows="8">{bins}</constant>'
     constants += f'<constant name="etbBiasValues" rows="8">{values}</constant>'
     head = '<msq xmlns="http://www.msefi.com/:msq"><versionInfo signature="rusEFI"/>'
     (tmp_path / "mine.msq").write_text(f"{head}<page>{constants}</page></msq>")
     words = ["tune", "lap.csv", "--ecu", "rusefi", "--msq", "mine.msq", "--out", "car"]
     found = asked_by(monkeypatch, words)
-    assert (found.gains, found.bias) == ((6.0, 40.0, 0.05), ((0.0, -20.5), (50.0, 10.0), (100.0, 25.0)))
-    assert found.options() == ["--ecu", "rusefi", "--msq", "mine.msq"]
+    bias = ((0.0, -20.5), (50.0, 10.0), (100.0, 25.0))
+    assert (found.gains, found.own) == ((6.0, 40.0, 0.05), ("mine.msq", (6.0, 40.0, 0.05), bias, 0.25))
+    assert found.options(of_files=True) == ["--ecu", "rusefi", "--msq", "mine.msq"]
+    assert found.options() == ["--ecu", "rusefi"]  # new gains come with a table of zeros
     assert asked_by(monkeypatch, [*words, "--present", "9,80,0.06"]) == replace(found, gains=(9.0, 80.0, 0.06))
 
 

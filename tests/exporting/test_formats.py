@@ -39,7 +39,7 @@ from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.fitted_model import FitState
 from etcfit.exporting import FORMATS, Export, Source, named, write
 from etcfit.exporting.plant import c_files, plant_of
-from etcfit.exporting.tune import gains_in
+from etcfit.exporting.tune import read_tune
 from etcfit.files import write_json
 from etcfit.model.ecu import Ecu
 from etcfit.model.ecus import ECUS
@@ -214,23 +214,28 @@ def test_present_gains_are_read_off_a_tune(tmp_path: Path) -> None:
     written = export.files["etcfit_rusefi.msq"]
     tune.write_bytes(written.encode() if isinstance(written, str) else written)
     designed = [gain["value"] for gain in pid("rusefi")["profile"]["gains"].values()]
-    assert gains_in(tune, ECUS["rusefi"]).gains == pytest.approx(designed, rel=1e-7)
+    with pytest.raises(MeasurementError, match=r"etb_iTermMin.*found 3.3, and 3.8 as etb_iTermMax"):
+        read_tune(tune, ECUS["rusefi"])
+    tune.write_bytes(tune.read_bytes().replace(b"etb_iTermMin", b"other"))
+    assert read_tune(tune, ECUS["rusefi"]).gains == pytest.approx(designed, rel=1e-7)
     with pytest.raises(UsageError, match=r"Link.*no tune file.*--present"):
-        gains_in(tune, ECUS["link"])
+        read_tune(tune, ECUS["link"])
     tune.write_bytes(tune.read_bytes().replace(b"etb_iFactor", b"other"))
     with pytest.raises(MeasurementError, match="no setting etb_iFactor"):
-        gains_in(tune, ECUS["rusefi"])
+        read_tune(tune, ECUS["rusefi"])
 
 
 def test_a_bias_table_is_read_off_a_tune_and_one_of_zeros_is_none(tmp_path: Path) -> None:
     mine = tmp_path / "mine.msq"
     mine.write_bytes(tune())
-    assert gains_in(mine, ECUS["rusefi"]) == ((30.0, 30.0, 30.0), tuple((float(k), float(k)) for k in range(8)))
+    found = read_tune(mine, ECUS["rusefi"])
+    assert (found.gains, found.integral) == ((30.0, 30.0, 30.0), 0.3)
+    assert found.bias == tuple((float(k), float(k)) for k in range(8))
     mine.write_bytes(tune({name: rows for name, rows in INI.items() if rows == 1}))
-    assert gains_in(mine, ECUS["rusefi"]).bias == ()
+    assert read_tune(mine, ECUS["rusefi"]).bias == ()
     before, values = tune().split(b'name="etbBiasValues"')
     mine.write_bytes(before + b'name="etbBiasValues"' + re.sub(rb"\d\.0", b"0.0", values))
-    assert gains_in(mine, ECUS["rusefi"]).bias == ()
+    assert read_tune(mine, ECUS["rusefi"]).bias == ()
 
 
 COMPROMISE = FitState(17.0, True, "", "the model is far from the data (chi2/dof 17)")
@@ -296,7 +301,8 @@ def tune(names: Any = INI) -> bytes:
 
     def constant(name: str, rows: int) -> str:
         if rows == 1:
-            return f'<constant digits="0" name="{name}" units="x">30.0</constant>'
+            value = "-30.0" if name == "etb_iTermMin" else "30.0"
+            return f'<constant digits="0" name="{name}" units="x">{value}</constant>'
         values = "".join(f"\n         {k}.0" for k in range(rows))
         return f'<constant cols="1" digits="2" name="{name}" rows="{rows}" units="%">{values}\n      </constant>'
 

@@ -19,7 +19,8 @@ class Controller(AbstractComputer):
     """The PID of `model.pid.tick`, every t_e, of the setpoint and the angle t_l ago; its output is held until the next
     tick.
 
-    Its integral held v_0 where the trace began, which `u.voltage` has; its memory f begins with no derivative. The
+    Where the trace began it put out v_0, which `u.voltage` has, at rest: what its integral held then is v_0 less the
+    feed-forward and what P puts out at rest. Its memory f begins with no derivative. The
     angle t_l ago is theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). V_e, the limit of its output, is d_e of
     its supply under load, and so tells that supply.
 
@@ -55,12 +56,13 @@ class Controller(AbstractComputer):
             period=self.t_e, supply=supply, filter=self.tau_e, duty=self.d_e, integral=self.I_e, slew=self.S_e * supply,
             dead_band=self.e_0, setpoint_weight=self.b, derivative_weight=self.c,
         )  # fmt: skip
+        ahead = u.ahead * supply
         before = Memory(
-            u.voltage + integral,
+            u.voltage + jnp.where(first, (1.0 - self.b) * self.K_p * read - ahead, integral),
             jnp.where(first, self.c * u.setpoint - read, filtered),
             jnp.where(first, u.voltage, output),
         )
-        volts, after = tick(Gains(self.K_p, self.K_i, self.K_d), ecu, before, u.setpoint, read, u.ahead * supply)
+        volts, after = tick(Gains(self.K_p, self.K_i, self.K_d), ecu, before, u.setpoint, read, ahead)
         return after.integral - u.voltage, speed, after.filtered, volts
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
