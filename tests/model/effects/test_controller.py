@@ -26,7 +26,7 @@ def controller(
     period: float = 1e-3, delay: float = 0.0, limit: float = 1e6, hold: float = 0.0, **gains: float
 ) -> Controller:
     ecu = Ecu(period, limit, delay=delay, integral=hold / limit)
-    return Controller(**(GAIN | gains | ecu.constants))  # pyright: ignore[reportArgumentType]
+    return Controller(**(GAIN | ecu.constants | gains))  # pyright: ignore[reportArgumentType]
 
 
 def run(effect: Controller, setpoint: np.ndarray, angle: np.ndarray, speed: np.ndarray, v_0: float = 0.0) -> np.ndarray:
@@ -79,6 +79,17 @@ def test_it_is_the_discrete_pid_tick_by_tick(period: float, limit: float, hold: 
     assert_allclose(found, wanted, rtol=1e-12)
     assert (np.abs(wanted) == limit).any() == (limit < 10.0)
     assert not hold or np.max(np.abs(wanted - written_out(setpoint - angle, period, limit, 0.5, 0.0))) > 0.1
+
+
+@pytest.mark.parametrize("how", [{"b": 0.0}, {"b": 0.4, "c": 0.0}, {"S_e": 5.0}])
+@pytest.mark.parametrize("ahead", [0.0, 0.6])
+def test_a_plate_at_rest_gets_what_the_ecu_put_out_where_the_trace_began(how: dict[str, float], ahead: float) -> None:
+    effect = controller(limit=12.0, K_p=20.0, **how)
+    z = tuple(jnp.asarray(each) for each in Controller.z0)
+    x, u = State(0.0, 0.7, 0.0), inputs(voltage=1.5, controlled=1.0, setpoint=0.7, ahead=ahead, time=0.0)
+    for time in (0.0, 1e-3, 2e-3):
+        z = effect.ticked(x, z, u._replace(time=time))
+        assert float(z[-1]) == pytest.approx(1.5)
 
 
 def test_it_sees_the_angle_as_late_as_its_delay_says() -> None:
