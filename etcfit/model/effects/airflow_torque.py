@@ -24,6 +24,7 @@ class AirflowTorque(AbstractEffect):
     name = "airflow_torque"
     told_by = "the same ramp with and without air flow"
     off: ClassVar[Mapping[str, float] | None] = {"T_air": 0.0, "T_air2": 0.0}
+    inexact: ClassVar[float] = 0.1  # the pressure drop is not constant, and two harmonics are not the whole curve
     needs: ClassVar[tuple[str, ...]] = ("position",)
     T_air: Scalar = parameter("N*m", Real(0.1), 0.0, "torque of the air flow, first harmonic", "Morris and Dutton 1989")
     T_air2: Scalar = parameter(

@@ -23,6 +23,7 @@ class AsymmetricFriction(AbstractEffect):
 
     name = "asymmetric_friction"
     told_by = "fast strokes in both directions, opening and closing alike"
+    inexact: ClassVar[float] = 0.1
     off: ClassVar[Mapping[str, float] | None] = {"T_a": 0.0, "B_a": 0.0}
     T_a: Scalar = parameter(
         "N*m",
