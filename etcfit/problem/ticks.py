@@ -20,6 +20,7 @@ from .trace import Trace
 _NEAR = 0.1  # of a period: a tick so near to a sample comes with it,
 _AFTER = 1e-7  # s, after it, so that a clock that is moved a little moves the tick and not the sample
 _LEAST = 0.5  # of a period between two ticks
+_ROUNDING = 1e-6  # of a period, by which an interval may be longer than so many of them
 
 
 def tick_instants(setpoint: Setpoint, ecu: Ecu) -> Float[np.ndarray, " ticks"]:
@@ -54,7 +55,7 @@ def broken(
     inner = ticks[~np.isin(ticks, t)]
     home = np.searchsorted(t, inner) - 1
     count = np.bincount(home, minlength=t.size - 1)
-    room = np.ceil(np.diff(t) / ecu.period).astype(int)
+    room = np.ceil(np.diff(t) / ecu.period - _ROUNDING).astype(int)
     acts = t[setpoint.jumps] + ecu.delay
     begins, ends = (np.searchsorted(t, each, side="right") - 1 for each in (acts, acts + setpoint.windows))
     for begin, end in zip(begins, ends, strict=True):
