@@ -6,7 +6,7 @@ What every stage leaves lies in the run folder as if its own command had been gi
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -292,7 +292,8 @@ def _worked_out(
 
     folder = _written(run.path / LOGS, prepared)
     rig = read_folder(folder)
-    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model))
+    about = _read_off(prepared.duty_files) if prepared.duty_files else None
+    result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model), about)
     keep_fit(run, result)
     diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), diagnosis_settings())
     keep_diagnosis(run, diagnosis)
@@ -365,6 +366,16 @@ def _written(folder: Path, prepared: TuneInput) -> Path:
     if folder.is_dir():
         shutil.rmtree(folder)
     return write_folder(folder, prepared.files)
+
+
+def _read_off(files: Mapping[str, str]) -> Mapping[str, float]:
+    """What the graphs of a folder tell, SI by symbol."""
+    from ..datasets.base import write_folder
+    from ..rig.paper_readings import read_graphs
+    from ..rig.reader import read_folder
+
+    with TemporaryDirectory() as scratch:
+        return read_graphs(read_folder(write_folder(Path(scratch) / LOGS, files))).values
 
 
 def _explained(result: FitResult) -> tuple[float | None, float | None]:

@@ -3,7 +3,8 @@ can tell gains at all.
 
 The input of the model is the logged duty where each tick of the ECU has a row of its own. A slower log does not say
 what the duty did between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the
-gains that are in it now.
+gains that are in it now. That fit begins where a regression on the motion and the logged duty does (`rig.driven`), for
+which a slow log will do: from setpoint and position alone a search often ends in another valley.
 
 A row of a log has what the ECU knew at its last tick, which is up to a period T old. Where rows come in step with the
 clock they are moved to their ticks (`ecu_clock`). Of others, and with an ECU in the model, the position is believed
@@ -20,7 +21,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import PurePosixPath
 
@@ -134,6 +135,8 @@ class TuneInput:
         supply: V.
         noise: of one reading of the sensor, rad.
         delay: of the ECU, from its reading to its output, said or taken, s.
+        duty_files: where an ECU is in the model: likewise, of the same logs with their duty as the input. What these
+            graphs tell is where the fit begins; nothing where no duty was logged.
     """
 
     model: str
@@ -144,6 +147,7 @@ class TuneInput:
     supply: float
     noise: float
     delay: float = 0.0
+    duty_files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def stopped_by(self) -> tuple[LogCheck, ...]:
@@ -176,8 +180,11 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
     # an ECU in the model ticks by a clock of its own phase, and its own noise moves the plate
     old = 0.0 if all(placed) and model == DUTY else _speed(logs) * known.ecu.period / math.sqrt(12.0)
     logs = [log if at is None else at for log, at in zip(logs, placed, strict=True)]
-    files, held_out = _texts(logs, name, model, replace(known, supply=supply), math.hypot(noise, old), settings)
-    return TuneInput(model, why, checks, files, held_out, supply, noise, known.ecu.delay)
+    known, within = replace(known, supply=supply), math.hypot(noise, old)
+    files, held_out = _texts(logs, name, model, known, within, settings)
+    has_duty = model == ECU and all("duty" in log.channels for log in logs)
+    by_duty = _texts(logs, name, DUTY, known, within, settings)[0] if has_duty else {}
+    return TuneInput(model, why, checks, files, held_out, supply, noise, known.ecu.delay, by_duty)
 
 
 def _speed(logs: Sequence[Measurement]) -> float:

@@ -9,13 +9,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from etcfit.datasets.base import write_folder
 from etcfit.errors import MeasurementError
-from etcfit.importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tune_input
+from etcfit.importing.tuning import DUTY, ECU, HELD_AT_NOMINAL, KnownEcu, TuneInput, TuneSettings, tune_input
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import RUSEFI
 from etcfit.rig.base import Measurement, Rig
+from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
-from independent.cars import draw_car, log_of
+from independent.cars import Car, draw_car, log_of
 
 DEFAULT = TuneSettings()
 GAINS = Terms(6.2, 40.0, 0.05)
@@ -59,6 +61,8 @@ def test_a_slower_log_takes_the_ecu_into_the_model_where_its_gains_are_known() -
     assert (found.model, stops(found)) == (ECU, set())
     assert "misses duties" in found.why
     assert "duty" not in found.files["drive/lap_1.csv"].splitlines()[1]
+    assert "duty" in found.duty_files["drive/lap_1.csv"].splitlines()[1]
+    assert made(log(500.0), GAINS).duty_files == {}
 
 
 def test_logs_under_different_gains_are_one_model_where_the_duty_drives_it_and_refused_where_the_ecu_does() -> None:
@@ -149,14 +153,34 @@ def test_what_such_a_log_cannot_tell_is_held_and_the_duty_acts_a_tick_later() ->
     assert "actuation_delay" not in made(log(100.0), GAINS).files["rig.toml"]
 
 
-@pytest.mark.parametrize("seed", [9200, 9201, 9206])
-def test_the_fit_starts_at_the_angle_where_the_springs_hold_the_plate_alone(seed: int) -> None:
-    """Cars of the independent generator, of 100, 200 and 500 rows a second; read to half a degree."""
+def of_car(seed: int) -> tuple[Car, Rig]:
+    """A car of the independent generator, and its log."""
     car = draw_car(seed)
     seen = log_of(car, seed)
     columns = {"time [s]": seen["Time (s)"], "position [%]": seen["TPS (%)"], "setpoint [%]": seen["ETB Target (%)"],
-               "duty [%]": seen["ETB Duty (%)"]}  # fmt: skip
-    rig = Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
+               "duty [%]": seen["ETB Duty (%)"], "supply [V]": seen["Battery (V)"]}  # fmt: skip
+    return car, Rig.from_frames({"drive/lap": pd.DataFrame(columns)}, {"rig": {"supply_V": 12.0}})
+
+
+@pytest.mark.parametrize("seed", [9101, 9109, 9112])
+def test_of_a_log_with_an_ecu_in_the_model_the_duty_still_tells_where_the_fit_begins(seed: int, tmp_path: Path) -> None:
+    """100 and 200 rows a second; all torques in the scale that position and volts tell, within a factor of 2.3."""
+    car, rig = of_car(seed)
+    truth = car.truth
+    found = made(rig, Terms(*car.gains))
+    assert found.model == ECU
+    read = read_graphs(read_folder(write_folder(tmp_path / "duty", found.duty_files))).values
+    speed = truth.K_b + truth.B_eq * truth.R_a / (truth.N**2 * truth.K_m)
+    scale = speed / HELD_AT_NOMINAL["R_a"] / (truth.K_m / truth.R_a)
+    told = {"K_s": scale * truth.K_s, "T_f": scale * truth.T_f, "J_L": scale * truth.J_eq, "K_b": truth.N * speed}
+    for symbol, value in told.items():
+        assert abs(np.log(read[symbol] / value)) < np.log(2.3), symbol
+
+
+@pytest.mark.parametrize("seed", [9200, 9201, 9206])
+def test_the_fit_starts_at_the_angle_where_the_springs_hold_the_plate_alone(seed: int) -> None:
+    """Cars of the independent generator, of 100, 200 and 500 rows a second; read to half a degree."""
+    car, rig = of_car(seed)
     lines = made(rig, GAINS).files["rig.toml"].splitlines()
     (start,) = (float(line.split()[2]) for line in lines if line.startswith("theta_lh"))
     assert start == pytest.approx(car.effects.limp_home_spring.angle, abs=0.009)
