@@ -189,7 +189,8 @@ def influence(
 ) -> Influence:
     """Leave out every test and, where it has more than one, every trace of it."""
     everything = reduce(add, traces.values(), believed)
-    sd = np.sqrt(np.diag(np.linalg.inv(everything.information)))
+    variance = np.diag(np.linalg.inv(everything.information))
+    sd = np.sqrt(np.where(variance > 0.0, variance, np.inf))  # by rounding, of what the data do not tell
     known = sd < unknown * reach
     pulls, alone = [], {}
     for (test, file), own in parts(traces).items():

@@ -261,7 +261,8 @@ def outcome(optimum: Optimum) -> FitResult:
     samples = sum(row.n for row in told.score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     agreed = agreement(problem, weighted, x, pieces, known.covariance, (end.far, chi2), optimum.settings)
-    factor = np.sqrt(np.diag(agreed.covariance) / np.maximum(np.diag(known.certain), 1e-300))
+    wider = np.diag(agreed.covariance) / np.maximum(np.diag(known.certain), 1e-300)
+    factor = np.sqrt(np.where(wider >= 0.0, wider, np.nan))  # negative by rounding, of what the data do not tell
     return FitResult(
         rig=optimum.rig,
         free_parameters=problem.free_parameters,
