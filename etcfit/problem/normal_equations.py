@@ -130,8 +130,9 @@ def _by_kernel(form: Form, weighted: WeightedData, x: Float[np.ndarray, " P"]) -
     found, slope = residual_kernels.sums(form, form.full(x, weighted.pick), weighted), form.slopes(x, weighted.pick)
     gradient, information = np.zeros(x.size), np.zeros((x.size, x.size))
     live = np.flatnonzero(form.live(weighted.pick))
-    gradient[live] = slope[live] * found.gradient
-    information[np.ix_(live, live)] = np.outer(slope[live], slope[live]) * found.information
+    with np.errstate(over="ignore", invalid="ignore"):  # of a runaway: endless, or NaN, as by JAX
+        gradient[live] = slope[live] * found.gradient
+        information[np.ix_(live, live)] = np.outer(slope[live], slope[live]) * found.information
     return NormalEquations(found.chi2, gradient, information)
 
 
@@ -150,7 +151,7 @@ def linearised(
     if available():
         r, slopes = residual_kernels.linearised(form, form.full(x, weighted.pick), weighted)
         live = np.flatnonzero(form.live(weighted.pick))
-        with np.errstate(invalid="ignore"):  # of a runaway, of a coordinate at its bound: inf times 0 is NaN, as by JAX
+        with np.errstate(over="ignore", invalid="ignore"):  # as above
             slopes *= form.slopes(x, weighted.pick)[live]
         if live.size == x.size:  # as large as all samples times parameters: no second one
             return r, slopes
