@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-import zipfile
 import sys
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
