@@ -3,7 +3,7 @@
    judged. The same steps, so that both agree to the error of arithmetic; without the sensor's noise. */
 (function (etcfit) {
   const SETTLED = 0.02, NEGLIGIBLE = 2e-3, LEAST_OVERSHOT = 0.01, LEAST_HELD = 0.4, TAIL = 0.25;
-  const VOLTS = 4; // of what a tick leaves, behind the memory of the PID
+  const VOLTS = 3; // of what a tick leaves, behind the three numbers of the memory of the PID
 
   /* Straight between corners; the last corner of several at one instant counts from there on. */
   function between(t, corners, values) {
