@@ -117,7 +117,8 @@ def commands(
     tick = np.isin(begins, ticks)
     read = setpoint.at(np.nan_to_num(begins, nan=ends[0]) - ecu.delay + SAME_INSTANT)
     always = np.ones(ends.size)
-    ahead = np.interp(read, *zip(*bias, strict=True)) if bias else 0.0 * always
+    points = np.array(bias if bias else ((0.0, 0.0),))
+    ahead = np.interp(read, points[:, 0], points[:, 1])
     command = {"active": always, "tick": tick * 1.0, "setpoint": read, "ahead": ahead, "origin": origin * always}
     return command | _moved_with_jumps(setpoint, ends, tick, ecu)
 

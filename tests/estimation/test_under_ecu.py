@@ -250,7 +250,8 @@ def test_an_ecu_with_a_bias_table_moves_the_plate_as_the_independent_one(tmp_pat
     truth, rng, sigma = draw_truth(np.random.default_rng(4)), np.random.default_rng(5), 1e-3
     ticks = 1e-3 * np.arange(3000)
     wanted = ecu_setpoint(rng, "pedal", ticks, 0.12 * OPEN, 0.85 * OPEN)
-    ahead = 0.12 * np.interp(100.0 * wanted / OPEN, *zip(*BIAS, strict=True))
+    places, duties = np.array(BIAS).T
+    ahead = 0.12 * np.interp(100.0 * wanted / OPEN, places, duties)
     angle, _ = helped(throttle(truth, NONE), COMPUTER, wanted, ahead)
     rows = np.column_stack((ticks, angle + sigma * rng.standard_normal(ticks.size), wanted))[::2]
     (tmp_path / "closed_loop").mkdir()

@@ -177,9 +177,10 @@ def test_limits_of_an_ecu_are_written_as_they_were_read(tmp_path: Path) -> None:
         config = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *lines, "")))
         assert config.ecu == pytest.approx(ecu)
     constants = read(tmp_path, "\n".join(("[rig]", "supply_V = 12.5", *ecu_lines(said, Notation(), gains)))).parameters
-    assert (constants["I_e"], constants["d_e"]) == (Fixed(pytest.approx(0.3)), Fixed(0.9))
-    assert constants["V_e"] == Prior(pytest.approx(0.9 * 12.5), pytest.approx(0.09 * 12.5))
-    assert constants["c"] == Fixed(0.0)
+    limit, known = constants["V_e"], [constants[symbol] for symbol in ("I_e", "d_e", "c")]
+    assert isinstance(limit, Prior)
+    assert (limit.value, limit.sd) == (pytest.approx(0.9 * 12.5), pytest.approx(0.09 * 12.5))
+    assert [each.value for each in known if isinstance(each, Fixed)] == pytest.approx([0.3, 0.9, 0.0])
 
 
 @pytest.mark.parametrize(("key", "value"), [
