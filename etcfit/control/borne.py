@@ -61,6 +61,8 @@ class Borne:
         if not np.isfinite(self.worst):
             return (f"The log has no motion near {self.crossover:.2g} Hz, where the new loop is decided on: record ten "
                     "quick steps of 20 to 60 % of the travel.")  # fmt: skip
+        if self.worst == 0.0:
+            return f"Near {self.crossover:.2g} Hz the model misses nothing that is above the sensor's noise."
         found = (f"At {self.hertz:.2g} Hz the model misses {100.0 * self.missed:.2g} % of the plate's response; "
                  f"the loop bears {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
         if self.enough:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,9 @@ def test_a_slow_log_does_not_tell() -> None:
 
 def test_an_error_under_feedback_was_larger_without_it() -> None:
     assert judged(0.1, present=GAINS).missed != pytest.approx(judged(0.1).missed, rel=0.05)
+
+
+def test_a_model_that_misses_no_more_than_noise_is_borne_and_says_so() -> None:
+    found = judged(0.0)
+    assert found.enough
+    assert "misses nothing that is above the sensor's noise" in replace(found, worst=0.0, missed=0.0).says
