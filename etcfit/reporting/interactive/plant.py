@@ -5,6 +5,7 @@
     etcfit.model.delays(p, out)            of input, position and current, s            Throttle.delays
     etcfit.ecu.begin(gains, ecu, angle, out)                memory of a PID at rest     Memory.at_rest
     etcfit.ecu.tick(gains, ecu, memory, sees, out)          memory and voltage after    ecu.tick
+    etcfit.ecu.memories                                     how many numbers a PID remembers
     etcfit.ecu.lag(steps, sees, out)                        input filter of the ECU     loop.lagging
 
 p: parameters (SI) by symbol; x: current, angle, speed and memories; u: fields of `Step` by name.
@@ -85,7 +86,7 @@ def script(types: Types) -> str:
         "(function (etcfit) {",
         PRELUDE,
         f"etcfit.model = {{\nz0: [{begins}],", *_plant(types), "};",
-        "etcfit.ecu = {", *_ecu(), "};",
+        f"etcfit.ecu = {{\nmemories: {len(Memory._fields)},", *_ecu(), "};",
         "})(globalThis.etcfit ??= {});\n",
     ))  # fmt: skip
 

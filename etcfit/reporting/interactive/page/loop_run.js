@@ -3,7 +3,6 @@
    judged. The same steps, so that both agree to the error of arithmetic; without the sensor's noise. */
 (function (etcfit) {
   const SETTLED = 0.02, NEGLIGIBLE = 2e-3, LEAST_OVERSHOT = 0.01, LEAST_HELD = 0.4, TAIL = 0.25;
-  const VOLTS = 3; // of what a tick leaves, behind the three numbers of the memory of the PID
 
   /* Straight between corners; the last corner of several at one instant counts from there on. */
   function between(t, corners, values) {
@@ -39,7 +38,7 @@
     const u = { dt, voltage0: 0, voltage1: 0, torque0: 0, torque1: 0, time: 0, mobile: 1, circuit: 1, plate: 1, series: 0, ...body };
     const ticks = Math.round(until / ecu.period), sent = new Array(room).fill(0);
     const angle = (share) => body.lower + share * span, start = angle(loop.setpoint.shares[0]);
-    const x = Float64Array.of(0, start, 0, ...model.z0), memory = new Float64Array(VOLTS + 1);
+    const x = Float64Array.of(0, start, 0, ...model.z0), { memories } = etcfit.ecu, memory = new Float64Array(memories + 1);
     const seen = (volts, time) => {
       u.voltage1 = volts;
       u.time = time;
@@ -56,7 +55,7 @@
       sees.wanted = wanted;
       sees.ahead = (loop.bias ? between(wanted, loop.bias.angles, loop.bias.volts) : 0) + moving(loop.sliding, rate);
       etcfit.ecu.tick(gains, ecu, memory, sees, memory);
-      const volts = memory[VOLTS];
+      const volts = memory[memories]; // a tick leaves it behind what the PID remembers
       sent.unshift(volts);
       sent.pop();
       path.t.push(t);
