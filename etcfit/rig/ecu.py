@@ -11,8 +11,6 @@ from ..model.ecu import ERRORS, FORMS, OUTPUTS, BiasPoints, Ecu, Notation, Terms
 from .base import Fixed, Knowledge, Prior, Start
 from .toml import Toml, shown
 
-KEYS = ("P", "I", "D", "unit", "form", "period_ms", "filter_ms", "delay_ms", "duty", "integral", "slew_V_per_s",
-        "dead_band_deg", "setpoint_weight", "derivative_weight", "bias_percent")  # fmt: skip
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
 TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
 SUPPLY_SD = 0.1  # of the supply under load, a share of the nameplate's
@@ -26,6 +24,7 @@ LIMITS: Mapping[str, tuple[str, float, float]] = {
     "derivative_weight": ("derivative_weight", 1.0, 1.0),
 }
 """Key -> what `Ecu` calls it, its unit in SI, and the largest number that it may be."""
+KEYS = ("P", "I", "D", "unit", "form", "period_ms", *TIMES, *LIMITS, "bias_percent")
 
 
 def read_ecu(
