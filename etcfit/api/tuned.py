@@ -61,7 +61,7 @@ class TuneRequest:
         anyway: give gains even where the model is a compromise or did not converge.
         settings: what decides whether logs can tell gains.
         of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
-        own: what the user's own tune says, the gains apart; None where there is none.
+        own: what the user's own tune says; its gains count where none are given. None where there is none.
     """
 
     profile: str

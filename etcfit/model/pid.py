@@ -65,7 +65,7 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
 
         I <- I + Ki T e where |e| >= dead band,    d = ((c r - y) - f) / (T_f + T),    f <- f + T d
 
-    with f as `Memory.filtered`, e = r - y, and b and c the weights of the setpoint. The integral stands still while the
+    with f as `Memory.filtered`, e = r - y, and b and c the weights of the setpoint. The integral is held while the
     output is at its limit, that of its slew included, and the error would drive it further (anti-windup), or is clamped
     itself, where the ECU does that (`Ecu.integral`).
 

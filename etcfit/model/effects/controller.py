@@ -20,9 +20,9 @@ class Controller(AbstractComputer):
     tick.
 
     Where the trace began it put out v_0, which `u.voltage` has, at rest: what its integral held then is v_0 less the
-    feed-forward and what P puts out at rest. Its memory f begins with no derivative. The
-    angle t_l ago is theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). V_e, the limit of its output, is d_e of
-    its supply under load, and so tells that supply.
+    feed-forward and what P puts out at rest. Its memory f begins with no derivative. The angle t_l ago is
+    theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). V_e, the limit of its output, is d_e of its supply under
+    load, and so tells that supply.
 
     Where `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows. An `actuation_delay`
     shifts logged inputs only: the ECU's own delay is t_l.
@@ -42,7 +42,7 @@ class Controller(AbstractComputer):
     d_e: Scalar = parameter("1", Positive(1.0), 1.0, "largest duty of the ECU", _SOURCE)
     I_e: Scalar = parameter("1", NonNegative(1.0), 0.0, "limit of the ECU's integral over its supply; 0: none", _SOURCE)
     S_e: Scalar = parameter("1/s", NonNegative(1.0), 0.0, "limit of its slew over the supply; 0: none", _SOURCE)
-    e_0: Scalar = parameter("rad", NonNegative(0.01), 0.0, "error below which the integral stands still", _SOURCE)
+    e_0: Scalar = parameter("rad", NonNegative(0.01), 0.0, "error below which the integral is held", _SOURCE)
     b: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's P", _SOURCE)
     c: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's D", _SOURCE)
 
