@@ -344,9 +344,9 @@ def test_a_long_tune_is_changed_at_once(tmp_path: Path) -> None:
     mine = tmp_path / "mine.msq"
     tags = b'<constant name="y" x="' + b"a" * 200_000 + b'">2</constant>' + b"<constant/>" * 200_000
     mine.write_bytes(tune().replace(b"</page>", tags + b"</page>"))
-    begun = time.perf_counter()
+    begun = time.process_time()
     named("msq").export(replace(exports.source(pid=pid()), into=mine))
-    assert time.perf_counter() - begun < 10.0
+    assert time.process_time() - begun < 10.0  # hours, where each tag is held against each
 
 
 # the rig's name is data: see tests/rig/test_comments.py for the grammar of each language

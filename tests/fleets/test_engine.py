@@ -8,13 +8,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from etcfit.errors import UsageError
-from etcfit.fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, crew
+from etcfit.fleets.engine.cluster import FIRST_WORKER, Crew, ExistingScheduler, LocalWorkers, crew
 from etcfit.fleets.engine.run import Agenda, Tally, run_units
 from etcfit.fleets.engine.store import Store
 from etcfit.fleets.engine.work import Lost, Order, Portion, Trouble
@@ -178,60 +178,71 @@ if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what it starts with &
     units = [f"u{k:04d}" for k in range(int(sys.argv[3]))]
     counts, parts = Path(sys.argv[1]), Path(sys.argv[2])
+    told = open(sys.argv[4], "a")
     with crew(LocalWorkers(2)) as workers, Store(parts) as store:
         print("begun", flush=True)
         try:
-            print(run_units(units, CountingWork(counts, {}, sleeps(0.2)), workers, store, lambda *_: None))
+            print(run_units(units, CountingWork(counts, {}, sleeps(0.2)), workers, store,
+                            lambda _, share: print(round(share * len(units)), file=told, flush=True)))
         except KeyboardInterrupt:
             print("interrupted")
             sys.exit(130)
 """
 
 
-def started(tmp_path: Path, counts: Path, units: int = 40) -> subprocess.Popen[str]:
+def started(tmp_path: Path, counts: Path, units: int) -> subprocess.Popen[str]:
     script = tmp_path / "client.py"
     script.write_text(CLIENT)
-    command = [sys.executable, str(script), str(counts), str(tmp_path / "parts"), str(units)]
+    command = [sys.executable, str(script), str(counts), str(tmp_path / "parts"), str(units), str(tmp_path / "told")]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT,
                             start_new_session=True)  # fmt: skip
 
 
-def until_begun(counts: Path, units: int) -> None:
-    until = time.monotonic() + 60
-    while len([file for file in counts.iterdir() if not file.name.startswith(".")]) < units:
-        assert time.monotonic() < until
+def told(tmp_path: Path) -> int:
+    """How many units the client says have come back; a busy machine may let it wait while its workers go on."""
+    file = tmp_path / "told"
+    lines = file.read_text().split() if file.exists() else []
+    return int(lines[-1]) if lines else 0
+
+
+def until(true: Callable[[], bool]) -> None:
+    end = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < end
         time.sleep(0.05)
 
 
 @pytest.mark.slow
-def test_a_client_that_is_killed_and_started_again_loses_a_second(tmp_path: Path, counts: Path) -> None:
-    first = started(tmp_path, counts)
-    until_begun(counts, 25)
+def test_a_client_that_is_killed_and_started_again_does_nothing_twice_that_was_kept(tmp_path: Path, counts: Path):
+    parts = tmp_path / "parts"
+    first = started(tmp_path, counts, 100)
+    until(lambda: len(list(parts.glob("*.parquet"))) >= 2)  # on disk while it runs, not only when it ends
+    seen = set(Store(parts).digests())
     first.send_signal(signal.SIGKILL)
     first.communicate()
     time.sleep(1.0)  # workers see that their client is gone, and end
-    kept = set(Store(tmp_path / "parts").digests())
-    assert len(kept) >= 25 - 2 - 2 * 1.3 / 0.2  # all but what was out, and what two workers did in a second
+    kept = set(Store(parts).digests())
+    assert seen <= kept < set(names(100))
     before = CountingWork(counts).counted()
-    again = started(tmp_path, counts)
+    again = started(tmp_path, counts, 100)
     out, err = again.communicate(timeout=60)
-    assert f"Tally(fitted={40 - len(kept)}, unchanged={len(kept)}, failed=0)" in out
+    assert f"Tally(fitted={100 - len(kept)}, unchanged={len(kept)}, failed=0)" in out
     assert err == ""
     after = CountingWork(counts).counted()
-    assert set(after) == set(names(40))
+    assert set(after) == set(names(100))
     assert [unit for unit in kept if after[unit] > before[unit]] == []  # nothing that was kept is done again
 
 
 @pytest.mark.slow
 def test_an_interrupted_client_keeps_what_is_done_and_says_nothing_else(tmp_path: Path, counts: Path) -> None:
     client = started(tmp_path, counts, 200)  # twenty seconds of work: a busy machine is not done before it is told
-    until_begun(counts, 15)
+    until(lambda: told(tmp_path) >= 12)
     os.killpg(client.pid, signal.SIGINT)  # as Ctrl-C: to the workers too
     out, err = client.communicate(timeout=60)
     assert client.returncode == 130
     assert out == "begun\ninterrupted\n"
     assert err == ""
-    assert len(Store(tmp_path / "parts").digests()) >= 12
+    assert len(Store(tmp_path / "parts").digests()) >= told(tmp_path)
 
 
 @pytest.mark.slow
@@ -242,10 +253,7 @@ def test_a_scheduler_that_somebody_else_started(tmp_path: Path, counts: Path) ->
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": ENVIRONMENT, "cwd": tmp_path}
     with subprocess.Popen(command, **quiet) as scheduler:  # type: ignore[call-overload]
         try:
-            until = time.monotonic() + 30
-            while not file.exists():
-                assert time.monotonic() < until
-                time.sleep(0.05)
+            until(file.exists)
             worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", str(file), "--nthreads",
                       "1", "--nworkers", "2", "--no-dashboard", "--local-directory", str(tmp_path)]  # fmt: skip
             with subprocess.Popen(worker, **quiet) as hands:  # type: ignore[call-overload]
@@ -287,7 +295,7 @@ def test_no_scheduler_is_said_within_seconds_with_a_cure(listens: bool) -> None:
         said = r"no Dask scheduler answers at tcp://127.0.0.1:\d+ .* `dask scheduler`"
         with pytest.raises(UsageError, match=said), crew(nowhere):
             pass
-        assert time.monotonic() - began < 5.0
+        assert time.monotonic() - began < FIRST_WORKER / 2  # it does not wait for a worker
 
 
 @pytest.mark.slow
