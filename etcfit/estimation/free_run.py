@@ -93,14 +93,27 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
 
 def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings = FitSettings()) -> np.ndarray:
     """Where the guide, relaxed step by step, leads, if that free run is likelier than the one of x; else x itself."""
-    stiffness, here = guide_stiffness_of(problem, x, settings.guide), x
-    if stiffness == 0.0:
+    if guide_stiffness_of(problem, x, settings.guide) == 0.0:
         return x
-    for share in (*settings.guide.shares, 0.0):
-        guided = weights.discounted(problem.guided(share * stiffness), here)
-        weighted = guided.weighted(weights.free_running(guided))
-        here, _ = minimise(guided, here, weighted, settings.tolerance, settings.steps)
+    here, _ = led_by_guide(problem, x, settings.tolerance, settings)
     return here if free_run_cost(problem, here) < free_run_cost(problem, x) else x
+
+
+def led_by_guide(
+    problem: EstimationProblem, x: np.ndarray, tolerance: float, settings: FitSettings
+) -> tuple[np.ndarray, int]:
+    """Where the guide, relaxed step by step, leads from x, and the number of Levenberg-Marquardt steps.
+
+    Args:
+        tolerance: relative change of chi2 that ends each descent.
+    """
+    stiffness, steps = guide_stiffness_of(problem, x, settings.guide), 0
+    for share in (*settings.guide.shares, 0.0):
+        guided = weights.discounted(problem.guided(share * stiffness), x)
+        weighted = guided.weighted(weights.free_running(guided))
+        x, more = minimise(guided, x, weighted, tolerance, settings.steps)
+        steps += more
+    return x, steps
 
 
 def free_run_cost(problem: EstimationProblem, x: np.ndarray) -> float:

@@ -18,7 +18,7 @@ from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings, read_graphs
 from .edges import phases_hold, with_edges_in_step, with_edges_on_samples
-from .free_run import Model, comes_near, fitted_free_running, no_higher_than_smaller, removable_effects
+from .free_run import Model, comes_near, fitted_free_running, led_by_guide, no_higher_than_smaller, removable_effects
 from .intervals import with_accuracy
 from .levenberg_marquardt import descend, descend_in_stages, with_lag_of_start
 from .ready import ready, start_values
@@ -161,6 +161,9 @@ def _ended(
     problem.compile_ahead()
     in_background(partial(_compile_step, start.size))
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
+    if near is None and _angles_alone(problem):
+        report("start 1, the reading, led along the measured angle", 0.1)
+        near = _along_the_angle(problem, start, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)
     x = with_lag_of_start(start, problem, x)
     problem = problem.with_instants(x)
@@ -268,13 +271,38 @@ def _from_a_like_body(
     layout = problem.layout
     values = {**layout.values(start, problem.free_parameters.held), **about}
     first = layout.off_bounds(layout.coordinates(values))
+    return _from_one_start("a like body", problem, first, first, 0, settings)
+
+
+def _angles_alone(problem: EstimationProblem) -> bool:
+    """Whether every trace logs the plate's angle and nothing else, its voltage known: a log without a current, which
+    the paper's reading tells little of. A guide along that angle leads from it to the valley of the data in a tenth of
+    the time of many starts."""
+    return not problem.controlled and all(set(trace.channels) == {"position"} for trace in problem.batch.traces)
+
+
+def _along_the_angle(problem: EstimationProblem, start: np.ndarray, settings: FitSettings) -> Deepest | None:
+    """From where a guide leads the reading; None where that ends far from the data."""
+    led, steps = led_by_guide(problem, start, settings.rough_tolerance, settings)
+    return _from_one_start("reading, led along the measured angle", problem, start, led, steps, settings)
+
+
+def _from_one_start(
+    name: str, problem: EstimationProblem, start: np.ndarray, first: np.ndarray, led: int, settings: FitSettings
+) -> Deepest | None:
+    """One descent in place of all starts; None where it ends far from the data.
+
+    Args:
+        start, first: where it was begun, and where from there it is descended from, shape (P,).
+        led: steps from the one to the other.
+    """
     weighted = problem.weighted(weights.forgiving(problem))
     end, steps = descend(problem, first, weighted, settings.rough_tolerance, settings.steps)
-    before, after = (_forgiven(problem, x, weighted) for x in (first, end))
+    before, after = (_forgiven(problem, x, weighted) for x in (start, end))
     misfit = after / max(1.0, weighted.samples - start.size)
     if misfit >= settings.misfit:
         return None
-    return Deepest(end, (StartSummary("a like body", before, after, steps),), misfit)
+    return Deepest(end, (StartSummary(name, before, after, led + steps),), misfit)
 
 
 def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> float:
