@@ -10,15 +10,19 @@ import pytest
 import rigs
 from benchmarks.safety import compare
 from etcfit.control.pid import Requirements, Task
+from etcfit.control.pid import loop as loop_module
+from etcfit.control.pid.loop_kernel import kernel_of
 from etcfit.control.safety import Envelope
 from etcfit.control.safety.faults import detection_time, propose_jam_check
-from etcfit.control.safety.guarded import longest_above
+from etcfit.control.safety.guarded import Guards, SensorFault, longest_above, of_setpoint, run_trials, stack_trials
 from etcfit.control.safety.unpowered import holding_currents
 from etcfit.control.setpoint import stairs
 from etcfit.control.settings import DesignSettings, SafetySettings
+from etcfit.kernels.machine import available
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects.winding_heating import WindingHeating
 from etcfit.model.linear import TransferFunction
+from etcfit.model.pid import Gains
 
 STEPS = stairs("steps", (0.25, 0.26, 0.25, 0.6), 0.4, 0.3)
 
@@ -82,6 +86,25 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
         SafetySettings(least=0.5, most=0.4)
     with pytest.raises(ValueError, match="as many parts"):
         replace(SafetySettings(), crank=(6.0,))
+
+
+def test_trials_that_are_asked_different_things_run_as_machine_code_as_by_jax(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = rigs.loop(ecu=Ecu())
+    gains, ticks = Gains(60.0, 200.0, 2.0), 60
+    sagging, stuck = np.where(np.arange(ticks) < 30, 1.0, 0.4), SensorFault(0.02, kept=0.0, frozen=1.0)
+    trials = stack_trials([
+        of_setpoint(loop, gains, np.full(ticks, 0.3)),
+        of_setpoint(loop, gains, np.linspace(0.3, 0.7, ticks), supply=sagging),
+        of_setpoint(loop, gains, np.linspace(0.3, 0.7, ticks), stuck, Guards(0.05, 0.01)),
+    ])  # fmt: skip
+    made: list[object] = []
+    monkeypatch.setattr(loop_module, "kernel_of", lambda *of: made.append(kernel_of(*of)) or made[-1])
+    by_machine = run_trials(loop, trials, 0.3)
+    assert [kernel is not None for kernel in made] == [available()]
+    monkeypatch.setattr(loop_module, "kernel_of", lambda *_: None)
+    for machine, jax in zip(by_machine, run_trials(loop, trials, 0.3), strict=True):
+        np.testing.assert_allclose(machine, jax, rtol=1e-9, atol=1e-12)
+    assert by_machine.tripped.any(axis=-1).tolist() == [[False, False, True]]
 
 
 @pytest.mark.slow

@@ -102,7 +102,7 @@ class _Run(NamedTuple):
         first: memory with which it begins, shape (G,).
         ecu: limits and clock.
         body: gear ratio and stops.
-        setpoint: rad at each tick, shape (K,).
+        wanted: setpoint at each tick, rad, shape (K,); or what a controller of its own kind is asked, see `Loop.run`.
         bias: feed-forward at each tick, V, shape (K,).
         start: state at the begin.
     """
@@ -111,7 +111,7 @@ class _Run(NamedTuple):
     first: Any
     ecu: Ecu
     body: Body
-    setpoint: Any
+    wanted: Any
     bias: Any
     start: State
 
@@ -198,15 +198,16 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
 
 def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant, run: _Run) -> Any:
     """Every plant (D) under every controller (G), whose settings and memories have shape (G,): shape (D, G, K)."""
-    time = run.ecu.period * jnp.arange(run.setpoint.shape[0])
+    time = run.ecu.period * jnp.arange(run.bias.shape[0])
 
-    def each(plant: _Plant, settings: Any, first: Any) -> Any:
+    def each(plant: _Plant, settings: Any, first: Any, wanted: Any) -> Any:
         own = run._replace(settings=settings, first=first)
         begin, advance = _simulation(control, keep, plant, own, parts, room)
-        return jax.lax.scan(advance, begin, (run.setpoint, run.bias, plant.misread, time))[1]
+        return jax.lax.scan(advance, begin, (wanted, run.bias, plant.misread, time))[1]
 
-    over_gains = jax.vmap(each, in_axes=(None, 0, 0))
-    return jax.vmap(over_gains, in_axes=(0, None, None))(plants, run.settings, run.first)
+    each_its_own = 0 if jnp.ndim(jax.tree.leaves(run.wanted)[0]) > 1 else None
+    over_gains = jax.vmap(each, in_axes=(None, 0, 0, each_its_own))
+    return jax.vmap(over_gains, in_axes=(0, None, None, None))(plants, run.settings, run.first, run.wanted)
 
 
 _many = jax.jit(_each, static_argnums=(0, 1, 2, 3))
@@ -322,6 +323,7 @@ class Loop:
         start: State | None = None,
         keep: Keep = _path,
         reduced: Callable[[Any], Any] = lambda kept: kept,
+        demand: Any = None,
     ) -> Any:
         """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or what `keep` makes of it.
 
@@ -332,6 +334,7 @@ class Loop:
             start: state of every plant at its begin; None: at rest where the setpoint begins.
             keep: of a tick's path and the controller's memory after it, what is given back.
             reduced: of that, shape (..., K), what is given back instead, shape (...).
+            demand: what each controller gets in place of the setpoint, entries of shape (G, K).
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.ahead(wanted)
@@ -339,7 +342,7 @@ class Loop:
         shape = np.shape(jax.tree.leaves(settings)[0])
         first = jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf, dtype=float), shape), first)
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
-        run = _Run(settings, first, self.ecu, self.body, wanted, ahead, start)
+        run = _Run(settings, first, self.ecu, self.body, wanted if demand is None else demand, ahead, start)
         rng = np.random.default_rng(self.settings.seed)
         misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
         ceiling = np.full(self.draws, np.inf) if self.ceiling is None else self.ceiling

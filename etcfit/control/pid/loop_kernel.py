@@ -37,6 +37,7 @@ class Kind(NamedTuple):
         control, keep, parts, room: as it takes them.
         tree: structure of what lasts.
         shapes: of its leaves, for one plant and one controller.
+        wanted: structure of what the controller is asked at a tick.
     """
 
     simulation: Callable[..., Any]
@@ -46,6 +47,7 @@ class Kind(NamedTuple):
     room: int
     tree: Any
     shapes: tuple[tuple[int, ...], ...]
+    wanted: Any
 
 
 class LoopKernel:
@@ -62,7 +64,8 @@ class LoopKernel:
         like = jax.eval_shape(lambda: simulated(dict.fromkeys(names, 0.5)).begin)
         nothing = Shape(jax.tree.structure(()), (), (), ())
         first = TracedEntry(lambda values, *_: ((), simulated(values).begin), names, nothing, ())
-        entries = Shape(jax.tree.structure((0.0,) * 4), ((),) * 4, (), ())
+        entry = jax.tree.structure((jax.tree.unflatten(kind.wanted, [0.0] * kind.wanted.num_leaves), *(0.0,) * 3))
+        entries = Shape(entry, ((),) * entry.num_leaves, (), ())
         tick = TracedEntry(lambda values, carry, e: simulated(values).advance(carry, e), names, entries, like)
         self._begin: Kernel = compiled(first.loop(Across.BOTH, stored=nodes_of(first.results)))
         self._tick: Kernel = compiled(tick.loop(Across.BOTH, stored=nodes_of(tick.results)))
@@ -85,24 +88,32 @@ class LoopKernel:
                                  *(np.tile(each, draws) for each in _rows(lasting.controllers, gains)),
                                  *(np.tile(np.ravel(each).astype(float)[:, None], draws * gains)
                                    for each in jax.tree.leaves(lasting.all))])  # fmt: skip
-        ticks = np.size(run.setpoint)
-        entry = (run.setpoint, run.bias, plants.misread, float(run.ecu.period) * np.arange(ticks))
-        columns = [np.asarray(entry[k]) for k in self._read]
+        ticks = np.size(run.bias)
+        time = float(run.ecu.period) * np.arange(ticks)
+        # each with whether its rows, if it has some, are of controllers; else they are of plants
+        entry = [*((leaf, True) for leaf in jax.tree.leaves(run.wanted)),
+                 (run.bias, False), (plants.misread, False), (time, False)]  # fmt: skip
+        columns = [(np.asarray(entry[k][0]), entry[k][1]) for k in self._read]
         this_run, first_result = object(), Lock()
         out: list[Any] = []
 
-        def records_of(which: np.ndarray) -> list[int]:
+        def records_of(plant: np.ndarray, controller: np.ndarray) -> list[int]:
             records = _room_for("records", (len(columns), ticks, POINTS))
-            by, before = getattr(_ROOMS, "records_of", (None, which))
-            for record, column in zip(records, columns, strict=True):  # neighbours are of one plant as a rule
-                if by is not this_run or (column.ndim > 1 and not np.array_equal(before, which)):
-                    record[:] = column[which].T if column.ndim > 1 else column[:, None]
-            _ROOMS.records_of = this_run, which
+            by, before = getattr(_ROOMS, "records_of", (None, plant))
+            for record, (column, of_controllers) in zip(records, columns, strict=True):
+                if column.ndim == 1:
+                    if by is not this_run:
+                        record[:] = column[:, None]
+                elif of_controllers:
+                    record[:] = column[controller].T
+                elif by is not this_run or not np.array_equal(before, plant):  # neighbours are of one plant as a rule
+                    record[:] = column[plant].T
+            _ROOMS.records_of = this_run, plant
             return [record.ctypes.data for record in records]
 
         def some(first: int) -> None:
             points = np.minimum(np.arange(first, first + POINTS), draws * gains - 1)
-            fixed, records = np.ascontiguousarray(values[:, points]), records_of(points // gains)
+            fixed, records = np.ascontiguousarray(values[:, points]), records_of(*divmod(points, gains))
             begun = np.empty((1, self._begin.stored, POINTS))
             self._begin.run(1, POINTS, [], fixed, np.empty((0, POINTS)), begun)
             stored = _room_for("stored", (ticks, self._tick.stored, POINTS))
@@ -150,7 +161,8 @@ def kernel_of(
     lasting = _lasting(plants, run)
     every = (*jax.tree.leaves(lasting.plants), *jax.tree.leaves(lasting.controllers))
     shapes = (*(np.shape(each)[1:] for each in every), *map(np.shape, jax.tree.leaves(lasting.all)))
-    kind = Kind(simulation, control, keep, parts, room, jax.tree.structure(lasting), shapes)
+    kind = Kind(simulation, control, keep, parts, room, jax.tree.structure(lasting), shapes,
+                jax.tree.structure(run.wanted))  # fmt: skip
     bare = (each._replace(**dict.fromkeys(each._fields)) for each in (plants, run))
     return _made(kind, *bare)
 

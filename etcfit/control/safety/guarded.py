@@ -53,24 +53,39 @@ class Guards(NamedTuple):
 SOUND, UNCHECKED = SensorFault(), Guards()
 
 
-class Trial(NamedTuple):
-    """One experiment; of many, every entry has a first axis G.
+class Demand(NamedTuple):
+    """What is asked of an ECU, and what it has, at each tick, shape (K,).
+
+    Args:
+        angle: setpoint, rad.
+        supply: over the ECU's own.
+        ahead: feed-forward, V.
+    """
+
+    angle: Any
+    supply: Any
+    ahead: Any
+
+
+class Equipment(NamedTuple):
+    """What does not change in an experiment.
 
     Args:
         gains: of the PID.
         fault: of its sensor.
         guards: of the ECU.
-        asked: setpoint at each tick, rad, shape (K,).
-        supply: at each tick, over the ECU's own, shape (K,).
-        ahead: feed-forward at each tick, V, shape (K,).
     """
 
     gains: Gains
     fault: SensorFault
     guards: Guards
-    asked: Any
-    supply: Any
-    ahead: Any
+
+
+class Trial(NamedTuple):
+    """One experiment; of many, every entry has a first axis G."""
+
+    equipment: Equipment
+    demand: Demand
 
 
 class Watch(NamedTuple):
@@ -78,14 +93,14 @@ class Watch(NamedTuple):
 
     Args:
         pid: of its controller.
-        tick: number of the next one.
+        time: of the next tick, s.
         shown: what the sensor showed last, rad.
         over, apart: s for which the error, or the difference of two sensors, has been too large.
         tripped: 1 once a check has opened the bridge.
     """
 
     pid: Memory
-    tick: Scalar
+    time: Scalar
     shown: Scalar
     over: Scalar
     apart: Scalar
@@ -108,36 +123,35 @@ class Seen(NamedTuple):
     tripped: np.ndarray
 
 
-def guarded(trial: Trial, ecu: Ecu, memory: Watch, setpoint: Scalar, position: Scalar, bias: Scalar) -> Any:
+def guarded(equipment: Equipment, ecu: Ecu, memory: Watch, demand: Demand, position: Scalar, bias: Scalar) -> Any:
     """`model.pid.tick` behind a sensor that may fail, before a supply that may sag and checks that may cut it.
 
     The ECU knows nothing of the supply, its duty is a share of whatever there is, unless it divides by the battery
     voltage: then the supply only limits the volts that it means. A supply sags as of the tick at which
     a voltage is computed: by the output's delay early. A cut motor is on shorted terminals, which brake it most.
     """
-    del setpoint, bias  # each trial has its own
-    k, fault, guards = memory.tick.astype(int), trial.fault, trial.guards
-    failed = memory.tick * ecu.period >= fault.begins - _EARLY
+    del bias  # each trial has its own
+    fault, guards = equipment.fault, equipment.guards
+    failed = memory.time >= fault.begins - _EARLY
     shown = jnp.where(failed, fault.kept * position + fault.frozen * memory.shown + fault.shift, position)
-    volts, pid = tick(trial.gains, ecu, memory.pid, trial.asked[k], shown, trial.ahead[k])
-    over = jnp.where(jnp.abs(trial.asked[k] - shown) > guards.jam, memory.over + ecu.period, 0.0)
+    volts, pid = tick(equipment.gains, ecu, memory.pid, demand.angle, shown, demand.ahead)
+    over = jnp.where(jnp.abs(demand.angle - shown) > guards.jam, memory.over + ecu.period, 0.0)
     apart = jnp.where(jnp.abs(position - shown) > guards.apart, memory.apart + ecu.period, 0.0)
     late = (over > guards.jam_for + _EARLY) | (apart > guards.apart_for + _EARLY)
     tripped = jnp.maximum(memory.tripped, late.astype(float))
-    most = trial.supply[k] * ecu.limit
-    given = jnp.where(ecu.compensated > 0.0, jnp.clip(volts, -most, most), trial.supply[k] * volts)
+    most = demand.supply * ecu.limit
+    given = jnp.where(ecu.compensated > 0.0, jnp.clip(volts, -most, most), demand.supply * volts)
     acting = jnp.where(tripped > 0.0, 0.0, given)
-    return acting, Watch(pid, memory.tick + 1.0, shown, over, apart, tripped)
+    return acting, Watch(pid, memory.time + ecu.period, shown, over, apart, tripped)
 
 
 def run_trials(loop: Loop, trials: Trial, start: float) -> Seen:
     """Run trials of shape (G,) on every model, from rest at a share of the travel."""
-    ticks = np.shape(trials.asked)[-1]
-    trials = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), trials)
-    still = Setpoint((0.0, ticks * loop.ecu.period), (start, start), ())
-    none = jnp.zeros_like(trials.gains.Kp)
-    first = Watch(Memory.at_rest(trials.gains, loop.ecu, loop.angle(start)), none, none, none, none, none)
-    return Seen(*loop.run(guarded, trials, first, still, keep=_seen))
+    equipment, demand = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), trials)
+    still = Setpoint((0.0, demand.angle.shape[-1] * loop.ecu.period), (start, start), ())
+    none = np.zeros_like(equipment.gains.Kp)
+    first = Watch(Memory.at_rest(equipment.gains, loop.ecu, loop.angle(start)), none, none, none, none, none)
+    return Seen(*loop.run(guarded, equipment, first, still, keep=_seen, demand=demand))
 
 
 def _seen(path: Path, memory: Watch) -> Seen:
@@ -146,7 +160,7 @@ def _seen(path: Path, memory: Watch) -> Seen:
 
 def stack_trials(trials: list[Trial]) -> Trial:
     """Many trials as one, with a first axis G."""
-    return Trial(*(jax.tree.map(lambda *row: np.stack(row), *column) for column in zip(*trials, strict=True)))
+    return jax.tree.map(lambda *row: np.stack(row), *trials)
 
 
 def of_setpoint(
@@ -159,7 +173,8 @@ def of_setpoint(
 ) -> Trial:
     """One trial of a setpoint at each tick (shares of the travel), shape (K,), under its loop's feed-forward."""
     angle = loop.angle(asked)
-    return Trial(gains, fault, guards, angle, np.broadcast_to(supply, angle.shape), loop.ahead(angle))
+    demand = Demand(angle, np.broadcast_to(supply, angle.shape), loop.ahead(angle))
+    return Trial(Equipment(gains, fault, guards), demand)
 
 
 def longest_above(error: np.ndarray, threshold: float) -> np.ndarray:
