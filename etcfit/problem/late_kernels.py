@@ -26,7 +26,7 @@ from ..model.throttle import Throttle
 from .batch import KINDS
 from .free_parameters import Form
 from .innovations import InnovationsFilter, innovate, shifted_samples
-from .lanes import Along, compiled, remembered, stored_over_lanes
+from .lanes import Along, compiled, remembered, shared_out, stored_over_lanes
 from .lateness import Shifts, Simulated
 from .one_pass import Carried, carried_like, pushed
 from .one_pass_kernels import LinearisedTrace, Place, Sums, free_of, never_in, rows_of
@@ -135,7 +135,7 @@ def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, dif
     batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
     kind = np.asarray(weighted.slots.kind)
     places = _PLACES.of([kind], None, lambda: _places_of(kind))
-    late = Shifts(form, full, batch, differentiated, places)
+    late = Shifts.latest(form, full, batch, differentiated, places)
     tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
     numbers = numbered(tree)
     changing = jax.tree.leaves((numbers[0].steps.acting, numbers[2]))
@@ -289,8 +289,8 @@ def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> f
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """`chi2` of many points, one after the other."""
-    return np.array([chi2(form, full, weighted) for full in fulls])
+    """`chi2` of many points, which the cores share."""
+    return np.array(shared_out(lambda full: chi2(form, full, weighted), list(fulls), lambda _: 1))
 
 
 def _linearised(

@@ -19,8 +19,8 @@ from ..model.delay import Clock, Earlier, LateInput, between, earlier, late_inpu
 from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
-from .lanes import remembered, stored
-from .records import Entries, Remembered, numbered, records_of, used_rows
+from .lanes import Stored, remembered, stored
+from .records import Entries, Records, Remembered, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
 
@@ -71,6 +71,7 @@ class _LagsEntry:
         traced: the graph.
         late: nodes of `Lags`.
         ways: of each parameter that changes it, nodes of its derivative.
+        depends: numbers of the parameters that it is computed from.
     """
 
     def __init__(self, form: Form, shape: Shape) -> None:
@@ -91,31 +92,38 @@ class _LagsEntry:
             kept["dt"] = None
         self.late: Lags = found._replace(**kept)
         wanted, self.ways = nodes_of(self.late), {}
+        needed = set(graph.needed(wanted))
+        self.depends = tuple(k for k, symbol in enumerate(form.index) if self.traced.fixed[symbol] in needed)
         for symbol in form.index:
             moves = tangents(symbol, *wanted)
             if any(node in moves for node in wanted):
                 self.ways[symbol] = jax.tree.map(lambda node, of=moves: of.get(node, zero), self.late)
 
 
+class _LagsKernel(NamedTuple):
+    """`Lags` and their derivatives as a kernel stores them, and the numbers of the parameters that they depend on."""
+
+    results: Stored
+    kernel: Kernel
+    depends: tuple[int, ...]
+
+
 @remembered(_REMEMBERED, __name__, "lags")
-def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], tuple[Any, Kernel]]:
+def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], _LagsKernel]:
     entry = _LagsEntry(form, shape)
-    return entry.traced.leaves, stored(entry.traced, (entry.late, entry.ways))
+    return entry.traced.leaves, _LagsKernel(*stored(entry.traced, (entry.late, entry.ways)), entry.depends)
 
 
-_PACKED, _CLOCKS = Remembered(), Remembered()
+_PACKED, _CLOCKS, _LATEST = Remembered(), Remembered(), Remembered()
 
 
-def _found(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> tuple[Lags, dict[str, Lags]]:
-    """How late everything is, and its derivatives, (T, L) each."""
-
+def _packed(form: Form, batch: Simulated) -> tuple[Records, _LagsKernel]:
     def packed() -> Any:
         renewed = frozenset({numbered(batch).steps.guide_stiffness})
         entries = Entries(batch, used_rows(batch.steps, batch.resets), renewed)
         return records_of(entries, lambda shape: _lags_entry(form, shape))
 
-    records, (results, kernel) = _PACKED.of(jax.tree.leaves(batch), form, packed)
-    return jax.tree.map(np.asarray, results.over(kernel, records, full))
+    return _PACKED.of(jax.tree.leaves(batch), form, packed)
 
 
 class _Reading(NamedTuple):
@@ -236,8 +244,10 @@ class Shifts:
         differentiated: bool = False,
         shown: Collection[str] | None = None,
     ) -> None:
-        self._late, self._ways = _found(form, full, batch)
-        self._batch, late = batch, self._late
+        records, (results, kernel, _) = _packed(form, batch)
+        found: tuple[Lags, dict[str, Lags]] = jax.tree.map(np.asarray, results.over(kernel, records, full))
+        (self._late, self._ways), self._batch = found, batch
+        late = self._late
         self.channels = tuple(sorted({*late.channels, *late.logged}))
         self._read = [name for name in self.channels if shown is None or name in shown]
         self._as_is = self._with(late.dt)
@@ -249,6 +259,26 @@ class Shifts:
     def _with(self, dt: Signal | None, near: _Shifted | None = None) -> _Shifted:
         steps = self._batch.steps if dt is None else self._batch.steps._replace(dt=dt)
         return _shifted(self._late, self._ways, steps, self._batch.resets, self._read, near)
+
+    @classmethod
+    def latest(
+        cls,
+        form: Form,
+        full: Float[np.ndarray, " Q"],
+        batch: Simulated,
+        differentiated: bool = False,
+        shown: Collection[str] | None = None,
+    ) -> Shifts:
+        """The same, made anew only where a parameter has changed that something late depends on: most searches hold
+        every delay. Arguments as of the class."""
+        further = form, differentiated, None if shown is None else frozenset(shown)
+        latest: list[tuple[bytes, Shifts]] = _LATEST.of(jax.tree.leaves(batch), further, list)
+        depends = full[list(_packed(form, batch)[1].depends)].tobytes()
+        before, found = latest[0] if latest else (b"", None)  # other threads may put theirs there
+        if found is None or before != depends:
+            found = cls(form, full, batch, differentiated, shown)
+            latest[:] = [(depends, found)]
+        return found
 
     @property
     def lanes(self) -> Int[np.ndarray, " l"]:
@@ -317,4 +347,4 @@ def acting_late(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> 
     """The steps with what acts in them where the input is late; arguments as of `Shifts`."""
     if not any(effect.delays for effect in form.types) or not _acts_late(form):
         return batch.steps
-    return batch.steps._replace(acting=Shifts(form, full, batch).acting)
+    return batch.steps._replace(acting=Shifts.latest(form, full, batch).acting)

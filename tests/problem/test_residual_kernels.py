@@ -23,7 +23,7 @@ from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Contri
 from etcfit.model.parameters import NonNegative, Positive, Real, Scalar, parameter
 from etcfit.model.rig_effects import RIG_EFFECTS, Place, at_places
 from etcfit.model.smooth import UNKNOWNS
-from etcfit.problem import batch, lanes, records
+from etcfit.problem import batch, lanes, lateness, records
 from etcfit.problem import problem as module
 from etcfit.problem.chi2 import chi2_of
 from etcfit.problem.free_parameters import free_parameters
@@ -276,6 +276,21 @@ def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing
     assert wider.chi2(x, again) == pytest.approx(problem.chi2(x, weighted), rel=1e-12)
     r = wider.residual(x, again)
     assert_array_equal(r[np.broadcast_to(_like(blank(wider), r), r.shape)], 0.0)
+
+
+def test_what_is_late_is_shifted_anew_only_where_it_may_have_changed(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    problem, x, weighted = case(rig, [EFFECT_BY_NAME["actuation_delay"]], whitened=False)
+    made: list[Any] = []
+    begin = lateness.Shifts.__init__
+    monkeypatch.setattr(lateness.Shifts, "__init__", lambda *given: made.append(given[0]) or begin(*given))
+    moved = dict(zip(problem.layout.free, x + 0.1 * np.eye(x.size), strict=True))
+    before = problem.chi2(x, weighted)
+    some = len(made)
+    assert problem.chi2(moved["K_s"], weighted) != before
+    assert len(made) == some
+    assert problem.chi2(moved["t_a"], weighted) != before
+    assert len(made) > some
+    assert problem.chi2(x, weighted) == before
 
 
 def test_nothing_runs_while_the_lock_of_graphs_is_held(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
