@@ -57,7 +57,7 @@ def globally(task: Task) -> Gains:
     """By differential evolution over the same cost as our optimum's."""
     settings = task.settings.optimum
     loop = task.loop.first(settings.few)
-    linear = OpenLoop.of(loop.linear(), loop.ecu, COARSE)
+    linear = OpenLoop.of_plants(loop.linear(), loop.ecu, COARSE)
 
     def cost(logs: np.ndarray) -> np.ndarray:
         return scores(task, Gains(*np.exp(logs)), loop, linear, settings.spares[0]).cost

@@ -280,7 +280,7 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
     from .reporting.control.tables import design_table
 
     with held(run):
-        units = Fleet.of(run)
+        units = Fleet.in_run(run)
         found = fleet_design_of(units.model, asked, report)
         units.keep_design(run, found, {}, report)
     return Done(design_table(found), closing=of_fleet_design(found, run))

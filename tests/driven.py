@@ -31,7 +31,7 @@ def driven(rig: Rig, start: Mapping[str, float]) -> EstimationProblem:
     traces = [prepare(m, rig.config) for m in rig.measurements if m.test == "response"]
     known = free_parameters(rig.config)
     angles = tuple(_angle_alone(trace) for trace in traces if trace is not None)
-    problem = EstimationProblem.of(rig.config, known, angles)
+    problem = EstimationProblem.of_traces(rig.config, known, angles)
     return problem.refined(
         known.layout.coordinates({**{p.symbol: p.nominal for p in known.layout.parameters}, **start})
     )

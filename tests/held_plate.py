@@ -54,4 +54,4 @@ def held_plate(path: Path, believed: str = BELIEVED) -> Rig:
 
 def problem_of(rig: Rig) -> EstimationProblem:
     """Its traces and unknowns, R_a and T_f."""
-    return EstimationProblem.of(rig.config, free_parameters(rig.config), ready(rig).fitted)
+    return EstimationProblem.of_traces(rig.config, free_parameters(rig.config), ready(rig).fitted)

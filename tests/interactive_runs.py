@@ -82,7 +82,7 @@ def _of(result: FitResult, traces: tuple[Trace, ...], off: float, worst: int) ->
     from etcfit.problem.prediction_error import rows
     from etcfit.problem.problem import EstimationProblem
 
-    problem = EstimationProblem.of(result.rig.config, result.free_parameters, traces)
+    problem = EstimationProblem.of_traces(result.rig.config, result.free_parameters, traces)
     rng, predicted = np.random.default_rng(1), {}
     for k, trace in enumerate(traces):
         noise = rng.standard_normal(trace.data.shape) + (50.0 if k == worst else off)

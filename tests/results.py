@@ -65,7 +65,7 @@ def result(
     rng = np.random.default_rng(0)
     noise = [rng.standard_normal(t.data.shape) + off * _wave(t.instants) for t in (*fitted, *held_out)]
     predicted = {t.measurement.file: t.data - t.sigma * r for t, r in zip((*fitted, *held_out), noise, strict=True)}
-    problem = EstimationProblem.of(rig.config, known, fitted)
+    problem = EstimationProblem.of_traces(rig.config, known, fitted)
     direction = Direction(lost, (1.0,) * len(lost), np.inf)
     fields: dict[str, Any] = {
         "rig": rig,
@@ -78,7 +78,7 @@ def result(
         ),
         "readings": read_graphs(rig),
         "problem": problem,
-        "holdout": EstimationProblem.of(rig.config, known, held_out) if held_out else None,
+        "holdout": EstimationProblem.of_traces(rig.config, known, held_out) if held_out else None,
         "weighted": problem.weighted(weights.free_running(problem)),
         "whitened": tuple(noise[: len(fitted)]),
         "predicted": predicted,

@@ -79,7 +79,7 @@ def _ratio(result: Any, a: str, b: str, true: float) -> float | None:
 
     def log(x: np.ndarray) -> float:
         values, n = layout.values(x, held), result.rig.config.gear_ratio
-        top, bottom = (float(LUMPS[s].of(values, n) if s in LUMPS else values[s]) for s in (a, b))
+        top, bottom = (float(LUMPS[s].formula(values, n) if s in LUMPS else values[s]) for s in (a, b))
         return float(np.log(top / bottom))
 
     steps = 1e-4 * np.eye(result.x.size)

@@ -245,7 +245,7 @@ class Sampled(View):
     def __repr__(self) -> str:
         shown = self._shown
         lost = [row["symbol"] for row in shown.rows if row["status"] == LOST]
-        known = [(row, Digits.of(row["mean"], row["sd"])) for row in shown.rows if row["status"] != LOST]
+        known = [(row, Digits.of_value(row["mean"], row["sd"])) for row in shown.rows if row["status"] != LOST]
         return views.block(
             f"Posterior of {views.name_of(self.posterior.fit.rig.config)}: {self._size}",
             self._alarm,

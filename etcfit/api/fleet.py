@@ -37,7 +37,7 @@ class Fleet(View):
     files: FleetFiles
 
     @classmethod
-    def of(cls, run: str | Path) -> Fleet:
+    def in_run(cls, run: str | Path) -> Fleet:
         """That of a run folder.
 
         Raises:

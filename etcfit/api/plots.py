@@ -184,7 +184,7 @@ class DiagnosisPlots:
         """
         aside = {each.trace.measurement.file: each.trace for each in self.diagnosis.aside}
         trace = aside[file] if file in aside else trace_named(traces_of(self.diagnosis.after), file).trace
-        picture = overlay.Overlay.of(self.diagnosis, trace)
+        picture = overlay.Overlay.of_trace(self.diagnosis, trace)
         return panels_of(lambda: overlay.draw(picture))
 
     def _named(self, name: str, why_not: str) -> np.ndarray:
@@ -234,7 +234,7 @@ class ReductionPlots:
 
     def bode(self) -> np.ndarray:
         """Magnitude above phase, with 95 % bands; Axes, shape (2,)."""
-        picture = bode.BodePicture.of(self.fitted, self.reduction)
+        picture = bode.BodePicture.of_model(self.fitted, self.reduction)
         return panels_of(lambda: bode.draw(picture))
 
     def sines(self) -> np.ndarray:
@@ -295,7 +295,9 @@ class FleetPlots:
         from ..reporting.fleet.page import Columns
 
         content = self.files.content
-        return panels_of(lambda: pictures.draw_population(content, Columns.of(content["units"], self.files.units)))
+        return panels_of(
+            lambda: pictures.draw_population(content, Columns.of_units(content["units"], self.files.units))
+        )
 
     def correlation(self) -> np.ndarray:
         """Which parameters go together from unit to unit."""

@@ -305,7 +305,7 @@ def design(
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
-            whole = model if isinstance(model, Fleet) else Fleet.of(model)
+            whole = model if isinstance(model, Fleet) else Fleet.in_run(model)
             found = fleet_design_of(whole.model, asked, report, mine)
             return Designed(whole, found, None if log is None else str(log))
         fit = _fit_of("design", model)
@@ -559,7 +559,7 @@ def load(run: Folder) -> Fit | Diagnosed | Fleet:
         return _load_model(Path(run))
     from .fleet import Fleet
 
-    return Fleet.of(run)
+    return Fleet.in_run(run)
 
 
 def _load_model(run: Path) -> Fit | Diagnosed:

@@ -84,7 +84,7 @@ def borne(
         gains: to be judged.
         present: of the ECU that was in the model; None where the logged duty drove it.
     """
-    under = OpenLoop.of(plants=plant, ecu=ecu)
+    under = OpenLoop.of_plants(plants=plant, ecu=ecu)
     omega = np.angle(under.z[:-1]) / ecu.period
     response = np.ravel(under.response)[:-1]
     loop = np.ravel(controller(gains, ecu, under.z[:-1])) * response

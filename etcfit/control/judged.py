@@ -96,7 +96,7 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
             out[name] = Tuned(name, None, refusal.why)
         else:
             k = list(have).index(name)
-            out[name] = _tuned(task, name, refusal, at_bench.of(k), anew.of(k))
+            out[name] = _tuned(task, name, refusal, at_bench.of_rule(k), anew.of_rule(k))
     return out
 
 
@@ -106,7 +106,7 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
     conditions = scattered(ranges, task.loop.draws, np.random.default_rng(ranges.seed))
     loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
     one = Gains(*(np.array([g]) for g in gains))
-    there, anywhere = (over_models(task, loop, one).of(0) for loop in loops)
+    there, anywhere = (over_models(task, loop, one).of_rule(0) for loop in loops)
     worst = there.figures.worst()
     met = {symbol: bool(met) for symbol, met in asked.met(worst).items()}
     k = int(np.argmax(np.max(list(asked.strain(there.figures).values()), axis=0)))
@@ -151,7 +151,7 @@ class OverDraws(NamedTuple):
     figures: LoopFigures
     share: np.ndarray
 
-    def of(self, k: int) -> OverDraws:
+    def of_rule(self, k: int) -> OverDraws:
         """Of one rule."""
         return OverDraws(self.figures.each(lambda figure: figure[:, k]), self.share[:, k])
 

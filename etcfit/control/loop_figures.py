@@ -46,7 +46,7 @@ class AtLevel(NamedTuple):
     tail: int
 
     @classmethod
-    def of(cls, level: Level, time: np.ndarray, share: np.ndarray) -> AtLevel:
+    def of_responses(cls, level: Level, time: np.ndarray, share: np.ndarray) -> AtLevel:
         """Args: level; time: s, shape (K,); share: of the travel, shape (..., K)."""
         begin, end = index(time, level.begins), index(time, level.ends)
         beyond = (share[..., begin:end] - level.after) * np.sign(level.change)
@@ -262,7 +262,7 @@ def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[
 
 
 def _tracking(setpoint: Setpoint, levels: Any, stretches: Any, time: np.ndarray, share: np.ndarray) -> LoopFigures:
-    at = [AtLevel.of(level, time, share) for level in levels]
+    at = [AtLevel.of_responses(level, time, share) for level in levels]
     nothing = np.full(share.shape[:-1], np.nan)
 
     def worst(symbol: str) -> np.ndarray:

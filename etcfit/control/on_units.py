@@ -155,13 +155,13 @@ class FleetVerdict:
         return self.own.fails
 
     @property
-    def asked(self) -> float:
+    def share_asked(self) -> float:
         """Share of the units that must meet everything."""
         return self.settings.share
 
     @property
     def reached(self) -> bool:
-        return self.share.value >= self.asked
+        return self.share.value >= self.share_asked
 
     @property
     def says(self) -> str:
@@ -169,8 +169,8 @@ class FleetVerdict:
         s = self.share
         met = f"{s.met} of {s.of} units meet everything"
         if self.reached:
-            return f"{met}: the {self.asked:.0%} asked for are reached"
-        return f"{met}: FEWER than the {self.asked:.0%} asked for; no gains were found that reach more"
+            return f"{met}: the {self.share_asked:.0%} asked for are reached"
+        return f"{met}: FEWER than the {self.share_asked:.0%} asked for; no gains were found that reach more"
 
 
 class OnParts(NamedTuple):

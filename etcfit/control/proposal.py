@@ -98,9 +98,9 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
     seen = (time >= levels[0].begins - 0.1) & (time < levels[-1].ends)
     steps = []
     for k, (name, gains) in enumerate(every.items()):
-        one, each = found.of(k), judge_each(task.setpoint, time, found.share[:, k])
+        one, each = found.of_rule(k), judge_each(task.setpoint, time, found.share[:, k])
         better = (
-            float(np.mean(one.figures.rmse_pct < found.of(0).figures.rmse_pct))
+            float(np.mean(one.figures.rmse_pct < found.of_rule(0).figures.rmse_pct))
             if name != PRESENT and len(every) > 1
             else None
         )

@@ -107,7 +107,7 @@ def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
 def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     """Each figure at its worst of the corners that have this supply (V)."""
     there = corners(task.settings.conditions).supply == supply
-    found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of(0)
+    found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of_rule(0)
     return found.figures.worst(there)
 
 
@@ -115,7 +115,7 @@ def over_position(task: Task, gains: Gains) -> OverPosition:
     """The nominal plant's gain at the crossover, linearised at places over the travel."""
     ecu, loop = task.ecu, task.loop.first(1)
     frequencies = FINE.frequencies(ecu.period)
-    open_loop = OpenLoop.of(task.plant, ecu)
+    open_loop = OpenLoop.of_plants(task.plant, ecu)
     around = np.abs(controller(gains, ecu, open_loop.z) * open_loop.response)
     crossover = float(frequencies[np.max(np.flatnonzero(around >= 1.0), initial=0)])
     shares = (np.arange(_PLACES) + 0.5) / _PLACES

@@ -53,7 +53,7 @@ class Found:
     rivals: Mapping[Effect, Mapping[str, float]]
 
     @classmethod
-    def of(cls, turned: Round) -> Found:
+    def of_round(cls, turned: Round) -> Found:
         """What a round added."""
         best = turned.best
         rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict)}
@@ -212,7 +212,7 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
 
 def cost(s: CandidateModel, two: Two, one: Effect) -> Cost:
     """What one effect costs in BIC less what the two did."""
-    mine, theirs = Cost.of(one, s.composition), [Cost.of(e, s.composition) for e in two]
+    mine, theirs = Cost.of_effect(one, s.composition), [Cost.of_effect(e, s.composition) for e in two]
     return Cost(mine.parameters - sum(c.parameters for c in theirs), mine.variants)
 
 

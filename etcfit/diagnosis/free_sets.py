@@ -71,7 +71,7 @@ class FreeRun:
         return self.problem.free_parameters.values(self.x)
 
     @classmethod
-    def of(
+    def of_model(
         cls, effects: tuple[str, ...], problem: EstimationProblem, x: np.ndarray, held_out: tuple[Trace, ...]
     ) -> FreeRun:
         """The one of a model at coordinates x, shape (P,)."""
@@ -115,7 +115,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
     """A set of effects grown from the first fit's free run, one effect after the other."""
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     known, plan = result.rig.config.effects, result.settings
-    here, rest = FreeRun.of((), result.problem, result.x, held_out), tuple(names)
+    here, rest = FreeRun.of_model((), result.problem, result.x, held_out), tuple(names)
     while rest:
         report("growing a set of effects in the free run" + "".join(f", {name}" for name in here.effects), 0.87)
         config = replace(result.rig.config, effects=(*known, *here.effects))
@@ -123,7 +123,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
         models = {name: model_of(rig) for name, rig in rigs.items()}
         best, point = likeliest_addition(here.problem, here.x, models, plan)
         end = lower_end(models[best], from_own_starts(models[best], plan), point, plan)
-        new = FreeRun.of((*here.effects, best), end.problem, end.x, held_out)
+        new = FreeRun.of_model((*here.effects, best), end.problem, end.x, held_out)
         rest = tuple(name for name in rest if name != best)
         if holdout_worsened(new.holdout_rms, here.holdout_rms, settings.refit_rise):
             continue
@@ -146,7 +146,7 @@ def searched_free(
     effects = tuple(found[name] for name in other.effects)
     lean = s.lean()
     run = freed(lean.problem.guided(0.0), lean.x, FREE_SPREAD, result.settings)
-    own = FreeRun.of(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
+    own = FreeRun.of_model(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
     if set(effects) == set(s.added):
         return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), ()
     taken = bool(effects) and preferred(other, own, settings)

@@ -108,13 +108,13 @@ def score_candidates(
     every = [e for e in candidates if is_of_the_rig(e)]
     prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))
     of_the_rig, alone = ([e for e in prompt if (e.scope == "trace") is single] for single in (False, True))
-    background = Background.of(s.problem, s.x, s.weighted)
+    background = Background.of_model(s.problem, s.x, s.weighted)
     inside = [variant for e in candidates if not is_of_the_rig(e) for variant in variants(e)]
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
     found = tangents_inside(s, inside, lambda variant, each: kept(background.signature(variant, each, parameters)))
     if prompt:
         rigged = s.with_the_rig()
-        tangents = Tangents.of(rigged.problem, rigged.x, rigged.weighted, of_whole_tests(alone))
+        tangents = Tangents.of_model(rigged.problem, rigged.x, rigged.weighted, of_whole_tests(alone))
         found += screen_of_the_rig(background, tangents, of_the_rig, kept)
         singles = screen_of_single_traces(background, tangents, s.problem, s.x, s.weighted, alone, s.settings)
         found += map(kept, singles)

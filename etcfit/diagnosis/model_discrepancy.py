@@ -185,7 +185,7 @@ def curve_discrepancy(
     ways = np.empty((r.size, len(curves) * len(root)))
     for c, own in zip(curves, np.split(ways, len(curves), axis=1), strict=True):
         np.matmul(c.columns, root, out=own)
-    left = _Left.of(background, background.free_of(background.basis, ways), len(curves), events)
+    left = _Left.of_residual(background, background.free_of(background.basis, ways), len(curves), events)
     tau = most_likely(left)
     if not tau.any():
         return none
@@ -255,7 +255,7 @@ class _Left:
     noise: float
 
     @classmethod
-    def of(cls, background: Background, ways: np.ndarray, curves: int, events: np.ndarray) -> _Left:
+    def of_residual(cls, background: Background, ways: np.ndarray, curves: int, events: np.ndarray) -> _Left:
         r, gram, across = background.r, ways.T @ ways, ways.T @ background.r
         values, vectors = np.linalg.eigh(gram)
         keep = values > _RANK * max(float(values[-1]), 1e-300)
@@ -290,7 +290,7 @@ def most_likely(left: _Left) -> np.ndarray:
     All are 0 where without them -2 ln L rises by less than `CURVE_EVIDENCE`, what they explain in one event left out.
     Which of them it is need not be decided: curves over related axes share what they can all do.
     """
-    system = _Likelihood.of(left, -2.0 * np.log(LARGE_CURVE))
+    system = _Likelihood.of_residual(left, -2.0 * np.log(LARGE_CURVE))
     tau, cost = system.fitted()
     one_event = max(0.0, float(np.max(left.by_event(tau), initial=0.0)))
     needed = float(system.y @ system.y) - cost - one_event
@@ -314,7 +314,7 @@ class _Likelihood:
     price: float
 
     @classmethod
-    def of(cls, left: _Left, price: float) -> _Likelihood:
+    def of_residual(cls, left: _Left, price: float) -> _Likelihood:
         each = np.split(left.turn.T @ left.gram, left.curves, axis=1)
         units = np.stack([w @ w.T / left.noise for w in each])
         return cls(left.turn.T @ left.across / np.sqrt(left.noise), units, price)

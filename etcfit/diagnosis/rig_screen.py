@@ -58,7 +58,7 @@ def screen_of_single_traces(
     if not rigs:
         return []
     rows, columns = rows_by_file(problem, weighted), _Columns(background, tangents, problem, x, weighted)
-    told = {e: column for e in rigs if (column := columns.of(e)) is not None}
+    told = {e: column for e in rigs if (column := columns.of_effect(e)) is not None}
     kinds = [{e: c for e, c in told.items() if is_of_one_channel(e) is single} for single in (False, True)]
     few, found = settings.single_traces, []
     for effect in (e for kind in kinds for e in _standing_out(kind, background, rows)[:few]):
@@ -98,7 +98,7 @@ class _Columns:
         self._problem, self._x, self._weighted = problem, x, weighted
         self._kept: dict[RigEffect, np.ndarray | None] = {}
 
-    def of(self, effect: RigEffect) -> np.ndarray | None:
+    def of_effect(self, effect: RigEffect) -> np.ndarray | None:
         """d residual / d amplitude over its scale, shape (n,); None where nothing tells it."""
         whole = _in_whole_test(effect)
         if whole not in self._kept:
@@ -197,7 +197,7 @@ class _Change(NamedTuple):
     shift: float | None
     by_channel: Mapping[str, np.ndarray]
 
-    def of(self, effect: RigEffect, rows: np.ndarray) -> np.ndarray:
+    def by_effect(self, effect: RigEffect, rows: np.ndarray) -> np.ndarray:
         """Of the channels that an effect moves, in some of the fitted samples: of one, or of all."""
         channel = effect.place.channel
         moved = [self.by_channel[channel]] if channel in OBSERVED else self.by_channel.values()
@@ -215,7 +215,7 @@ def screen_of_late(
     """The signature of every candidate that logs late, the most promising first; of those of single traces, and of
     single channels of them, only the few that stand out the most.
     """
-    rows, intervals = rows_by_file(problem, weighted), _Intervals.of(problem)
+    rows, intervals = rows_by_file(problem, weighted), _Intervals.of_problem(problem)
     changes = _changes(problem, x, weighted, intervals.of_tests)
     # a trace that was logged at another rate than its test is late by samples of its own
     of_traces = changes if intervals.alike else _changes(problem, x, weighted, intervals.of_traces)
@@ -231,7 +231,7 @@ def screen_of_late(
         way = -1.0 if effect.place.channel in DRIVING else 1.0  # beside a late input all others are early
         by = way * intervals.at(effect.place) * (1.0 if change.shift is None else change.shift)
         column, own = np.zeros((background.r.size, 1)), _of(effect, rows)
-        column[own, 0] = change.of(effect, own) * p.domain.scale / by
+        column[own, 0] = change.by_effect(effect, own) * p.domain.scale / by
         shape = {} if change.shift is None else {p.symbol: by}
         found.append(background.signature(Variant(effect, shape, (p.symbol,)), column, {p.symbol: p}))
     return ranked(found)
@@ -264,7 +264,7 @@ def _gains(
 ) -> np.ndarray:
     """By how much an effect would lower chi2 by each change, from the samples of its own traces alone."""
     own = _of(effect, rows)
-    among = background.among(own, np.column_stack([change.of(effect, own) for change in changes]))
+    among = background.among(own, np.column_stack([change.by_effect(effect, own) for change in changes]))
     far = np.array([change.shift is not None for change in changes])
     return np.where(far, np.where(among.power > 0.0, -2.0 * among.way - among.power, 0.0), among.gain)
 
@@ -276,7 +276,7 @@ class _Intervals(NamedTuple):
     of_traces: Mapping[str, float]
 
     @classmethod
-    def of(cls, problem: EstimationProblem) -> _Intervals:
+    def of_problem(cls, problem: EstimationProblem) -> _Intervals:
         spans = {trace.measurement.file: np.diff(trace.instants) for trace in problem.batch.traces}
         tests: dict[str, list[np.ndarray]] = {}
         for file, each in spans.items():

@@ -217,7 +217,7 @@ def forward(
         report(f"round {made + 1}: {turned.choice.why}", (made + 0.5) / limit)
         if turned.added is None:
             break
-        progress = replace(progress, found=(*progress.found, Found.of(turned)))
+        progress = replace(progress, found=(*progress.found, Found.of_round(turned)))
         keep(progress)
     return progress
 
@@ -288,4 +288,6 @@ def _with_effect(effect: Effect, value: float, result: FitResult, progress: Prog
         f"{trial.verdict.fit_rms_ratio:.3f}."
     )
     turned = Round(before, was, (), (trial,), Choice(Outcome.ADDED, effect, (), why))
-    return Progress(s, (*progress.found, Found.of(turned)), (*progress.rounds, reported(turned)), progress.changed)
+    return Progress(
+        s, (*progress.found, Found.of_round(turned)), (*progress.rounds, reported(turned)), progress.changed
+    )

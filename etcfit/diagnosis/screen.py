@@ -96,7 +96,7 @@ class Background:
     jacobian: np.ndarray
 
     @classmethod
-    def of(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
+    def of_model(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
         """That of a model at coordinates x, shape (P,)."""
         return cls.spanned(*fitted_samples(problem, x, weighted))
 

@@ -188,7 +188,7 @@ def searched(
     best, before, compared = progress, score(first), []
     data = score_candidates(first, first.composition.candidates)
     every = pairs(data.signatures, data.background.r, _SCORED)
-    promise = Promise.of(before, data, first.composition)
+    promise = Promise.of_candidates(before, data, first.composition)
     for pair in promising(every, promise, progress.model.added, first.settings):
         report(f"refitting with {listed(e.name for e in pair.effects)}", 0.87)
         begun = _begun_with(first, before, pair, every, data, promise, report)
@@ -229,10 +229,10 @@ class Promise:
     alone: Mapping[Effect, float]
 
     @classmethod
-    def of(cls, before: Score, data: ScoredCandidates, composition: Composition) -> Promise:
+    def of_candidates(cls, before: Score, data: ScoredCandidates, composition: Composition) -> Promise:
         """That of candidates measured at a model with this score."""
         alone = {g.variant.effect: g.gain for g in ranked(data.signatures)}
-        costs = {e: Cost.of(e, composition) for e in alone}
+        costs = {e: Cost.of_effect(e, composition) for e in alone}
         price = {e: c.parameters * np.log(before.count) + 2.0 * np.log(c.variants) for e, c in costs.items()}
         return cls(before.likelihood_per_chi2, price, alone)
 

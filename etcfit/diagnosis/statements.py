@@ -52,7 +52,7 @@ def statements(
     """
     answers = {each.added: question.answers for each, question in zip(rounds, asked, strict=False)}
     return tuple(
-        statement(e, Named.of(e, values), probabilities.get(e.name, 1.0), answers.get(e.name, {}), settings)
+        statement(e, Named.of_effect(e, values), probabilities.get(e.name, 1.0), answers.get(e.name, {}), settings)
         for e in added
     )
 
@@ -69,7 +69,7 @@ class Named(NamedTuple):
     mend: str = ""
 
     @classmethod
-    def of(cls, effect: Effect, values: Mapping[str, float]) -> Named:
+    def of_effect(cls, effect: Effect, values: Mapping[str, float]) -> Named:
         """With the size that it has in a fitted model, SI by symbol."""
         if not issubclass(effect, AbstractRigEffect):
             return cls(effect.name)

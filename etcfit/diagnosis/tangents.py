@@ -198,7 +198,7 @@ class Tangents:
     kept: dict[str, np.ndarray]
 
     @classmethod
-    def of(
+    def of_model(
         cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, wanted: Iterable[str] = ()
     ) -> Tangents:
         """Those of a model, none worked out yet."""

@@ -129,7 +129,7 @@ class Cost(NamedTuple):
     variants: int
 
     @classmethod
-    def of(cls, effect: Effect, composition: Composition) -> Cost:
+    def of_effect(cls, effect: Effect, composition: Composition) -> Cost:
         """An effect of the rig is one of as many as there are places where a rig may be wrong; whole tests and traces
         are asked first, so that only a channel of one trace is one of all such channels too."""
         among = composition.of_the_rig if is_of_the_rig(effect) else ()
@@ -165,7 +165,7 @@ def judge_trial(effect: Effect, before: Score, s: CandidateModel, cost: Cost | N
     counted = after
     if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
         counted = replace(after, chi2=after.chi2 + gain_in_one_event(s, effect))
-    verdict = compare(effect, before, counted, cost or Cost.of(effect, s.composition), s.weighted.samples, slack)
+    verdict = compare(effect, before, counted, cost or Cost.of_effect(effect, s.composition), s.weighted.samples, slack)
     prior = surprise(effect, s.values, s.composition.stated) if s.at_work(effect) else 0.0
     return Trial(s, replace(verdict, score=after, bic_change=verdict.bic_change + prior, prior=prior))
 

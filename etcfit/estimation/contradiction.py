@@ -170,7 +170,7 @@ def parted(
     own, others = sides_of(here, test)
     if alone is not None:
         away = here.x - alone.x
-        own = [piece._replace(r=piece.moved(away)) for piece in alone.pieces if piece.test == test]
+        own = [piece._replace(r=piece.residual_after(away)) for piece in alone.pieces if piece.test == test]
     first = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
     steps = first.own_step, first.others_step
     sides = [

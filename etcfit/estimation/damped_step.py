@@ -73,7 +73,7 @@ class Condensed(NamedTuple):
         return cls(np.append(np.zeros(size), rest), np.zeros((size + 1, size)))
 
     @classmethod
-    def of(cls, e: NormalEquations) -> Condensed:
+    def of_equations(cls, e: NormalEquations) -> Condensed:
         """Of normal equations; NaN where they are not finite, so that no step there is taken."""
         size = e.gradient.size
         if not e.finite:

@@ -83,13 +83,13 @@ class Lump:
     Args:
         unit: SI.
         meaning: formula first.
-        of: the combination as a function of the values (SI, by symbol) and the gear ratio.
+        formula: the combination as a function of the values (SI, by symbol) and the gear ratio.
         electric: True where it needs an electrical side.
     """
 
     unit: str
     meaning: str
-    of: Callable[[Mapping[str, Any], float], Any]
+    formula: Callable[[Mapping[str, Any], float], Any]
     electric: bool = False
 
 
@@ -124,7 +124,7 @@ def lumped(result: FitResult) -> dict[str, Interval]:
     gradients = _gradients(free_parameters, result.x, n)
     unknown = result.settings.identifiability.unknown_widened
     stated = {
-        s: _combined(float(lump.of(result.values, n)), gradient, result.covariance, unknown)
+        s: _combined(float(lump.formula(result.values, n)), gradient, result.covariance, unknown)
         for (s, lump), gradient in zip(LUMPS.items(), gradients, strict=True)
         if electric or not lump.electric
     }
@@ -138,7 +138,7 @@ def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interva
     compromise, n, layout = result.compromise, result.rig.config.gear_ratio, result.free_parameters.layout
     if compromise is None or stated.low is None or stated.high is None:
         return stated
-    values = [float(lump.of(layout.values(x, result.free_parameters.held), n)) for x in compromise.points]
+    values = [float(lump.formula(layout.values(x, result.free_parameters.held), n)) for x in compromise.points]
     sd = [math.sqrt(max(float(gradient @ c @ gradient), 0.0)) for c in compromise.covariances]
     weak = result.settings.identifiability.weak
     told = [(v, Z_95 * s) for v, s in zip(values, sd, strict=True) if s < weak * abs(v)]
@@ -163,7 +163,7 @@ def _gradients(free_parameters: FreeParameters, x: np.ndarray, n: float) -> np.n
         symbol: values[symbol] + 1j * _TINY * aside for symbol, aside in zip(layout.free, np.eye(x.size), strict=True)
     }
     values |= {symbol: values[other] for symbol, other in layout.ties}
-    return np.array([np.imag(lump.of(values, n)) / _TINY * slope for lump in LUMPS.values()])
+    return np.array([np.imag(lump.formula(values, n)) / _TINY * slope for lump in LUMPS.values()])
 
 
 def _free(result: FitResult) -> list[Interval]:

@@ -132,7 +132,9 @@ def _begun(rig: Rig, report: Report) -> _Begun:
     readings = read_graphs(rig)
     start = known.layout.off_bounds(known.layout.coordinates(start_values(known, readings)))
     report("choosing integration steps", 0.05)
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
+    problem = (
+        EstimationProblem.of_traces(rig.config, known, fitted).refined(start).with_room_for(held_out, start, _SPARE)
+    )
     return _Begun(Model(problem.with_integrator_states(start), start), readings, held_out, notes)
 
 
@@ -317,7 +319,7 @@ def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, setting
     known, before = free_parameters(rig.config), reached.problem
     found = before.layout.values(reached.x, before.free_parameters.held)
     x = known.layout.coordinates({**known.start, **found})
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
+    problem = EstimationProblem.of_traces(rig.config, known, fitted).refined(x)
     return whitened(problem.with_instants(x), x, quiet, settings)
 
 

@@ -56,7 +56,7 @@ def least_squares(
         e = equations(y[:size])
         gradient, information = np.zeros(room), np.zeros((room, room))
         gradient[:size], information[:size, :size] = e.gradient, e.information
-        return Condensed.of(NormalEquations(e.chi2, gradient, information))
+        return Condensed.of_equations(NormalEquations(e.chi2, gradient, information))
 
     def lone_sum(y: np.ndarray) -> Condensed:
         return Condensed.sum_alone(chi2(y[:size]), room)

@@ -35,13 +35,13 @@ class Piece(NamedTuple):
     r: np.ndarray
     discount: float = 1.0
 
-    def moved(self, step: np.ndarray) -> np.ndarray:
+    def residual_after(self, step: np.ndarray) -> np.ndarray:
         """r + J step: the residual after a step of the coordinates, shape (P,), to first order."""
         return self.r + self.jacobian @ step
 
     def misfit(self, step: np.ndarray | None = None) -> float:
         """Sum of squared residuals over the noise itself, after a step where one is given."""
-        return self.discount**2 * float(np.sum((self.r if step is None else self.moved(step)) ** 2))
+        return self.discount**2 * float(np.sum((self.r if step is None else self.residual_after(step)) ** 2))
 
 
 def pieces_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> tuple[Piece, ...]:
@@ -153,7 +153,7 @@ def inflations_of(
     pieces: Iterable[Piece], step: np.ndarray | None = None, settings: WhitenessSettings = WhitenessSettings()
 ) -> list[float]:
     """f of each channel, after a step of the coordinates, shape (P,), where one is given."""
-    return [inflation(p.r if step is None else p.moved(step), settings) for p in pieces]
+    return [inflation(p.r if step is None else p.residual_after(step), settings) for p in pieces]
 
 
 @dataclass(frozen=True, eq=False)

@@ -106,7 +106,7 @@ def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = Adv
     """
     known, x = judged_at(rig, at)
     fitted, _, _ = ready(rig)
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
+    problem = EstimationProblem.of_traces(rig.config, known, fitted).refined(x)
     judge, now = judge_of(problem, known.layout, x, settings)
     again = [_again(test.name, fitted, now, judge) for test in TESTS if test.name in {t.test.name for t in fitted}]
     planned = list(_planned(problem, x, Setting.of_rig(rig, known.values(x), settings.plan), judge))
@@ -240,5 +240,7 @@ def informations_of_others(problem: EstimationProblem, traces: Sequence[Trace], 
     it serves again."""
     most = problem.batch.steps.dt.shape[1]
     for some in (tuple(traces[k : k + most]) for k in range(0, len(traces), most)):
-        other = EstimationProblem.of(problem.config, problem.free_parameters, some, None, problem.room).refined(x)
+        other = EstimationProblem.of_traces(problem.config, problem.free_parameters, some, None, problem.room).refined(
+            x
+        )
         yield from informations(replace(other, jitter=problem.jitter), x)

@@ -152,7 +152,7 @@ def plan_campaign(
     fitted, _, _ = ready(rig)
     if any(trace.torque_driven for trace in fitted):
         raise UsageError("this rig is driven by a torque: no voltage can be planned for it.")
-    problem = at.problem if at is not None else EstimationProblem.of(rig.config, known, fitted).refined(x)
+    problem = at.problem if at is not None else EstimationProblem.of_traces(rig.config, known, fitted).refined(x)
     judge, _ = judge_of(problem, known.layout, x, AdviceSettings(plan=settings.plan))
     values = known.values(x)
     setting = Setting.of_rig(rig, values, settings.plan)

@@ -203,7 +203,7 @@ def verdict(rig: Rig) -> Foresight:
         # nominal sizes are better, for a gain that is not known tells less than one that is.
         told = replace(readings, values={s: v for s, v in readings.values.items() if s not in readings.nominal})
     x = known.layout.coordinates(start_values(known, told))
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(x)
+    problem = EstimationProblem.of_traces(rig.config, known, fitted).refined(x)
     problem = problem.with_integrator_states(x)
     weighted = problem.weighted(problem.kalman(x))
     jacobian = problem.linearise(x, weighted).jacobian

@@ -97,7 +97,7 @@ def forecasts(
     """
     # whatever the model can show, whether the rig logs it or not
     traces = tuple(trace_of(c.plan, s, [n for n in TEST_BY_NAME[c.plan.test].observes if n in s.noise]) for c in every)
-    problem = EstimationProblem.of(s.config, known, traces, None, least).refined(x[0])
+    problem = EstimationProblem.of_traces(s.config, known, traces, None, least).refined(x[0])
     runs = [problem.free_run(each) for each in x]
     R_a = np.array([float(known.layout.values(each, known.held)["R_a"]) for each in x])
     winding = Winding.of_model(s.values)

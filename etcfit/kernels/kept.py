@@ -175,7 +175,7 @@ def read(text: Any) -> Any:
         case {"dict": [*pairs]}:
             return {read(key): read(each) for key, each in pairs}
         case {"kernel": [*parts]}:
-            return Kernel.of(ObjectCode(*parts))
+            return Kernel.of_object_code(ObjectCode(*parts))
         case {"tree": tree}:
             return jax.tree.structure(read(tree))
         case {"leaf": int(number)}:

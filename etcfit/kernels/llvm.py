@@ -77,7 +77,7 @@ class _Writer:
         self.lines.append(f"  %v{self.count} = {expression}")
         return f"%v{self.count}"
 
-    def of(self, node: int, vector: bool) -> str:
+    def value_of(self, node: int, vector: bool) -> str:
         """The value of a node, spread over a vector where one is wanted."""
         known = self.graph.known(node)
         if known is not None:
@@ -158,7 +158,7 @@ class _Writer:
             if node in loop.changing and self.graph.operands(node):
                 self.values[node] = self.operation(node)
         totals = [self.added(place, f"%sum{place}" if added else None) for place in range(len(loop.sums))]
-        results = [self.of(result, True) for _, result in loop.carried]
+        results = [self.value_of(result, True) for _, result in loop.carried]
         self.write()
         for place, value in enumerate(results if not kept else []):
             self.store(value, "%carried", place * self.width)
@@ -197,14 +197,14 @@ class _Writer:
             self.lines.append(f"  %skipped{k} = mul i64 %row, {size * self.width}")
             self.lines.append(f"  %out{k} = getelementptr double, ptr %block{k}, i64 %skipped{k}")
             for place, node in enumerate(self.loop.stored[begin : begin + size]):
-                self.store(self.of(node, True), f"%out{k}", place * self.width)
+                self.store(self.value_of(node, True), f"%out{k}", place * self.width)
 
     def added(self, place: int, before: str | None) -> str:
         """A sum with this entry's products."""
         kind = self.type(True)
         total = before or self.load("%sums", place * self.width, True)
         for a, b in self.loop.sums[place]:
-            product = self.new(f"fmul {_FLAGS} {kind} {self.of(a, True)}, {self.of(b, True)}")
+            product = self.new(f"fmul {_FLAGS} {kind} {self.value_of(a, True)}, {self.value_of(b, True)}")
             total = self.new(f"fadd {_FLAGS} {kind} {total}, {product}")
         if before is None:
             self.store(total, "%sums", place * self.width)
@@ -228,7 +228,7 @@ class _Writer:
         """The value of an operation whose operands are computed."""
         name, *operands = self.graph.nodes[node]
         vector = node in self.loop.differing
-        kind, given = self.type(vector), [self.of(each, vector) for each in operands]
+        kind, given = self.type(vector), [self.value_of(each, vector) for each in operands]
         if name == "div" and operands[1] in self.shared:
             return self.new(f"fmul {_FLAGS} {kind} {given[0]}, {self.reciprocal(operands[1], given[1], vector)}")
         if name in _ARITHMETIC:

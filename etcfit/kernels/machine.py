@@ -179,7 +179,7 @@ class Kernel:
         return cls(code, ObjectCode(name, width, *counts))
 
     @classmethod
-    def of(cls, about: ObjectCode) -> Kernel:
+    def of_object_code(cls, about: ObjectCode) -> Kernel:
         """Of an object file on disk.
 
         Raises:

@@ -254,7 +254,7 @@ class Clock(NamedTuple):
     next_share: Float[AnyArray, "T L"]
 
     @classmethod
-    def of(cls, steps: Step, resets: Reset, xp: Any = jnp) -> Clock:
+    def of_batch(cls, steps: Step, resets: Reset, xp: Any = jnp) -> Clock:
         """Of a batch."""
         clock, began = _clock(steps, resets, xp)
         first, last = _trace_ends(resets, xp)
@@ -290,7 +290,7 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
         steps, resets: the batch.
         late: s, of either sign; shape (T, L), or one for all.
     """
-    return between(Clock.of(steps, resets), late).delayed(signal)
+    return between(Clock.of_batch(steps, resets), late).delayed(signal)
 
 
 def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: LateInput | None = None) -> LateInput:

@@ -90,7 +90,7 @@ class Posterior:
         every = {p.symbol: np.asarray(found[p.symbol]).reshape(shape[:-1]) for p in layout.parameters}
         electric = any(trace.circuit for trace in self.fit.problem.batch.traces)
         lumps = {s: lump for s, lump in LUMPS.items() if electric or not lump.electric}
-        return every | {s: np.asarray(lump.of(every, self.fit.rig.config.gear_ratio)) for s, lump in lumps.items()}
+        return every | {s: np.asarray(lump.formula(every, self.fit.rig.config.gear_ratio)) for s, lump in lumps.items()}
 
     @cached_property
     def marginals(self) -> dict[str, Marginal]:

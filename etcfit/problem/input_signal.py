@@ -100,7 +100,7 @@ class _Curves(NamedTuple):
     sums: Float[np.ndarray, "3 N+K"]
 
     @classmethod
-    def of(cls, stretches: Sequence[Float[np.ndarray, " _"]]) -> _Curves:
+    def of_stretches(cls, stretches: Sequence[Float[np.ndarray, " _"]]) -> _Curves:
         """Many at once: most stretches are so short that a call costs more than its numbers."""
         size = np.array([stretch.size for stretch in stretches])
         begin = np.cumsum(size) - size
@@ -246,7 +246,7 @@ def _estimated(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarr
             n, t = each.b - each.a, _from_the_middle(each.b - each.a)
             _keep(known, [each], each.line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n)))
     for batch in _batches(curved):
-        estimate, count = _parabolas(_Curves.of([value[each.a : each.b] for each in batch]), sigma)
+        estimate, count = _parabolas(_Curves.of_stretches([value[each.a : each.b] for each in batch]), sigma)
         # what the choice of windows adds, measured on multisines, chirps and trapezoids (test_input_signal.py)
         _keep(known, batch, estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5))
     return known

@@ -134,7 +134,7 @@ def _places_of(kind: Float[np.ndarray, "T L M"]) -> dict[str, tuple[np.ndarray, 
 def _laid(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, differentiated: bool = False) -> _Laid:
     batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
     kind = np.asarray(weighted.slots.kind)
-    places = _PLACES.of([kind], None, lambda: _places_of(kind))
+    places = _PLACES.made_once([kind], None, lambda: _places_of(kind))
     late = Shifts.latest(form, full, batch, differentiated, places)
     tree = batch._replace(steps=batch.steps._replace(acting=late.acting)), kind, dict(late.ways)
     numbers = numbered(tree)
@@ -171,7 +171,7 @@ def _packed(form: Form, laid: _Laid) -> tuple[Records, _Asked]:
         return records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
 
     changes = laid.late.acting is not None
-    return packed() if changes else _PACKED.of(jax.tree.leaves(laid.tree), (form, laid.late.channels), packed)
+    return packed() if changes else _PACKED.made_once(jax.tree.leaves(laid.tree), (form, laid.late.channels), packed)
 
 
 def _responds(form: Form, late: tuple[str, ...]) -> Any:

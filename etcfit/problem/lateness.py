@@ -123,7 +123,7 @@ def _packed(form: Form, batch: Simulated) -> tuple[Records, _LagsKernel]:
         entries = Entries(batch, used_rows(batch.steps, batch.resets), renewed)
         return records_of(entries, lambda shape: _lags_entry(form, shape))
 
-    return _PACKED.of(jax.tree.leaves(batch), form, packed)
+    return _PACKED.made_once(jax.tree.leaves(batch), form, packed)
 
 
 class _Reading(NamedTuple):
@@ -193,7 +193,7 @@ def _shifted(
         delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name, still)
         moves = [logged, *(way.logged[name] for way in ways.values() if name in way.logged)]
         lanes = np.flatnonzero(np.any([_anywhere(each) for each in moves], axis=0))
-        own = _CLOCKS.of([steps.dt, resets.begins], lanes.tobytes(), partial(_clock_of, steps, resets, lanes))
+        own = _CLOCKS.made_once([steps.dt, resets.begins], lanes.tobytes(), partial(_clock_of, steps, resets, lanes))
         as_there = _Reading(None, None, lanes) if near is None else near.channels[name]
         channels[name] = _Reading(
             earlier(steps, resets, delay, np, as_there.delay) if delay > 0.0 else None,
@@ -208,7 +208,7 @@ def _shifted(
 def _clock_of(steps: Step, resets: Reset, lanes: Int[np.ndarray, " l"]) -> Clock:
     """Of some lanes."""
     own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
-    return Clock.of(*own, np)
+    return Clock.of_batch(*own, np)
 
 
 def _anywhere(signal: Signal) -> Bool[np.ndarray, " L"]:
@@ -272,7 +272,7 @@ class Shifts:
         """The same, made anew only where a parameter has changed that something late depends on: most searches hold
         every delay. Arguments as of the class."""
         further = form, differentiated, None if shown is None else frozenset(shown)
-        latest: list[tuple[bytes, Shifts]] = _LATEST.of(jax.tree.leaves(batch), further, list)
+        latest: list[tuple[bytes, Shifts]] = _LATEST.made_once(jax.tree.leaves(batch), further, list)
         depends = full[list(_packed(form, batch)[1].depends)].tobytes()
         before, found = latest[0] if latest else (b"", None)  # other threads may put theirs there
         if found is None or before != depends:

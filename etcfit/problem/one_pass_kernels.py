@@ -80,7 +80,7 @@ def data_of(weighted: WeightedData) -> tuple[Any, ...]:
 def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     """Entries of each lane that are used, shape (L,)."""
     steps, resets = weighted.steps, weighted.resets
-    return _ROWS.of([steps.dt, resets.begins], None, lambda: used_rows(steps, resets))
+    return _ROWS.made_once([steps.dt, resets.begins], None, lambda: used_rows(steps, resets))
 
 
 def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
@@ -93,7 +93,7 @@ def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozens
 
 def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:
     """The samples as a kernel reads them, packed once, and what `entry` is asked for it."""
-    return _PACKED.of(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
+    return _PACKED.made_once(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
 def _packed(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:

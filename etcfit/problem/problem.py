@@ -104,7 +104,7 @@ class EstimationProblem:
     guide_stiffness: float = 0.0
 
     @classmethod
-    def of(
+    def of_traces(
         cls,
         config: RigConfig,
         free_parameters: FreeParameters,
@@ -273,7 +273,9 @@ class EstimationProblem:
         for _ in range(2):
             error = problem._local_error(x)
             steps = substeps_needed(problem.batch, error)
-            problem = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, steps, self.room)
+            problem = EstimationProblem.of_traces(
+                self.config, self.free_parameters, self.batch.traces, steps, self.room
+            )
         return problem
 
     def _local_error(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, "T L"]:
@@ -295,7 +297,7 @@ class EstimationProblem:
         For a model with an effect more: release instants that a poorer model placed would pull it back to that one.
         """
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
-        problem = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.room)
+        problem = EstimationProblem.of_traces(self.config, self.free_parameters, traces, None, self.room)
         problem = problem.refined(x).with_integrator_states(x).with_setpoint_jumps(x)
         return replace(problem, jitter=self.jitter)
 
@@ -315,7 +317,9 @@ class EstimationProblem:
             x: coordinates, shape (P,), for which integration steps are chosen.
         """
         other = (
-            EstimationProblem.of(self.config, self.free_parameters, traces, None, self.room).refined(x).with_instants(x)
+            EstimationProblem.of_traces(self.config, self.free_parameters, traces, None, self.room)
+            .refined(x)
+            .with_instants(x)
         )
         return replace(other, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
@@ -333,13 +337,13 @@ class EstimationProblem:
         """
         if not traces or available():
             return self
-        other = EstimationProblem.of(self.config, self.free_parameters, traces, None, self.room).refined(x)
+        other = EstimationProblem.of_traces(self.config, self.free_parameters, traces, None, self.room).refined(x)
         longest = max(int(marks[-1]) for _, _, marks in other.batch.places) + 1
         room = (max(self.room[0], rounded(math.ceil(spare * longest))), *other.room[1:])
         if room == self.room or np.prod(room) > _PADDED * np.prod(self.room):
             return self
         least = tuple(map(max, self.room, room))
-        longer = EstimationProblem.of(self.config, self.free_parameters, self.batch.traces, self.substeps, least)
+        longer = EstimationProblem.of_traces(self.config, self.free_parameters, self.batch.traces, self.substeps, least)
         return replace(longer, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
     def guided(self, guide_stiffness: float) -> EstimationProblem:
@@ -383,7 +387,7 @@ class EstimationProblem:
         seeing = [k for k, t in enumerate(self.batch.traces) if t.setpoint is not None and t.setpoint.jumps.size]
         tried = [self.batch.traces[k].with_jumps_at(share) for k in seeing for share in SHARES]
         steps = [self.substeps[k] for k in seeing for _ in SHARES]
-        beside = EstimationProblem.of(self.config, self.free_parameters, tuple(tried), steps, self.room)
+        beside = EstimationProblem.of_traces(self.config, self.free_parameters, tuple(tried), steps, self.room)
         paths = iter(beside.free_run(x))
         placed = list(self.batch.traces)
         for k in seeing:

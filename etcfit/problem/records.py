@@ -134,7 +134,7 @@ class Remembered:
     def __init__(self) -> None:
         self._kept: dict[tuple[Any, ...], Any] = {}
 
-    def of(self, arrays: Sequence[np.ndarray | Grouped], further: Any, make: Callable[[], Made]) -> Made:
+    def made_once(self, arrays: Sequence[np.ndarray | Grouped], further: Any, make: Callable[[], Made]) -> Made:
         """What `make` returns, once for the same arrays and the same further key."""
         if not arrays:
             return make()
@@ -166,19 +166,22 @@ def records_of(entries: Entries, made_of: Callable[[Shape], tuple[Sequence[int],
         constant: list[tuple[Column, float]] = [
             (c, 0.0)
             for c in entries.never
-            if not _FOUND.of([leaves[c.leaf]], ("ever", c.place), partial(_ever, leaves[c.leaf], c.place))
+            if not _FOUND.made_once([leaves[c.leaf]], ("ever", c.place), partial(_ever, leaves[c.leaf], c.place))
         ]
         uniform: dict[Column, float] = {}
         for k, leaf in enumerate(leaves):
             if k not in entries.renewed:
-                found = _FOUND.of([leaf], groups, partial(_everywhere, leaf, groups))
+                found = _FOUND.made_once([leaf], groups, partial(_everywhere, leaf, groups))
                 constant += [(Column(k, at), value) for at, value in found if value in (0.0, 1.0)]
                 uniform |= {Column(k, at): value for at, value in found if value not in (0.0, 1.0)}
         shapes = tuple(leaf.shape[2:] for leaf in leaves)
         which, made = made_of(Shape(structure, shapes, tuple(constant), tuple(uniform)))
         read = [(leaves[k], k in entries.muted) for k in which]
         if entries.lasting:
-            kept = [_RECORDS.of([leaf], (muted, groups), partial(_packed, leaf, groups, muted)) for leaf, muted in read]
+            kept = [
+                _RECORDS.made_once([leaf], (muted, groups), partial(_packed, leaf, groups, muted))
+                for leaf, muted in read
+            ]
             packed = [partial(tuple, [each[g] for each in kept]) for g in range(len(groups))]
         else:
             packed = [partial(_each_packed, read, g, group) for g, group in enumerate(groups)]

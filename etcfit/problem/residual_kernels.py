@@ -56,7 +56,7 @@ def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray,
         used = rows_of(weighted) > 0
         return np.isin(np.arange(used.size), late), used
 
-    return _LATE.of(jax.tree.leaves(batch), form, found)
+    return _LATE.made_once(jax.tree.leaves(batch), form, found)
 
 
 def _take_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedData:
@@ -66,7 +66,7 @@ def _take_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> Weighte
         return weighted
 
     def some(leaf: np.ndarray | Grouped) -> np.ndarray:
-        return _SLICES.of([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(np.asarray(leaf)[:, lanes]))
+        return _SLICES.made_once([leaf], lanes.tobytes(), lambda: np.ascontiguousarray(np.asarray(leaf)[:, lanes]))
 
     return weighted._replace(**dict(zip(WeightedData._fields[:5], jax.tree.map(some, data), strict=True)))
 

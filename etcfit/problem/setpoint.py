@@ -42,7 +42,7 @@ class Setpoint:
     period: float
 
     @classmethod
-    def of(cls, measurement: Measurement, period: float) -> Setpoint:
+    def of_measurement(cls, measurement: Measurement, period: float) -> Setpoint:
         """As logged, each jump seen in the middle of its window."""
         channel, instants = measurement.channels["setpoint"], measurement.time
         value = np.interp(instants, channel.time, channel.value)

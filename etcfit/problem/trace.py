@@ -135,7 +135,10 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     signal = None if test.boundary.terminals_open else input_of(measurement, config, instants)
     setpoint = None
     if signal is None and follows_setpoint(measurement) and config.ecu is not None:
-        signal, setpoint = commanded(instants, config.ecu.supply), Setpoint.of(measurement, config.ecu.period)
+        signal, setpoint = (
+            commanded(instants, config.ecu.supply),
+            Setpoint.of_measurement(measurement, config.ecu.period),
+        )
     channels = _observed(measurement, test, signal)
     if not channels or (signal is None and not test.boundary.terminals_open):
         return None

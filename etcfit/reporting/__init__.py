@@ -169,7 +169,7 @@ def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Repo
     from .control.bode import BodePicture, draw
     from .drawing import draw_here
 
-    picture = BodePicture.of(fitted, reduction)
+    picture = BodePicture.of_model(fitted, reduction)
     draw_here(run / "pictures" / "control", [(Path("bode.png"), partial(draw, picture))], report)
 
 

@@ -150,7 +150,7 @@ def measured(value: float | None, stderr: float | None) -> str:
     """Value ± standard error, the digits that the error warrants."""
     if value is None:
         return "–"
-    digits = Digits.of(value, stderr)
+    digits = Digits.of_value(value, stderr)
     return figure(digits(value)) if stderr is None else _both(digits(value), "±", digits(stderr))
 
 
@@ -159,7 +159,7 @@ def span(interval: Any, stderr: float | None = None) -> str:
     if not interval or interval[0] is None or interval[1] is None:
         return "–"
     low, high = interval
-    digits = Digits.of(max(abs(low), abs(high)), stderr or abs(high - low) / 3.92)
+    digits = Digits.of_value(max(abs(low), abs(high)), stderr or abs(high - low) / 3.92)
     return _both(digits(low), "…", digits(high))
 
 

@@ -22,7 +22,7 @@ class Digits:
     exponent: int = 0
 
     @classmethod
-    def of(cls, value: float, spread: float | None) -> Digits:
+    def of_value(cls, value: float, spread: float | None) -> Digits:
         """Two digits of the spread (a standard error, say); four significant digits where there is none."""
         size = max(abs(value), spread or 0.0)
         if size == 0.0 or not math.isfinite(size):

@@ -40,7 +40,7 @@ def beside(config: RigConfig) -> dict[str, float]:
     if not all(map(math.isfinite, config.travel)):
         return {}
     n = TABLE_2["N"]
-    combined = {symbol: lump.of(TABLE_2, n) for symbol, lump in LUMPS.items()}
+    combined = {symbol: lump.formula(TABLE_2, n) for symbol, lump in LUMPS.items()}
     printed = {symbol: value for symbol, value in TABLE_2.items() if symbol not in ("J_m", "J_L", "N")}
     if not config.gear_ratio_given:
         printed |= {symbol: n**power * TABLE_2[symbol] for symbol, power in _AT_THE_MOTOR.items()}
@@ -156,7 +156,7 @@ def _relative(value: float, fitted: float) -> float:
 def _words(interval: Interval, unit: str) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of(interval.value, interval.spread)
+    digits = Digits.of_value(interval.value, interval.spread)
     spread = "" if interval.stderr is None else f" ± {digits(interval.stderr)}"
     remarks = [interval.remark] if interval.remark else []
     remarks += ["compromise"] if interval.status == "compromise" else []
@@ -254,7 +254,7 @@ def _lines(result: FitResult, test: str) -> tuple[str, ...]:
 def _fitted(interval: Interval) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of(interval.value, interval.spread)
+    digits = Digits.of_value(interval.value, interval.spread)
     return digits(interval.value) + ("" if interval.stderr is None else f" ± {digits(interval.stderr)}")
 
 

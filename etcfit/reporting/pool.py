@@ -31,7 +31,7 @@ class Pool:
     ratio: float
 
     @classmethod
-    def of(cls, rows: Sequence[PredictionError]) -> Pool:
+    def of_rows(cls, rows: Sequence[PredictionError]) -> Pool:
         """Rows of one unit; of several units only the ratio means anything."""
         n = np.array([row.n for row in rows], dtype=float)
 
@@ -106,8 +106,8 @@ def entries(
         files = {row.file for row in after}
         now, then = grouped(after), grouped(unknown[part])
         was = now if before is None else grouped([row for row in before[part] if row.file in files])
-        out += [Entry(*key, bool(part), Pool.of(was[key]), Pool.of(now[key]),
-                      Pool.of(then[key]) if key in then else None, share(now[key]))
+        out += [Entry(*key, bool(part), Pool.of_rows(was[key]), Pool.of_rows(now[key]),
+                      Pool.of_rows(then[key]) if key in then else None, share(now[key]))
                 for key in was if key in now]  # fmt: skip
     return tuple(out)
 

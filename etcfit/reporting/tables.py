@@ -72,7 +72,7 @@ def parameters_table(
     number."""
 
     def digits(row: Mapping[str, Any]) -> Digits:
-        return Digits.of(row["value"], row["digits"])
+        return Digits.of_value(row["value"], row["digits"])
 
     every = (*parameters.values(), *lumped.values())
     unsure = any(each["status"] == COMPROMISE for each in every)

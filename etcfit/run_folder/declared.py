@@ -29,7 +29,7 @@ class Record:
 
     def __init__(self, meaning: str = "", ref: str = "", /, **keys: Key) -> None:
         self.meaning, self.ref = meaning, ref
-        self.keys = {name: each.of(name) if each.source is None else each for name, each in keys.items()}
+        self.keys = {name: each.taken_from(name) if each.source is None else each for name, each in keys.items()}
         self._closed = False
 
     def closed(self) -> Record:
@@ -39,7 +39,7 @@ class Record:
 
     def within(self, path: str) -> dict[str, Key]:
         """Its keys, for a record of which it is a part: taken from that attribute, dotted, of what the other is of."""
-        return {name: each.of(_beyond(path, each.source)) for name, each in self.keys.items()}
+        return {name: each.taken_from(_beyond(path, each.source)) for name, each in self.keys.items()}
 
     def written(self, source: Any) -> dict[str, Any]:
         """The object of what it is taken from; a mapping that lacks a key leaves it out."""
@@ -115,7 +115,7 @@ class Key(NamedTuple):
     each: dict[str, Any]
     more: dict[str, Any]
 
-    def of(self, source: Source) -> Key:
+    def taken_from(self, source: Source) -> Key:
         """The same key, taken from elsewhere."""
         return self._replace(source=source)
 

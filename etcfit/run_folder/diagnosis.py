@@ -171,10 +171,10 @@ ERRORS = Record(
 )  # fmt: skip
 DIAGNOSIS = Record(
     "What the fitted model lacks, and the final model: written by `etcfit diagnose`.",
-    name=RIG.of("after.rig.config.name"),
-    synthetic=SYNTHETIC.of("after.rig.config.synthetic"),
-    converged=CONVERGED.of("after.converged"),
-    reason=REASON.of("after.reason"),
+    name=RIG.taken_from("after.rig.config.name"),
+    synthetic=SYNTHETIC.taken_from("after.rig.config.synthetic"),
+    converged=CONVERGED.taken_from("after.converged"),
+    reason=REASON.taken_from("after.reason"),
     verdict=key("[text]", "The whole in a few sentences."),
     start=key(EFFECTS, "The model of the fit that was taken up.", "before"),
     final=key(EFFECTS, "The final model.", "after"),
@@ -211,9 +211,9 @@ DIAGNOSIS = Record(
         lambda found: described(found.after, intervals(found.after)), propertyNames=SYMBOL),
     **AGREEMENT.within("after"),
     settings=key("object", "What the diagnosis decided by: every field of `etcfit.DiagnosisSettings`."),
-    warnings=WARNINGS.of("after.warnings"),
-    folder=FOLDER.of("after.rig.folder"),
-    files=FILES.of("after.rig.digests"),
+    warnings=WARNINGS.taken_from("after.warnings"),
+    folder=FOLDER.taken_from("after.rig.folder"),
+    files=FILES.taken_from("after.rig.digests"),
     versions=VERSIONS,
 )  # fmt: skip
 

@@ -189,8 +189,8 @@ FORETOLD = Record(
 )  # fmt: skip
 DRIVE = Record(
     "Logs from the car: written by `etcfit drive --out RUN`.",
-    rig=RIG.of("config.name"),
-    synthetic=SYNTHETIC.of("config.synthetic"),
+    rig=RIG.taken_from("config.name"),
+    synthetic=SYNTHETIC.taken_from("config.synthetic"),
     logs=key(list_of(LOG), "One for each log, in the order studied."),
     record_next=key(list_of(LACK), "What these logs lack for gains to be told from them, what wins most first.",
         optional=True),

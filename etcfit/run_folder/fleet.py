@@ -230,7 +230,7 @@ FAILED = Record(
     unit=key("text", "Its name."),
     why=key("text", "In words, as a person must read it."),
 )  # fmt: skip
-UNFINISHED = Record("One unit.", unit=FAILED.keys["unit"], why=FAILED.keys["why"].of("reason"))
+UNFINISHED = Record("One unit.", unit=FAILED.keys["unit"], why=FAILED.keys["why"].taken_from("reason"))
 MEMBER = Record(
     "One unit.",
     serial=key("text?", "Serial number.", "member.serial"),
@@ -378,7 +378,7 @@ STUDY = Record(
     "Many units of one design: the population, odd units, drift and what they can: written by `etcfit fleet`.",
     version=key("text", "Version of the program.", lambda _: __version__),
     name=key("text?", "Name of the fleet, from fleet.toml.", "study.config.name"),
-    synthetic=SYNTHETIC.of("study.synthetic"),
+    synthetic=SYNTHETIC.taken_from("study.synthetic"),
     units=key("[text]", "Every unit with a result, in the order of units.csv, else by name.",
         lambda of: [unit.unit for unit in of.study.fitted]),
     failed=key(list_of(FAILED), "Units without a result.", "study.failed"),

@@ -314,7 +314,7 @@ FLEET = Record(
     share_met=key("number", "Share of the units that meet every requirement by a stable loop.", "share.value"),
     share_ci95=key("[number]", "95 % interval of that share in the population, exact for independent units.",
         lambda found: _ends(found.share), minItems=2, maxItems=2),
-    share_asked=key("number", "Share that was asked for.", "asked"),
+    share_asked=key("number", "Share that was asked for.", "share_asked"),
     reached=key("flag", "Whether enough units meet everything; if not, no gains were found with which more do."),
     units=key("whole", "Units judged.", "share.of"),
     future=key(FUTURE, "The same of units drawn from the population, which the fleet has not made yet; null where "
@@ -366,8 +366,8 @@ PARTS = Record(
 )  # fmt: skip
 PID = Record(
     "PID gains, every rule compared: written by `etcfit design`.",
-    rig=RIG.of("fitted.config.name"),
-    synthetic=SYNTHETIC.of("fitted.config.synthetic"),
+    rig=RIG.taken_from("fitted.config.name"),
+    synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
     model=key(MODEL, "The model.", "fitted"),
     fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
     anyway=key("flag", "The gains were asked for with --anyway: table and page give what is typed into an ECU even "

@@ -88,8 +88,8 @@ FEEDFORWARD = Record(
 )  # fmt: skip
 TRANSFER_FUNCTION = Record(
     "The linear plant about an operating point: written by `etcfit reduce`.",
-    rig=RIG.of("fitted.config.name"),
-    synthetic=SYNTHETIC.of("fitted.config.synthetic"),
+    rig=RIG.taken_from("fitted.config.name"),
+    synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
     model=key(MODEL, "The model.", "fitted"),
     fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
     **Record(
@@ -219,12 +219,12 @@ ORDER = Record(
     told=key("flag", "The frequencies can tell the order."),
     says=key("text", "In words."),
     order=key("whole?", "The order; null where it is not told.",
-        lambda found: found.best.order if found.best is not None and found.told else None),
+        lambda found: found.best.order if found.best is not None and found.is_certain else None),
     weights=key("{number?}", "By order: Akaike weight."),
     candidates=key(list_of(LAG), "Each lag that was fitted."),
 )  # fmt: skip
 _LAGS = key(ORDER, "How many lags the frequency response looks like; null where there is nothing to judge.", null=True)
-ORDERS = Record(closed_loop=_LAGS.of("order"), plant=_LAGS.of("plant_order"))
+ORDERS = Record(closed_loop=_LAGS.taken_from("order"), plant=_LAGS.taken_from("plant_order"))
 LINEAR = Record(
     num=key("[number]", "As in transfer_function.json.", "linear.num"),
     den=key("[number]", "Likewise.", "linear.den"),
@@ -235,8 +235,8 @@ LINEAR = Record(
 FREQUENCY_RESPONSE = Record(
     "What sine traces say, beside the fitted and the linear model: written by `etcfit reduce` where the rig has sine "
     "traces.",
-    rig=RIG.of("fitted.config.name"),
-    synthetic=SYNTHETIC.of("fitted.config.synthetic"),
+    rig=RIG.taken_from("fitted.config.name"),
+    synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
     fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
     model=key(MODEL, "The model.", "fitted"),
     units=key("{text}", "Units of the magnitudes and of the phase.",

@@ -129,11 +129,11 @@ BAND = Record(
 )  # fmt: skip
 POSTERIOR = Record(
     "The posterior in numbers, and how far its chain came: written by `etcfit sample`.",
-    rig=RIG.of("posterior.fit.rig.config.name"),
-    synthetic=SYNTHETIC.of("posterior.fit.rig.config.synthetic"),
+    rig=RIG.taken_from("posterior.fit.rig.config.name"),
+    synthetic=SYNTHETIC.taken_from("posterior.fit.rig.config.synthetic"),
     converged=key("flag", "Whether the chain is long enough to be called a posterior. False also means exit status 3.",
         "posterior.convergence.converged"),
-    reason=REASON.of("posterior.convergence.reason"),
+    reason=REASON.taken_from("posterior.convergence.reason"),
     model=key(MODEL, "The model.", "posterior.fit"),
     fit=key(FIT_STATE, "State of the fit that this was made from.", "posterior.fit.state", optional=True),
     parameters=key(by_name(MARGINAL), "By symbol, parameters and combinations.", _marginals),
@@ -158,9 +158,9 @@ POSTERIOR = Record(
     predictive=key(list_of(BAND), "Share of each trace's samples inside the 95 % predictive band.", "bands"),
     settings=key("object", "What the sampling decided by: every field of `etcfit.SamplingSettings`.",
         "posterior.settings"),
-    warnings=WARNINGS.of(lambda of: _warnings(of.posterior)),
-    folder=FOLDER.of("posterior.fit.rig.folder"),
-    files=FILES.of("posterior.fit.rig.digests"),
+    warnings=WARNINGS.taken_from(lambda of: _warnings(of.posterior)),
+    folder=FOLDER.taken_from("posterior.fit.rig.folder"),
+    files=FILES.taken_from("posterior.fit.rig.digests"),
     versions=VERSIONS,
 )  # fmt: skip
 

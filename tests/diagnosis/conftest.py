@@ -52,7 +52,7 @@ def small(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     composition = compose(little, response, only=(GRAVITY,))
     bare = composition.lean(())
     x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
-    problem = EstimationProblem.of(little.config, bare, response)
+    problem = EstimationProblem.of_traces(little.config, bare, response)
     weighted, end = problem.weighted(weights.free_running(problem)), Termination(True, "by hand")
     return CandidateModel(composition, (), problem, weighted, (problem, weighted), x, end, DiagnosisSettings())
 
@@ -62,8 +62,8 @@ def model(rig: Rig, traces: tuple[Trace, ...], composition: Composition) -> Cand
     """Eqs. 1-2 in the composed model at random coordinates, a held-out trace beside them; nothing is simulated."""
     known = composition.lean(())
     x = np.random.default_rng(0).normal(size=len(known.layout.free))
-    problem = EstimationProblem.of(rig.config, known, traces)
-    beside = EstimationProblem.of(rig.config, known, traces[:1])
+    problem = EstimationProblem.of_traces(rig.config, known, traces)
+    beside = EstimationProblem.of_traces(rig.config, known, traces[:1])
     weighted, holdout = (b.weighted(weights.free_running(b)) for b in (problem, beside))
     end = Termination(True, "by hand")
     return CandidateModel(composition, (), problem, weighted, (beside, holdout), x, end, DiagnosisSettings())

@@ -284,7 +284,7 @@ def candidate(trace: Trace, series: float, preload: float) -> CandidateModel:
     fixed = {s: Fixed(v) for s, v in bodies.values(T_PL=preload).items() if s not in ("T_f", "K_m")}
     config = replace(CONFIG, parameters=fixed, series_ohm={"response": series})
     known = free_parameters(config)
-    problem = EstimationProblem.of(config, known, (trace,))
+    problem = EstimationProblem.of_traces(config, known, (trace,))
     x, end = known.layout.coordinates(bodies.NOMINAL), Termination(True, "by hand")
     weighted, composition = problem.weighted(weights.free_running(problem)), Composition(known, PAPER, ())
     return CandidateModel(composition, (), problem, weighted, None, x, end, DiagnosisSettings())

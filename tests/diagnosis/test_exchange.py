@@ -112,7 +112,7 @@ def test_what_a_round_found_knows_its_ties_and_where_its_rivals_were(model: Cand
     best, rival = trial(LIMP, 100.0, **spring), trial(GRAVITY, 51.0, T_g=-0.4)
     weak = trial(HEAT, 49.0, **resting(HEAT))
     choice = Choice(Outcome.ADDED, LIMP, (), "Because.")
-    once = Found.of(Round(model, score(1000.0), (), (best, rival, weak), choice))
+    once = Found.of_round(Round(model, score(1000.0), (), (best, rival, weak), choice))
     assert (once.effect, once.worth, once.ties) == (LIMP, 500.0, {})
     assert once.rivals == {GRAVITY: {"T_g": pytest.approx(-0.4)}}
 
@@ -121,7 +121,7 @@ def test_a_tie_of_a_round_knows_how_far_its_fit_is(small: CandidateModel) -> Non
     """Two models of one effect stand for two effects: what counts is whose trial is named a tie."""
     one, two = (small.with_effects((GRAVITY,), {"T_g": value}) for value in (0.1, 0.2))
     trials = Trial(one, verdict(GRAVITY, -500.0)), Trial(two, verdict(AIR, -499.0, gain=1.0))
-    once = Found.of(Round(small, score(1000.0), (), trials, Choice(Outcome.ADDED, GRAVITY, (AIR,), "Because.")))
+    once = Found.of_round(Round(small, score(1000.0), (), trials, Choice(Outcome.ADDED, GRAVITY, (AIR,), "Because.")))
     assert set(once.ties) == {AIR}
     assert once.ties[AIR].moved["T_g"] == pytest.approx(two.x[-1] - one.x[-1])
     assert once.ties[AIR].residual > 0.0
@@ -185,7 +185,7 @@ def bent(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     values = {p: v for e, v in ((GAIN, 0.2), (OFFSET, 0.03)) for p in e.off or {}}
 
     def of(data: tuple[Trace, ...]) -> CandidateModel:
-        problem = EstimationProblem.of(little.config, bare, data)
+        problem = EstimationProblem.of_traces(little.config, bare, data)
         weighted, end = problem.weighted(weights.free_running(problem)), Termination(True, "by hand")
         s = CandidateModel(composition, (), problem, weighted, (problem, weighted), x, end, DiagnosisSettings())
         return s.with_effects(TWO, values)

@@ -53,7 +53,7 @@ class Case:
         self.config, self.composition = rig.config, compose(rig, every)
         self.bare = self.composition.lean(())
         self.x = self.bare.layout.coordinates({p.symbol: p.nominal for p in self.bare.layout.parameters})
-        self.problem = EstimationProblem.of(rig.config, self.bare, every)
+        self.problem = EstimationProblem.of_traces(rig.config, self.bare, every)
 
     def shown(self, name: str = "", value: float = 0.0) -> list[np.ndarray]:
         """What the model shows of each trace, (n, M), with an effect of this size."""
@@ -69,7 +69,7 @@ class Case:
         """The model beside data that are these."""
         traces = tuple(replace(t, data=np.where(np.isfinite(t.data), y, np.nan))
                        for t, y in zip(self.problem.batch.traces, shown, strict=True))  # fmt: skip
-        problem = EstimationProblem.of(self.config, self.bare, traces)
+        problem = EstimationProblem.of_traces(self.config, self.bare, traces)
         weighted = problem.weighted(weights.free_running(problem))
         end = Termination(True, "by hand")
         return CandidateModel(self.composition, (), problem, weighted, None, self.x, end, DiagnosisSettings())
@@ -162,8 +162,8 @@ def test_where_the_test_has_no_tangent_what_is_read_is_whitened(case: Case) -> N
     """Of the model alone, with no gain of a whole test beside it: the same column as a model with a small gain has."""
     effect, s, small = effect_of(f"channel_gain[{FILE}.current]"), case.beside(case.shown()), 1e-4
     of = (s.problem, s.x, s.weighted)
-    background = Background.of(*of)
-    (found,) = screen_of_single_traces(background, Tangents.of(*of), *of, [effect], s.settings)
+    background = Background.of_model(*of)
+    (found,) = screen_of_single_traces(background, Tangents.of_model(*of), *of, [effect], s.settings)
     (p,) = parameters_of(effect)
     there, seen = s.with_effects((effect,), {p.symbol: small}), np.asarray(s.weighted.slots.weight) > 0.0
     change = (there.problem.residual(there.x, there.weighted) - s.problem.residual(s.x, s.weighted))[seen]
@@ -173,7 +173,7 @@ def test_where_the_test_has_no_tangent_what_is_read_is_whitened(case: Case) -> N
 
 
 def prices(case: Case, *names: str) -> list[int]:
-    return [Cost.of(effect_of(name), case.composition).variants for name in names]
+    return [Cost.of_effect(effect_of(name), case.composition).variants for name in names]
 
 
 def test_a_channel_of_one_trace_is_one_of_more_places_than_a_test(case: Case) -> None:

@@ -48,11 +48,11 @@ class Case:
         self.effect = WarmStart.at(Place.named("response/2.csv"))
         warm = self.composition.lean((self.effect,))
         there = np.append(self.x, warm.layout.parameter("warm_ohm.response/2.csv").domain.coordinate(OHM))
-        shown = EstimationProblem.of(rig.config, warm, every).free_run(there)
+        shown = EstimationProblem.of_traces(rig.config, warm, every).free_run(there)
         logged = tuple(
             replace(t, data=np.where(np.isfinite(t.data), y, np.nan)) for t, y in zip(every, shown, strict=True)
         )
-        self.problem = EstimationProblem.of(rig.config, bare, logged)
+        self.problem = EstimationProblem.of_traces(rig.config, bare, logged)
         self.weighted = self.problem.weighted(weights.free_running(self.problem))
         end = Termination(True, "by hand")
         self.model = CandidateModel(
@@ -62,7 +62,9 @@ class Case:
     def screened(self) -> list[Signature]:
         candidates = [e for e in self.composition.of_the_rig if e.kind == "warm_start"]  # pyright: ignore[reportAttributeAccessIssue]
         of = (self.problem, self.x, self.weighted)
-        return screen_of_single_traces(Background.of(*of), Tangents.of(*of), *of, candidates, self.model.settings)
+        return screen_of_single_traces(
+            Background.of_model(*of), Tangents.of_model(*of), *of, candidates, self.model.settings
+        )
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +82,7 @@ def test_the_trace_that_was_warm_promises_all_and_its_resistance(case: Case) -> 
     found = max(case.screened(), key=lambda g: g.gain)
     assert found.variant.effect is case.effect
     left = case.problem.residual(case.x, case.weighted)[np.asarray(case.weighted.slots.weight) > 0.0]
-    assert found.gain > 0.9 * float(np.sum(Background.of(case.problem, case.x, case.weighted).r ** 2))
+    assert found.gain > 0.9 * float(np.sum(Background.of_model(case.problem, case.x, case.weighted).r ** 2))
     assert float(np.sum(left**2)) > 100.0
     assert found.values["warm_ohm.response/2.csv"] == pytest.approx(OHM, rel=0.1)
 
@@ -94,7 +96,7 @@ def test_the_signature_is_the_change_of_the_residual(case: Case) -> None:
     change = (there.problem.residual(there.x, there.weighted) - case.problem.residual(case.x, case.weighted))[seen]
     rows = rows_by_file(case.problem, case.weighted)["response/2.csv"]
     assert_allclose(np.delete(change, rows), 0.0, atol=1e-12)
-    background = Background.of(case.problem, case.x, case.weighted)
+    background = Background.of_model(case.problem, case.x, case.weighted)
     scale = case.composition.whole.layout.parameter("warm_ohm.response/2.csv").domain.scale
     own = Background.free_of(background.basis, change[:, None] * scale / small)
     assert np.linalg.norm(found.columns - own) < 0.02 * np.linalg.norm(own)
@@ -108,11 +110,13 @@ def test_a_turn_asks_about_it_beside_all_others(case: Case) -> None:
 def test_where_the_resistance_is_given_it_is_not_asked(rig: Rig, case: Case) -> None:
     known = replace(rig, config=replace(rig.config, parameters={**rig.config.parameters, "R_a": Fixed(1.5)}))
     bare = compose(known, case.problem.batch.traces).lean(())
-    problem = EstimationProblem.of(known.config, bare, case.problem.batch.traces)
+    problem = EstimationProblem.of_traces(known.config, bare, case.problem.batch.traces)
     x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
     weighted = problem.weighted(weights.free_running(problem))
     of = (problem, x, weighted)
-    found = screen_of_single_traces(Background.of(*of), Tangents.of(*of), *of, [case.effect], DiagnosisSettings())
+    found = screen_of_single_traces(
+        Background.of_model(*of), Tangents.of_model(*of), *of, [case.effect], DiagnosisSettings()
+    )
     assert found == []
 
 
@@ -135,11 +139,11 @@ class Delayed:
         self.composition = compose(rig, traces)
         bare = self.composition.lean(())
         self.x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
-        free_run = EstimationProblem.of(rig.config, bare, traces).free_run(self.x)
+        free_run = EstimationProblem.of_traces(rig.config, bare, traces).free_run(self.x)
         self.traces = tuple(
             replace(t, data=np.where(np.isfinite(t.data), y, np.nan)) for t, y in zip(traces, free_run, strict=True)
         )
-        self.problem = EstimationProblem.of(rig.config, bare, self.traces)
+        self.problem = EstimationProblem.of_traces(rig.config, bare, self.traces)
         self.weighted = self.problem.weighted(weights.free_running(self.problem))
         self.late = {e.name: e for e in self.composition.of_the_rig if e.delays}
 
@@ -163,7 +167,7 @@ class Delayed:
     def logged(self, change: Callable[[Trace], np.ndarray]) -> EstimationProblem:
         """The problem with other data."""
         traces = tuple(replace(t, data=change(t)) for t in self.traces)
-        return EstimationProblem.of(self.problem.config, self.problem.free_parameters, traces)
+        return EstimationProblem.of_traces(self.problem.config, self.problem.free_parameters, traces)
 
 
 @pytest.fixture(scope="module")

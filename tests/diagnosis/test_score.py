@@ -147,7 +147,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Rig:
 
 def candidate(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
     known = free_parameters(rig.config)
-    problem = EstimationProblem.of(rig.config, known, traces)
+    problem = EstimationProblem.of_traces(rig.config, known, traces)
     weighted, layout = problem.weighted(weights.free_running(problem)), known.layout
     x = layout.coordinates({p.symbol: p.nominal for p in layout.parameters})
     composition, end = compose(rig, traces, only=()), Termination(True, "by hand")

@@ -360,10 +360,10 @@ def test_effects_of_the_rig_are_screened_some_at_a_time(
 ) -> None:
     """Gains are those of the whole Jacobian, which is as large as all samples times all of them."""
     composition = compose(replace(rig, config=small.problem.config), traces)
-    problem = EstimationProblem.of(small.problem.config, composition.lean(()), traces)
+    problem = EstimationProblem.of_traces(small.problem.config, composition.lean(()), traces)
     weighted = problem.weighted(free_running(problem))
     s = replace(small, composition=composition, problem=problem, weighted=weighted, holdout=None)
-    rigged, background = s.with_the_rig(), Background.of(s.problem, s.x, s.weighted)
+    rigged, background = s.with_the_rig(), Background.of_model(s.problem, s.x, s.weighted)
     every = [e for e in composition.of_the_rig if not e.delays and e.scope != "trace"][:4]
     slope, layout = rigged.problem.layout.numbers(rigged.x)[1], rigged.problem.layout
     _, jacobian = fitted_samples(rigged.problem, rigged.x, rigged.weighted)
@@ -377,7 +377,7 @@ def test_effects_of_the_rig_are_screened_some_at_a_time(
     monkeypatch.setattr(tangents_module, "slopes_of", counted)
     monkeypatch.setattr(screen, "RIGS_AT_ONCE", 2)
     found = screen.screen_of_the_rig(
-        background, tangents_module.Tangents.of(rigged.problem, rigged.x, rigged.weighted), every
+        background, tangents_module.Tangents.of_model(rigged.problem, rigged.x, rigged.weighted), every
     )
     assert len(found) == len(every)
     assert max(asked) < sum(asked)

@@ -81,7 +81,7 @@ def test_effects_cost_their_parameters_and_the_variants_they_were_chosen_from(mo
     signatures = [Signature(v, np.zeros((1, 1)), 5.0, {}, 0.5) for e in (LIMP, GRAVITY) for v in variants(e)]
     data = ScoredCandidates(Background.spanned(np.zeros(1), np.zeros((1, 0))), signatures)
     before = score(1000.0)
-    told = Promise.of(before, data, model.composition)
+    told = Promise.of_candidates(before, data, model.composition)
     assert told.price[GRAVITY] == pytest.approx(np.log(before.count))
     several = len(resting(LIMP)) * np.log(before.count) + 2.0 * np.log(len(variants(LIMP)))
     assert told.price[LIMP] == pytest.approx(several)

@@ -54,9 +54,9 @@ def test_the_scale_of_the_noise_is_not_trusted() -> None:
 def test_an_effect_costs_its_parameters_and_its_variants() -> None:
     """Four parameters, and as many variants as `scan` lists."""
     alone = Composition(free_parameters(RigConfig("by hand")), (), (LIMP,))
-    assert Cost.of(LIMP, alone).parameters == 4
-    assert Cost.of(LIMP, alone).variants == math.prod(len(values) for values in LIMP.scan.values())
-    assert Cost.of(GRAVITY, alone) == Cost(1, 1)
+    assert Cost.of_effect(LIMP, alone).parameters == 4
+    assert Cost.of_effect(LIMP, alone).variants == math.prod(len(values) for values in LIMP.scan.values())
+    assert Cost.of_effect(GRAVITY, alone) == Cost(1, 1)
 
 
 # ---- the verdict
@@ -133,8 +133,8 @@ def test_an_effect_of_the_rig_pays_for_all_the_places_where_it_could_have_been()
     assert gain is not None
     assert resistor is not None
     composition = Composition(free_parameters(RigConfig("by hand")), (), (gain, resistor, LIMP))
-    assert Cost.of(gain, composition).variants == 2 * len(variants(gain))
-    assert Cost.of(LIMP, composition).variants == len(variants(LIMP))
+    assert Cost.of_effect(gain, composition).variants == 2 * len(variants(gain))
+    assert Cost.of_effect(LIMP, composition).variants == len(variants(LIMP))
 
 
 # ---- What is known of a mistake before the data: its usual size, and whether the checks found it

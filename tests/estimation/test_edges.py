@@ -49,7 +49,7 @@ def made(folder: Path, edge_phase: float | None) -> tuple[Rig, Truth]:
 def at_the_truth(rig: Rig, truth: Truth) -> tuple[EstimationProblem, np.ndarray]:
     known = free_parameters(rig.config)
     values = {s: float(getattr(truth, s, SERIES)) for s in known.layout.free}
-    return EstimationProblem.of(rig.config, known, ready(rig).fitted), known.layout.coordinates(values)
+    return EstimationProblem.of_traces(rig.config, known, ready(rig).fitted), known.layout.coordinates(values)
 
 
 def looked(rig: Rig, truth: Truth) -> Rig | None:
@@ -163,7 +163,7 @@ def reached(*measurements: Measurement) -> tuple[Rig, Reached]:
     for m in measurements:
         assert m.edge_turn is not None
         x[chosen.layout.free.index(f"edge_phase.{m.test}")] = -0.03 if np.nanmax(m.edge_turn) > 0.5 else 0.03
-    problem = EstimationProblem.of(config, chosen, traces).refined(x)
+    problem = EstimationProblem.of_traces(config, chosen, traces).refined(x)
     weighted = problem.weighted(problem.kalman(x))
     x, _ = minimise(problem, x, weighted, 1e-6)
     return rig, Reached(problem, weighted, x, Termination(True, ""))

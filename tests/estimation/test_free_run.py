@@ -156,7 +156,7 @@ def test_without_a_logged_angle_there_is_no_guide_and_nothing_moves(truth: Truth
     rig = read_folder(tmp_path)
     found = [prepare(m, rig.config) for m in rig.measurements if m.test == "resistance"]
     known = free_parameters(rig.config)
-    blind = EstimationProblem.of(rig.config, known, tuple(trace for trace in found if trace is not None))
+    blind = EstimationProblem.of_traces(rig.config, known, tuple(trace for trace in found if trace is not None))
     x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
     assert guide_stiffness_of(blind, x, GuideSettings()) == 0.0
     assert relax_guide(blind, x) is x

@@ -121,7 +121,7 @@ def freed() -> tuple[Layout, np.ndarray, np.ndarray]:
     measured = measurement("response", motion.time, response), measurement("viscous", time, run_up)
     traces = [prepare(noisy(m, 0), CONFIG) for m in measured]
     known = free_parameters(replace(CONFIG, parameters={"K_m": Start(0.0189)}))
-    problem = EstimationProblem.of(CONFIG, known, tuple(t for t in traces if t))
+    problem = EstimationProblem.of_traces(CONFIG, known, tuple(t for t in traces if t))
     x = known.layout.coordinates({s: getattr(truth, s) for s in known.layout.free})
     jacobian = problem.linearise(x, problem.weighted(free_running(problem))).jacobian
     flat = jacobian.reshape(-1, x.size)

@@ -402,7 +402,7 @@ def test_an_impact_that_a_late_sensor_shows_late_is_no_wall(tmp_path: Path) -> N
     fitted, _, _ = ready(rig)
     known = free_parameters(rig.config)
     start = known.layout.coordinates(start_values(known, read_graphs(rig)))
-    problem = EstimationProblem.of(rig.config, known, fitted).refined(start).with_integrator_states(start)
+    problem = EstimationProblem.of_traces(rig.config, known, fitted).refined(start).with_integrator_states(start)
     weighted = problem.weighted(forgiving(problem))
     plain, _ = descend(problem, start, weighted, 1e-2)
     near, _ = descend_in_stages(problem, start, 1e-2)

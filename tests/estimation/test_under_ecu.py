@@ -267,7 +267,7 @@ def test_an_ecu_with_a_bias_table_moves_the_plate_as_the_independent_one(tmp_pat
     rig = read_folder(tmp_path)
     known = free_parameters(rig.config)
     x = known.layout.coordinates({"T_f": truth.T_f, "V_e": 12.0})
-    problem = EstimationProblem.of(rig.config, known, ready(rig).fitted).refined(x).with_integrator_states(x)
+    problem = EstimationProblem.of_traces(rig.config, known, ready(rig).fitted).refined(x).with_integrator_states(x)
     left = problem.free_run(x)[0][:, 0] - rows[:, 1]
     rms = float(np.sqrt(np.mean(left**2)))
     assert rms < 1.3 * sigma if told else rms > 10.0 * sigma

@@ -137,7 +137,7 @@ def test_parts_of_a_sum_add_up_to_what_the_fleet_tells_of_it(kept: Kept) -> None
 
 
 def test_the_model_read_back_is_the_model_saved(kept: Kept) -> None:
-    again, model = Fleet.of(kept.run).model, kept.known.model
+    again, model = Fleet.in_run(kept.run).model, kept.known.model
     assert again.units == model.units
     assert set(again.values) == set(model.values)
     for symbol, value in model.values.items():
@@ -145,7 +145,7 @@ def test_the_model_read_back_is_the_model_saved(kept: Kept) -> None:
 
 
 def test_the_population_read_back_is_the_law_of_a_unit_not_made_yet(kept: Kept) -> None:
-    law, found = Fleet.of(kept.run).model.law, kept.known.population
+    law, found = Fleet.in_run(kept.run).model.law, kept.known.population
     assert law.symbols == found.symbols
     assert law.units == len(found.units)
     np.testing.assert_allclose(law.mean, found.mean)
@@ -201,7 +201,7 @@ def test_a_folder_without_a_fleet_is_no_source_of_parts(tmp_path: Path) -> None:
 
 
 def test_frames_hold_what_the_file_holds(kept: Kept) -> None:
-    fleet = Fleet.of(kept.run)
+    fleet = Fleet.in_run(kept.run)
     assert list(fleet.members.index) == [unit.unit for unit in kept.known.fitted]
     assert list(fleet.population.index) == list(kept.known.population.symbols)
     np.testing.assert_allclose(fleet.population["sd"].to_numpy(dtype=float), kept.known.population.sd)
@@ -217,7 +217,7 @@ def test_frames_hold_what_the_file_holds(kept: Kept) -> None:
 
 
 def test_limits_come_in_any_unit_and_are_kept_in_that_of_the_symbol(kept: Kept) -> None:
-    table = Fleet.of(kept.run).capability
+    table = Fleet.in_run(kept.run).capability
     assert list(table.index) == ["K_s", "opening_time"]
     assert table.loc["K_s", "low"] == pytest.approx(0.1)
     assert table.loc["opening_time", "high"] == pytest.approx(0.5)

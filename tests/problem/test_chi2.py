@@ -25,7 +25,7 @@ from etcfit.problem.problem import EstimationProblem
 def test_one_pass_gives_what_the_residual_gives(tmp_path: Path, added: tuple[str, ...]) -> None:
     rig = results.rig(tmp_path)
     known = free_parameters(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
-    problem = EstimationProblem.of(rig.config, known, ready(rig)[0])
+    problem = EstimationProblem.of_traces(rig.config, known, ready(rig)[0])
     x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
     weighted = problem.weighted(problem.kalman(x))
     points = x + 0.02 * np.random.default_rng(1).standard_normal((3, x.size))

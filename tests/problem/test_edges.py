@@ -40,7 +40,7 @@ def simulated(phase: float, turn: float | None = None, config: RigConfig = CONFI
     known = free_parameters(config)
     x = known.layout.coordinates({s: known.layout.parameter(s).nominal for s in known.layout.free})
     x = np.where([s.startswith("edge_phase") for s in known.layout.free], phase, x)
-    problem = EstimationProblem.of(config, known, (trace,), [np.full(ROWS - 1, 24)])
+    problem = EstimationProblem.of_traces(config, known, (trace,), [np.full(ROWS - 1, 24)])
     return problem.free_run(x)[0][:, 0]
 
 
@@ -134,7 +134,9 @@ def test_a_jump_at_a_known_place_has_no_uncertain_instant() -> None:
     assert known is not None
     assert unknown is not None
     step = [np.ones(ROWS - 1, dtype=int)]
-    with_, without = (EstimationProblem.of(CONFIG, free_parameters(CONFIG), (t,), step) for t in (known, unknown))
+    with_, without = (
+        EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (t,), step) for t in (known, unknown)
+    )
     assert not np.any(with_.batch.disturbance.edge)
     assert np.any(without.batch.disturbance.edge)
     assert with_.batch.steps.edge is not None
@@ -156,7 +158,7 @@ def test_an_edge_on_its_sample_gets_the_steps_after_it_that_one_just_before_it_g
     counts = []
     for phase in (-0.01, 0.0, 0.02):
         x[at] = phase
-        counts.append(EstimationProblem.of(config, known, (trace,)).refined(x).substeps[0][JUMP : JUMP + 3])
+        counts.append(EstimationProblem.of_traces(config, known, (trace,)).refined(x).substeps[0][JUMP : JUMP + 3])
     assert np.all(counts[0] > 1)
     for count in counts[1:]:
         assert np.all(np.abs(count - counts[0]) <= 1)

@@ -44,7 +44,7 @@ def problem_of(
     """The problem and the coordinates of the truth."""
     known = knowing(*free)
     steps = [np.full(t.instants.size - 1, substeps) for t in traces]
-    return EstimationProblem.of(CONFIG, known, tuple(traces), steps, SHAPE), known.layout.coordinates(VALUES)
+    return EstimationProblem.of_traces(CONFIG, known, tuple(traces), steps, SHAPE), known.layout.coordinates(VALUES)
 
 
 # ---- a held plate, by its closed form

@@ -29,7 +29,9 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> EstimationProblem:
     time = 2e-3 * np.arange(60)
     driven = measurement("response", time, {"voltage": 2.0 + 0.0 * time, "position": 0.3 + time})
     traces = [prepare(m, rig.config) for m in (driven, *rig.measurements)]
-    return EstimationProblem.of(rig.config, free_parameters(rig.config), tuple(t for t in traces if t is not None))
+    return EstimationProblem.of_traces(
+        rig.config, free_parameters(rig.config), tuple(t for t in traces if t is not None)
+    )
 
 
 @pytest.fixture(scope="module")

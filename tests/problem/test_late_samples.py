@@ -52,7 +52,7 @@ def problem_of(log: Measurement, *seconds: float) -> EstimationProblem:
     config = replace(CONFIG, effects=EFFECTS, parameters=known | held)
     trace = prepare(log, config)
     assert trace is not None
-    return EstimationProblem.of(config, free_parameters(config), (trace,))
+    return EstimationProblem.of_traces(config, free_parameters(config), (trace,))
 
 
 def whitened(problem: EstimationProblem) -> np.ndarray:

@@ -31,7 +31,7 @@ def case(folder: Path, added: tuple[str, ...] = ()) -> Case:
     """Eqs. 1-2 and some effects off their bounds, whitened by the Kalman filter."""
     rig = results.rig(folder)
     known = free_parameters(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
-    problem = EstimationProblem.of(rig.config, known, ready(rig)[0])
+    problem = EstimationProblem.of_traces(rig.config, known, ready(rig)[0])
     x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
     return Case(problem, x, problem.weighted(problem.kalman(x)))
 
@@ -89,7 +89,7 @@ def _unwhitened(folder: Path) -> Case:
 
     rig = results.rig(folder)
     known = free_parameters(rig.config)
-    problem = EstimationProblem.of(rig.config, known, ready(rig)[0])
+    problem = EstimationProblem.of_traces(rig.config, known, ready(rig)[0])
     x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
     return Case(problem, x, problem.weighted(free_running(problem)))
 

@@ -22,7 +22,7 @@ T = np.arange(6) * 1e-3
 def problem() -> EstimationProblem:
     trace = prepare(measurement("response", T, {"voltage": 0 * T, "position": 0 * T + 0.3}), CONFIG)
     assert trace is not None
-    made = EstimationProblem.of(CONFIG, free_parameters(CONFIG), (trace,))
+    made = EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (trace,))
     return replace(made, jitter=0.1, guide_stiffness=3.0, sigma=2.0 * made.sigma)
 
 
@@ -74,14 +74,14 @@ def test_prepared_again_it_is_as_it_was_logged_with_the_steps_that_x_needs() -> 
     light = {"J_m": 0.03, "J_L": 0.03}  # times nominal: a plate so fast that one step is not enough
     x = known.layout.coordinates({p.symbol: p.nominal * light.get(p.symbol, 1.0) for p in known.layout.parameters})
     moved = logged.released_at(logged.release[0] + 0.02, 0.1 * logged.release[1])
-    poor = EstimationProblem.of(CONFIG, known, (moved,), [np.full(moved.instants.size - 1, 3)], (2048, 1, 2))
+    poor = EstimationProblem.of_traces(CONFIG, known, (moved,), [np.full(moved.instants.size - 1, 3)], (2048, 1, 2))
     poor = replace(poor, jitter=0.1, guide_stiffness=3.0, sigma=2.0 * poor.sigma)
     again = poor.reprepared(x)
     (trace,) = again.batch.traces
     assert trace.release == logged.release
     assert (again.jitter, again.guide_stiffness) == (0.1, 0.0)
     assert_allclose(columns(again.batch, again.sigma)[0], columns(poor.batch, poor.sigma)[0] / 2.0)
-    (needed,) = EstimationProblem.of(CONFIG, known, (logged,)).refined(x).substeps
+    (needed,) = EstimationProblem.of_traces(CONFIG, known, (logged,)).refined(x).substeps
     assert set(needed.tolist()) > {1}
     assert_array_equal(again.substeps[0], needed)
     assert again.room == poor.room

@@ -32,7 +32,7 @@ def problem() -> EstimationProblem:
     }
     trace = prepare(Measurement("inductance/1.csv", "inductance", time, channels), CONFIG)
     assert trace is not None
-    return EstimationProblem.of(CONFIG, free_parameters(CONFIG), (trace,), [np.full(ROWS - 1, 8)])
+    return EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (trace,), [np.full(ROWS - 1, 8)])
 
 
 def at(problem: EstimationProblem) -> np.ndarray:

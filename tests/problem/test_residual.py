@@ -31,7 +31,7 @@ def problem() -> EstimationProblem:
     trace = replace(trace, start=replace(trace.start, state=(2.0, 0.0, 0.0)))
     known = {s: Fixed(v) for s, v in VALUES.items() if s != "R_a"} | {"R_a": Prior(1.5, 0.15)}
     config = replace(CONFIG, parameters=known)
-    return EstimationProblem.of(config, free_parameters(config), (trace,))
+    return EstimationProblem.of_traces(config, free_parameters(config), (trace,))
 
 
 def test_at_the_truth_it_is_the_noise_and_off_it_what_ohms_law_says(problem: EstimationProblem) -> None:

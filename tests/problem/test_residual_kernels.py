@@ -73,7 +73,7 @@ def case(
     """Eqs. 1-2 and some effects, every parameter off its bound and off its usual size."""
     known = free_parameters(rig.config, tuple(added))
     layout = known.layout
-    problem = EstimationProblem.of(rig.config, known, ready(rig)[0]).guided(guide)
+    problem = EstimationProblem.of_traces(rig.config, known, ready(rig)[0]).guided(guide)
     values = {p.symbol: p.nominal for p in layout.parameters}
     for effect in added:
         for symbol in effect.off or {}:
@@ -200,7 +200,7 @@ def test_under_an_ecu_it_computes_as_jax_does(rig: Rig) -> None:
     known = free_parameters(config)
     trace = prepare(log, config)
     assert trace is not None
-    problem = EstimationProblem.of(config, known, (trace,))
+    problem = EstimationProblem.of_traces(config, known, (trace,))
     x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
     agrees(problem, x, problem.weighted(problem.kalman(x)))
 
@@ -268,7 +268,7 @@ def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing
 ) -> None:
     problem, x, weighted = case(rig, [e for e in around(rig) if e.delays and late], whitened=False)
     monkeypatch.setattr(batch, "available", lambda: False)  # lanes and entries as JAX wants them, run by kernels
-    wider = EstimationProblem.of(
+    wider = EstimationProblem.of_traces(
         problem.config, problem.free_parameters, problem.batch.traces, problem.substeps, (4096, 11, 3)
     )
     again = wider.weighted(residual_weights(wider))

@@ -51,7 +51,7 @@ def charging() -> tuple[EstimationProblem, np.ndarray]:
     assert trace is not None
     held = {s: Fixed(v) for s, v in VALUES.items() if s not in ("R_a", "L_a", "K_m")}
     known = free_parameters(replace(CONFIG, parameters=held))
-    return EstimationProblem.of(CONFIG, known, (trace,)), known.layout.coordinates(VALUES)
+    return EstimationProblem.of_traces(CONFIG, known, (trace,)), known.layout.coordinates(VALUES)
 
 
 def errors(problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ def test_with_the_steps_that_are_needed_it_is_within_the_tolerance(
     refined = problem.refined(x)
     assert max(refined.substeps[0]) > 1
     assert np.max(errors(refined, x)) <= TOLERANCE
-    fewer = EstimationProblem.of(
+    fewer = EstimationProblem.of_traces(
         CONFIG, problem.free_parameters, problem.batch.traces, [np.maximum(refined.substeps[0] - 1, 1)]
     )
     assert np.max(errors(fewer, x)) > TOLERANCE

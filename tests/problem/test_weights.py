@@ -22,7 +22,7 @@ ANGLE = np.array([0.1, 0.1, 0.3, 0.3, 0.3, 0.2])
 def problem() -> EstimationProblem:
     trace = prepare(measurement("response", T, {"voltage": 0 * T, "position": ANGLE}), CONFIG)
     assert trace is not None
-    return EstimationProblem.of(CONFIG, free_parameters(CONFIG), (trace,))
+    return EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (trace,))
 
 
 def placed(problem: EstimationProblem, array: np.ndarray) -> np.ndarray:

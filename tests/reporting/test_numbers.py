@@ -24,12 +24,12 @@ from etcfit.reporting.pool import Pool
     ],
 )
 def test_two_digits_of_the_spread(value: float, spread: float | None, text: str) -> None:
-    assert Digits.of(value, spread)(value) == text
+    assert Digits.of_value(value, spread)(value) == text
 
 
 def test_both_ends_of_an_interval_have_the_same_digits() -> None:
-    assert Digits.of(1.5e-6, 1e-8).span(1.48e-6, 1.52e-6) == "1.480e-06 ... 1.520e-06"
-    assert Digits.of(1.5, 0.01).span(None, None) == "-"
+    assert Digits.of_value(1.5e-6, 1e-8).span(1.48e-6, 1.52e-6) == "1.480e-06 ... 1.520e-06"
+    assert Digits.of_value(1.5, 0.01).span(None, None) == "-"
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def row(n: int, rms: float, sigma: float) -> PredictionError:
 
 
 def test_a_long_trace_counts_for_more_than_a_short_one() -> None:
-    found = Pool.of([row(300, 1.0, 1.0), row(100, 3.0, 2.0)])
+    found = Pool.of_rows([row(300, 1.0, 1.0), row(100, 3.0, 2.0)])
     assert (found.traces, found.samples) == (2, 400)
     assert found.rms == pytest.approx(math.sqrt((300 * 1.0 + 100 * 9.0) / 400))
     assert found.sigma == pytest.approx(math.sqrt((300 * 1.0 + 100 * 4.0) / 400))

@@ -59,7 +59,7 @@ MESSAGES: dict[str, tuple[Callable[[], object], list[str]]] = {
     "changed measurements": (_changed_measurements, ["fit", str(RIG), "--out", str(RUN)]),
     "no gains": (lambda: read_design(RUN), ["design", str(RUN)]),
     "no posterior": (lambda: read_draws(RUN, load_fit(RUN).fitted(), 1, 0), ["sample", str(RUN)]),
-    "no fleet": (lambda: Fleet.of(RUN), ["fleet", "FLEET", "--out", str(RUN)]),
+    "no fleet": (lambda: Fleet.in_run(RUN), ["fleet", "FLEET", "--out", str(RUN)]),
     "an option": (_made_anew, ["design", str(RUN)]),
 }
 

@@ -15,7 +15,7 @@ from etcfit.run_folder.fleet import STUDY, figures_over
 
 def written(name: str, found: Any) -> Any:
     """A key of fleet.json as a strict reader finds it."""
-    return json.loads(json.dumps(plain(STUDY.keys[name].of("").value(found)), allow_nan=False))
+    return json.loads(json.dumps(plain(STUDY.keys[name].taken_from("").value(found)), allow_nan=False))
 
 
 def test_figures_and_predictions_are_plain_json_with_null_for_what_is_not_told() -> None:

@@ -96,7 +96,7 @@ class Order:
     settings: FrequencySettings = FrequencySettings()
 
     @property
-    def told(self) -> bool:
+    def is_certain(self) -> bool:
         """Whether lower orders are excluded, higher ones not called for, and every corner was seen."""
         best = self.best
         if best is None or best.tau >= self.settings.poor or max(best.corners) > self.highest:
@@ -121,7 +121,7 @@ def order_of(
     if len(ratios) < settings.fewest_points:
         says = f"{len(ratios)} frequencies cannot tell an order of lag: {settings.fewest_points} or more can."
         return Order(None, {}, (), highest, says, settings)
-    problem = _Problem.of(frequencies, ratios)
+    problem = _Problem.of_ratios(frequencies, ratios)
     tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))
     candidates = tuple(sorted((lag for lag in tried if lag is not None), key=lambda lag: lag.aicc))
     share = np.exp(-0.5 * np.array([lag.aicc - candidates[0].aicc for lag in candidates]))
@@ -143,7 +143,7 @@ class _Problem:
     variance: np.ndarray  # (N, 2)
 
     @classmethod
-    def of(cls, frequencies: np.ndarray, ratios: Sequence[Ratio]) -> _Problem:
+    def of_ratios(cls, frequencies: np.ndarray, ratios: Sequence[Ratio]) -> _Problem:
         w = 2.0 * np.pi * np.asarray(frequencies)
         w0 = float(np.exp(np.mean(np.log(w))))
         variance, axes = np.linalg.eigh(np.array([ratio.covariance for ratio in ratios]))
@@ -152,13 +152,13 @@ class _Problem:
 
     def errors(self, x: np.ndarray, order: int, delayed: bool) -> np.ndarray:
         """ln (H_k / H) along the axes of each covariance, shape (N, 2)."""
-        departure = self.log - _Factors.of(x, order, delayed).log_value(self.s)
+        departure = self.log - _Factors.of_logarithms(x, order, delayed).log_value(self.s)
         turned = np.angle(np.exp(1j * np.imag(departure)))
         return np.einsum("kji,kj->ki", self.axes, np.stack([np.real(departure), turned], axis=1))
 
     def slopes(self, x: np.ndarray, order: int, delayed: bool) -> np.ndarray:
         """Derivatives of the errors by x, shape (N, 2, P)."""
-        columns = np.stack(_Factors.of(x, order, delayed).log_slopes(self.s, order, delayed), axis=1)
+        columns = np.stack(_Factors.of_logarithms(x, order, delayed).log_slopes(self.s, order, delayed), axis=1)
         return -np.einsum("kji,kjp->kip", self.axes, np.stack([np.real(columns), np.imag(columns)], axis=1))
 
 
@@ -171,7 +171,7 @@ class _Factors(NamedTuple):
     last: float
 
     @classmethod
-    def of(cls, x: np.ndarray, order: int, delayed: bool) -> _Factors:
+    def of_logarithms(cls, x: np.ndarray, order: int, delayed: bool) -> _Factors:
         """From ln K and the logarithms of the others, in this order; without a delay or an odd factor theirs is 0."""
         rest = np.exp(np.clip(x[1:], -_ENDLESS, _ENDLESS))
         pairs = rest[int(delayed) : int(delayed) + 2 * (order // 2)].reshape(-1, 2)
@@ -259,7 +259,7 @@ def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
 
 def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, delayed: bool) -> Lag:
     """The candidate in SI."""
-    found = _Factors.of(x, order, delayed)
+    found = _Factors.of_logarithms(x, order, delayed)
     corners = problem.w0 * found.corners()[: (order + 1) // 2]
     stderr = _stderr(problem, x, tau, order, delayed)
     return Lag(order, delayed, float(np.exp(found.gain)), tuple(corners.tolist()), tuple(found.damping().tolist()),
@@ -273,7 +273,7 @@ def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: b
     sd = np.sqrt(problem.variance + tau**2)
 
     def shown(x: np.ndarray) -> np.ndarray:
-        each = _Factors.of(x, order, delayed)
+        each = _Factors.of_logarithms(x, order, delayed)
         logs = np.log(each.corners())
         pairs = np.stack([logs[: order // 2], each.damping()], axis=1).ravel()
         return np.array([each.gain, each.delay / problem.w0, *pairs, *logs[order // 2 : (order + 1) // 2]])

@@ -238,7 +238,9 @@ def _free_runs(fitted: Fitted, points: Sequence[Point]) -> tuple[complex | None,
     traces = tuple(trace for trace in ready if trace is not None)
     if not traces:
         return (None,) * len(points)
-    runs = EstimationProblem.of(fitted.config, fitted.free_parameters, traces).refined(fitted.x).free_run(fitted.x)
+    runs = (
+        EstimationProblem.of_traces(fitted.config, fitted.free_parameters, traces).refined(fitted.x).free_run(fitted.x)
+    )
     runs_by_file = {
         trace.measurement.file: Signal(trace.instants, run[:, trace.channels.index(POSITION)])
         for trace, run in zip(traces, runs, strict=True)

@@ -235,7 +235,7 @@ class OpenLoop(NamedTuple):
     ecu: Ecu
 
     @classmethod
-    def of(cls, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE) -> OpenLoop:
+    def of_plants(cls, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE) -> OpenLoop:
         """Of plants whose numbers have one shape."""
         z = np.exp(1j * grid.frequencies(ecu.period) * ecu.period)
         z[-1] = -1.0  # where every loop is real
@@ -264,7 +264,7 @@ class OpenLoop(NamedTuple):
 
 def margins(gains: Gains, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE) -> Margins:
     """Margins of gains around plants, see `OpenLoop.margins`."""
-    return OpenLoop.of(plants, ecu, grid).margins(gains)
+    return OpenLoop.of_plants(plants, ecu, grid).margins(gains)
 
 
 def _gain_at(value: np.ndarray) -> np.ndarray:

@@ -215,7 +215,7 @@ def elite_of(
 def _scorer(task: Task, draws: int, spare: float) -> Score:
     """Over the first so many draws, with a share of each requirement kept in hand."""
     loop = task.loop.first(draws)
-    linear = OpenLoop.of(loop.linear(), loop.ecu, COARSE)
+    linear = OpenLoop.of_plants(loop.linear(), loop.ecu, COARSE)
 
     def score(logs: np.ndarray) -> Scores:
         return scores(task, Gains(*np.exp(logs).T), loop, linear, spare)

@@ -50,7 +50,7 @@ class BodePicture:
     synthetic: bool
 
     @classmethod
-    def of(cls, fitted: Fitted, reduction: Reduction) -> BodePicture:
+    def of_model(cls, fitted: Fitted, reduction: Reduction) -> BodePicture:
         mean = np.array([*reduction.plant.num, *reduction.plant.den[1:]])
         rng = np.random.default_rng(0)
         # relative, so that coefficients of very different size share one covariance
@@ -193,7 +193,7 @@ def _line(panels: Sequence[Axes], hertz: np.ndarray, values: Sequence[complex | 
 
 
 def _lag(panels: Sequence[Axes], hertz: np.ndarray, order: Order) -> None:
-    if order.best is None or not order.told:
+    if order.best is None or not order.is_certain:
         return
     dense = np.geomspace(hertz[0], hertz[-1], _DENSE)
     name = f"lag of order {order.best.order}" + (f" and {1e3 * order.best.delay:.2g} ms" if order.best.delayed else "")

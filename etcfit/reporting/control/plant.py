@@ -35,8 +35,8 @@ def coefficients_table(plant: Plant) -> Table:
 
 def known(value: str = "value", stderr: str = "stderr") -> tuple[Column, Column]:
     """Columns of a value and its standard error, with the digits that it warrants."""
-    return (Column("value", lambda row: Digits.of(row[value], row[stderr])(row[value])),
-            Column("std. error", lambda row: Digits.of(row[value], row[stderr])(row[stderr])))  # fmt: skip
+    return (Column("value", lambda row: Digits.of_value(row[value], row[stderr])(row[value])),
+            Column("std. error", lambda row: Digits.of_value(row[value], row[stderr])(row[stderr])))  # fmt: skip
 
 
 def unit_of(plant: Plant) -> str:

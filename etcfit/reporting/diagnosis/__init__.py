@@ -123,5 +123,5 @@ def _parameters(before: FitResult, after: FitResult) -> RenderableType:
 def _figures(i: Interval | None) -> tuple[str, str]:
     if i is None or i.status == LOST:
         return "-", "-"
-    digits = Digits.of(i.value, i.spread)
+    digits = Digits.of_value(i.value, i.spread)
     return digits(i.value), digits.span(i.low, i.high)

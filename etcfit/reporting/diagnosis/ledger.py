@@ -52,7 +52,7 @@ class Shown:
     origin: float = 0.0
 
     @classmethod
-    def of(cls, trace: Trace, name: str) -> Shown:
+    def of_channel(cls, trace: Trace, name: str) -> Shown:
         """Degrees for the position, the logged unit for anything else."""
         if name == "position":
             return cls("deg", 1.0 / DEGREES)

@@ -38,7 +38,7 @@ class Samples:
     effects: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, motions: Sequence[Motion], enters: str) -> Samples:
+    def of_motions(cls, motions: Sequence[Motion], enters: str) -> Samples:
         """Collect "torque" or "voltage"."""
         names = dict.fromkeys(name for motion in motions for name in motion.effects)
         before = _end_to_end([getattr(motion, enters) for motion in motions])
@@ -147,9 +147,9 @@ class MissingPicture:
     synthetic: bool
 
     @classmethod
-    def of(cls, diagnosis: Diagnosis, enters: str) -> MissingPicture | None:
+    def of_diagnosis(cls, diagnosis: Diagnosis, enters: str) -> MissingPicture | None:
         """None where too little is known of it."""
-        samples = Samples.of(diagnosis.motions, enters)
+        samples = Samples.of_motions(diagnosis.motions, enters)
         if samples.before.size < _WORTH_A_PICTURE:
             return None
         first = diagnosis.rounds[0].evidence if diagnosis.rounds else None

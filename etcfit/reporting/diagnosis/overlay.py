@@ -49,7 +49,7 @@ class Overlay:
     role: str = "fitted"
 
     @classmethod
-    def of(cls, d: Diagnosis, trace: Trace) -> Overlay:
+    def of_trace(cls, d: Diagnosis, trace: Trace) -> Overlay:
         """A trace under the first and the final model; one of another rig under the others' body and its own."""
         file, synthetic = trace.measurement.file, d.after.rig.config.synthetic
         for each in d.aside:
@@ -134,7 +134,7 @@ def _spans(picture: Overlay) -> tuple[slice, ...]:
 
 
 def _model(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
-    trace, shown = picture.trace, Shown.of(picture.trace, picture.trace.channels[m])
+    trace, shown = picture.trace, Shown.of_channel(picture.trace, picture.trace.channels[m])
     t = trace.instants[span]
     panel.plot(*style.thin(t, shown(trace.data[span, m])), ".", ms=5, mew=0, color="#8c8c8c", label="measured")
     first, final = picture.models
@@ -144,7 +144,7 @@ def _model(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
 
 
 def _error(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
-    trace, shown = picture.trace, Shown.of(picture.trace, picture.trace.channels[m])
+    trace, shown = picture.trace, Shown.of_channel(picture.trace, picture.trace.channels[m])
     sigma = 2.0 * float(trace.sigma[m]) / abs(shown.size)
     panel.axhspan(-sigma, sigma, color=style.BAND, lw=0, label="± 2 σ of the noise")
     for model, color in ((picture.before, style.BEFORE), (picture.after, style.AFTER)):
@@ -157,7 +157,7 @@ def _error(panel: Axes, picture: Overlay, m: int, span: slice) -> None:
 def _label(grid: np.ndarray, picture: Overlay) -> None:
     for row, m in enumerate(picture.channels):
         name = picture.trace.channels[m]
-        unit = Shown.of(picture.trace, name).unit
+        unit = Shown.of_channel(picture.trace, name).unit
         grid[2 * row, 0].set_ylabel(style.unit_label(name, unit))
         grid[2 * row + 1, 0].set_ylabel(style.unit_label("error", unit))
     grid[0, 0].figure.align_ylabels(grid[:, 0])

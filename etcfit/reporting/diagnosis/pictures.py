@@ -115,7 +115,7 @@ class RoundPoint:
 def steps(diagnosis: Diagnosis) -> list[RoundPoint]:
     """Errors from the first fit to the final one; between them those of the trials, before the full refit."""
     before, after = diagnosis.before, diagnosis.after
-    out = [RoundPoint("start", Pool.of(before.score_fit).ratio, _ratio(before.score_holdout))]
+    out = [RoundPoint("start", Pool.of_rows(before.score_fit).ratio, _ratio(before.score_holdout))]
     if diagnosis.aside:
         files = "\n".join(each.trace.measurement.file for each in diagnosis.aside)
         first = diagnosis.rounds[0]
@@ -128,14 +128,14 @@ def steps(diagnosis: Diagnosis) -> list[RoundPoint]:
             fit *= taken.fit_rms_ratio or 1.0
             holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
         out.append(RoundPoint(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
-    end = RoundPoint("final fit", Pool.of(after.score_fit).ratio, _ratio(after.score_holdout))
+    end = RoundPoint("final fit", Pool.of_rows(after.score_fit).ratio, _ratio(after.score_holdout))
     if out[-1].label == "nothing more":  # one place for both
         end = replace(end, label="nothing more:\nfinal fit", others=out.pop().others)
     return [*out, end]
 
 
 def _ratio(rows: tuple) -> float | None:
-    return Pool.of(rows).ratio if rows else None
+    return Pool.of_rows(rows).ratio if rows else None
 
 
 def _left(candidate: Candidate, each: RoundReport) -> float | None:
@@ -274,7 +274,7 @@ def summary(d: Diagnosis) -> list[Job]:
 def _details(d: Diagnosis) -> Iterator[Job]:
     synthetic = d.after.rig.config.synthetic
     for enters in ("torque", "voltage"):
-        picture = missing.MissingPicture.of(d, enters)
+        picture = missing.MissingPicture.of_diagnosis(d, enters)
         if picture is not None:
             yield Path(f"missing_{enters}.png"), partial(missing.draw, picture)
     if d.unexplained is not None:
@@ -297,4 +297,4 @@ def _overlays(d: Diagnosis) -> Iterator[Job]:
         worst[row.file] = max(worst.get(row.file, 0.0), row.rms / row.sigma)
     driven.sort(key=lambda trace: -worst.get(trace.measurement.file, 0.0))
     for trace in (*shown, *driven[:_FITTED]):
-        yield Path("traces") / file_name(trace), partial(overlay.draw, overlay.Overlay.of(d, trace))
+        yield Path("traces") / file_name(trace), partial(overlay.draw, overlay.Overlay.of_trace(d, trace))

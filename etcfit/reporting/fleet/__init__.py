@@ -203,14 +203,14 @@ def population_table(content: Content, judgement: Judgement = JUDGEMENT) -> Tabl
 def _by(value: float | None, interval: Sequence[float] | None, spread: float | None) -> str:
     """As many digits as its interval warrants; four where there is none."""
     half = spread if not interval or None in interval else 0.5 * (interval[1] - interval[0])
-    return "-" if value is None else Digits.of(value, half)(value)
+    return "-" if value is None else Digits.of_value(value, half)(value)
 
 
 def _span(interval: Sequence[float] | None) -> str:
     if not interval or None in interval:
         return "-"
     low, high = interval
-    return Digits.of(max(abs(low), abs(high)), 0.5 * (high - low)).span(low, high)
+    return Digits.of_value(max(abs(low), abs(high)), 0.5 * (high - low)).span(low, high)
 
 
 def _cpk(value: float | None, judgement: Judgement) -> Cell:
@@ -223,7 +223,7 @@ def _named(content: Content, kind: str, name: str) -> list[dict[str, Any]]:
 
 
 def _digits(row: Mapping[str, Any]) -> Digits:
-    return Digits.of(row["mean"] or 0.0, row["sd"])
+    return Digits.of_value(row["mean"] or 0.0, row["sd"])
 
 
 _MEAN = (

@@ -56,7 +56,7 @@ class Columns:
     symbols: Mapping[str, SymbolColumns] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, names: Sequence[str], units: pd.DataFrame) -> Columns:
+    def of_units(cls, names: Sequence[str], units: pd.DataFrame) -> Columns:
         """Rows of units.parquet in the order of `names`, those of fleet.json; rows of other units are left out."""
         found = {str(symbol): _columns(names, rows) for symbol, rows in units.groupby("symbol", sort=False)}
         return cls(tuple(names), found)
@@ -83,7 +83,7 @@ _MIDNIGHT = "T00:00:00"  # of a date without a time
 
 def carried(content: Content, units: pd.DataFrame) -> dict[str, Any]:
     """What the scripts read, from fleet.json and units.parquet."""
-    columns = Columns.of(content.get("units") or (), units)
+    columns = Columns.of_units(content.get("units") or (), units)
     place, members = columns.place(), content.get("members") or {}
     kelvin = [_of(members, unit, "temperature") for unit in columns.units]
     celsius = [None if each is None else each - ZERO_CELSIUS for each in kelvin]

@@ -253,9 +253,9 @@ def _curve(panel: Axes, mean: float, sd: float, low: float, high: float) -> None
 def _words(known: dict[str, float]) -> str:
     if known["mean"] is None:
         return ""
-    of = Digits.of(known["mean"], known["sd"] or None)
+    of = Digits.of_value(known["mean"], known["sd"] or None)
     if known.get("shared"):
-        return f"one for all: {Digits.of(known['mean'], None)(known['mean'])}"
+        return f"one for all: {Digits.of_value(known['mean'], None)(known['mean'])}"
     cpk = f", Cpk {known['cpk']:.2f}" if known.get("cpk") is not None else ""
     return f"{of(known['mean'])} ± {of(known['sd'])}{cpk}"
 
@@ -265,7 +265,7 @@ def draw_fleet(content: Content, units: pd.DataFrame, folder: Path) -> tuple[Pat
     for old in folder.glob("*.png"):
         old.unlink()
     written: list[Path] = []
-    for name, draw in _jobs(content, Columns.of(content.get("units") or (), units)):
+    for name, draw in _jobs(content, Columns.of_units(content.get("units") or (), units)):
         with style.drawing():
             style.save(draw(), folder / name)
         written.append(folder / name)

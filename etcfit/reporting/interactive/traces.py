@@ -31,7 +31,7 @@ class Bins:
     size: int
 
     @classmethod
-    def of(cls, size: int, most: int) -> Bins:
+    def of_samples(cls, size: int, most: int) -> Bins:
         """Bins of n samples, at most so many points."""
         if size <= most:
             return cls(np.arange(size), size)
@@ -128,7 +128,7 @@ def traces_json(sources: TraceSources, budget: PointBudget = PointBudget()) -> l
 def _trace(
     sources: TraceSources, trace: Trace, light: Light, motion: Motion | None, excitation: Excitation | str, points: int
 ) -> dict[str, Any]:
-    bins = Bins.of(trace.instants.size, points)
+    bins = Bins.of_samples(trace.instants.size, points)
     simulated = isinstance(excitation, Excitation)
     return {
         "file": trace.measurement.file,
@@ -151,7 +151,7 @@ def _trace(
 
 def _channel(sources: TraceSources, trace: Trace, m: int, bins: Bins) -> dict[str, Any]:
     name, file = trace.channels[m], trace.measurement.file
-    shown = Shown.of(trace, name)
+    shown = Shown.of_channel(trace, name)
 
     def left(result: FitResult | None) -> dict[str, Any] | None:
         """Measured - simulated over the sensor's noise."""

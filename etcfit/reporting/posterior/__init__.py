@@ -65,7 +65,7 @@ def _is_lost(row: Mapping[str, Any]) -> bool:
 
 
 def _digits(row: Mapping[str, Any]) -> Digits:
-    return Digits.of(row["mean"] or 0.0, row["sd"])
+    return Digits.of_value(row["mean"] or 0.0, row["sd"])
 
 
 def _profiled(row: Mapping[str, Any]) -> str:

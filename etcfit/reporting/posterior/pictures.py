@@ -129,7 +129,7 @@ def _means(picture: CornerPicture) -> str:
     lines = [f"{picture.rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
     lines += ["orange: what the data were made from"] if picture.truths else []
     for s, d in picture.draws.items():
-        digits = Digits.of(float(np.mean(d)), float(np.std(d)))
+        digits = Digits.of_value(float(np.mean(d)), float(np.std(d)))
         lines.append(f"{s} = {digits(float(np.mean(d)))} ± {digits(float(np.std(d)))} {picture.units[s]}")
     return "\n".join(lines)
 
@@ -247,7 +247,7 @@ def _row(panel: Axes, row: int, spread: Spread) -> None:
 
 
 def _words(spread: Spread) -> str:
-    digits = Digits.of(spread.mean, spread.sd)
+    digits = Digits.of_value(spread.mean, spread.sd)
     flag = "   > 20 % apart" if spread.apart else ""
     return f"{digits(spread.mean)} ± {digits(spread.sd)} {spread.unit}{flag}"
 

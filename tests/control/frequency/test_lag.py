@@ -41,7 +41,7 @@ def found(order: int, delay: float = 0.0, sd: float = 0.003, seed: int = 0, freq
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_the_order_is_told(order: int, delay: float) -> None:
     answer = found(order, delay)
-    assert answer.told, answer.says
+    assert answer.is_certain, answer.says
     assert answer.best is not None
     assert (answer.best.order, answer.best.delayed) == (order, delay > 0.0)
     assert answer.best.tau < 0.003
@@ -71,7 +71,7 @@ def test_a_true_lag_is_its_own_description() -> None:
 
 def test_slow_sines_alone_cannot_tell() -> None:
     answer = found(2, frequencies=np.array([0.2, 0.3, 0.4, 0.5]), sd=0.01)
-    assert not answer.told
+    assert not answer.is_certain
     assert "cannot tell the order" in answer.says
     assert "Faster sines would tell" in answer.says
     assert "4 frequencies from 0.2 to 0.5 Hz" in answer.says
@@ -79,7 +79,7 @@ def test_slow_sines_alone_cannot_tell() -> None:
 
 def test_three_frequencies_are_too_few() -> None:
     answer = found(1, frequencies=np.array([1.0, 3.0, 9.0]))
-    assert (answer.best, answer.told) == (None, False)
+    assert (answer.best, answer.is_certain) == (None, False)
     assert "3 frequencies cannot tell" in answer.says
 
 
@@ -87,7 +87,7 @@ def test_what_is_no_lag_is_said_to_be_none() -> None:
     """A notch: no cascade of lags has one."""
     notch = (1.0 + 0.1 * S / W + (S / W) ** 2) / (1.0 + 2.0 * S / W + (S / W) ** 2)
     answer = order_of(PAPER, ratios(notch, PAPER, 0.0, 0.002, 0))
-    assert not answer.told
+    assert not answer.is_certain
     assert "No lag up to fourth order" in answer.says
 
 
@@ -103,5 +103,5 @@ def test_a_model_error_keeps_small_intervals_from_telling_too_much() -> None:
 @pytest.mark.parametrize("stricter", [{"poor": 0.0}, {"fewest_points": 30}])
 def test_the_settings_decide_when_an_order_is_told(stricter: dict[str, Any]) -> None:
     points = ratios(LAGS[2], PAPER, 0.0, 0.003, 0)
-    assert order_of(PAPER, points).told
-    assert not order_of(PAPER, points, FrequencySettings(**stricter)).told
+    assert order_of(PAPER, points).is_certain
+    assert not order_of(PAPER, points, FrequencySettings(**stricter)).is_certain

@@ -21,7 +21,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
 
 
 def torque(d: Diagnosis) -> MissingPicture:
-    picture = MissingPicture.of(d, "torque")
+    picture = MissingPicture.of_diagnosis(d, "torque")
     assert picture is not None
     return picture
 
@@ -40,15 +40,15 @@ def with_shares(d: Diagnosis, *shares: Share) -> Diagnosis:
 
 
 def test_only_what_moves_is_counted(found: Diagnosis) -> None:
-    samples = Samples.of(found.motions, "torque")
+    samples = Samples.of_motions(found.motions, "torque")
     known = sum(int(np.isfinite(m.torque).sum()) for m in found.motions)
     assert samples.before.size == samples.axes["angle"].size == samples.effects[diagnoses.FOUND].size == known
     assert known < sum(m.torque.size for m in found.motions)
 
 
 def test_an_effect_that_contributes_nothing_is_left_out(found: Diagnosis) -> None:
-    assert set(Samples.of(found.motions, "torque").effects) == {diagnoses.FOUND}
-    assert Samples.of(found.motions, "voltage").effects == {}
+    assert set(Samples.of_motions(found.motions, "torque").effects) == {diagnoses.FOUND}
+    assert Samples.of_motions(found.motions, "voltage").effects == {}
 
 
 def test_the_median_of_a_bin() -> None:
@@ -61,8 +61,8 @@ def test_the_median_of_a_bin() -> None:
 
 
 def test_directions_are_told_apart_where_they_differ(found: Diagnosis) -> None:
-    assert len(ways(Samples.of(found.motions, "torque"), "angle")) == 1
-    rubs = Samples.of([rubbing(m) for m in found.motions], "torque")
+    assert len(ways(Samples.of_motions(found.motions, "torque"), "angle")) == 1
+    rubs = Samples.of_motions([rubbing(m) for m in found.motions], "torque")
     opening, closing = ways(rubs, "angle")
     assert not (opening & closing).any()
     assert rubs.before[opening].mean() < -0.05 < 0.05 < rubs.before[closing].mean()
@@ -117,8 +117,8 @@ def test_points_are_thinned(found: Diagnosis) -> None:
 
 def test_without_a_position_there_is_no_picture(found: Diagnosis) -> None:
     nothing = tuple(replace(m, torque=np.full_like(m.torque, np.nan)) for m in found.motions)
-    assert MissingPicture.of(replace(found, motions=nothing), "torque") is None
-    assert MissingPicture.of(replace(found, motions=()), "torque") is None
+    assert MissingPicture.of_diagnosis(replace(found, motions=nothing), "torque") is None
+    assert MissingPicture.of_diagnosis(replace(found, motions=()), "torque") is None
 
 
 def test_a_large_torque_that_is_only_negative_is_not_shown_in_thousandths(found: Diagnosis) -> None:

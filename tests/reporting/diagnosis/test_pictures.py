@@ -183,7 +183,7 @@ def mixed(found: Diagnosis) -> Diagnosis:
 
 def test_a_trace_of_another_rig_is_drawn_under_both_bodies(mixed: Diagnosis) -> None:
     assert names(mixed).index("traces/response__1.png") < names(mixed).index("traces/response__2.png")
-    picture = overlay.Overlay.of(mixed, mixed.aside[0].trace)
+    picture = overlay.Overlay.of_trace(mixed, mixed.aside[0].trace)
     fig = overlay.draw(picture)
     assert "response/1.csv, of another rig" in fig.get_suptitle().replace("\n", " ")
     lines = {line.get_label(): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}

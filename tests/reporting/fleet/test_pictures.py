@@ -51,7 +51,7 @@ def test_a_fleet_of_which_nothing_is_known_has_no_picture(fleet: made.Made, tmp_
 def test_every_picture_says_what_is_made_up_in_letters_that_can_be_read(fleet: made.Made, synthetic: bool) -> None:
     content = few(fleet) | {"synthetic": synthetic}
     with style.drawing():
-        columns = Columns.of(fleet.content["units"], fleet.units)
+        columns = Columns.of_units(fleet.content["units"], fleet.units)
         figures = [pictures.draw_population(content, columns), pictures.draw_correlation(content),
                    pictures.draw_chart(content, "K_s"), pictures.draw_odd(content)]  # fmt: skip
     for fig in figures:
@@ -76,7 +76,7 @@ def test_the_control_chart_has_every_unit_its_limits_and_the_change(fleet: made.
 
 def test_columns_follow_the_order_of_the_fleet_and_leave_gaps(fleet: made.Made) -> None:
     names = [*reversed(fleet.content["units"]), "unit_of_nobody"]
-    columns = Columns.of(names, fleet.units)
+    columns = Columns.of_units(names, fleet.units)
     spring = fleet.units[fleet.units["symbol"] == "K_s"]["value"]
     assert np.array_equal(
         columns.symbols["K_s"]["value"], [*np.asarray(spring, dtype=float)[::-1], np.nan], equal_nan=True

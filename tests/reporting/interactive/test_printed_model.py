@@ -85,7 +85,7 @@ def twin() -> FitResult:
 
 def finely(result: FitResult, traces: tuple[Trace, ...]) -> EstimationProblem:
     steps = [np.full(trace.instants.size - 1, FINE) for trace in traces]
-    return EstimationProblem.of(result.rig.config, result.free_parameters, traces, steps)
+    return EstimationProblem.of_traces(result.rig.config, result.free_parameters, traces, steps)
 
 
 def worst(result: FitResult, values: Mapping[str, float]) -> dict[tuple[str, str], float]:
@@ -231,7 +231,7 @@ def test_what_the_page_does_around_a_step_agrees(effect: type[AbstractEffect]) -
     values |= SHOWS.get(effect.name, {})
     x = layout.coordinates(values)
     values = {s: float(v) for s, v in layout.values(x, known.held).items()}
-    problem = EstimationProblem.of(rig.config, known, (response,))
+    problem = EstimationProblem.of_traces(rig.config, known, (response,))
     some = replace(
         results.bench_twin(TWIN), rig=rig, free_parameters=known, x=x, values=values, problem=problem, holdout=None,
         whitened=(np.zeros(response.data.shape),), predicted={response.measurement.file: response.data},

@@ -12,7 +12,7 @@ from etcfit.reporting.interactive.traces import Bins
 
 
 def test_a_short_trace_is_carried_whole() -> None:
-    bins, value = Bins.of(50, 200), np.arange(50.0)
+    bins, value = Bins.of_samples(50, 200), np.arange(50.0)
     assert bins.whole
     assert np.array_equal(bins.extremes(value), value)
     assert np.array_equal(bins.instants(value), value)
@@ -22,7 +22,7 @@ def test_a_short_trace_is_carried_whole() -> None:
 def test_least_and_most_of_every_run_are_there_in_their_order(size: int, most: int) -> None:
     rng = np.random.default_rng(size)
     time, value = np.sort(rng.uniform(0.0, 9.0, size)), rng.standard_normal(size)
-    bins = Bins.of(size, most)
+    bins = Bins.of_samples(size, most)
     drawn, instants = bins.extremes(value), bins.instants(time)
     assert drawn.size == instants.size <= most
     assert np.all(np.diff(instants) > 0.0)
@@ -38,7 +38,7 @@ def test_one_spike_among_a_million_samples_is_seen_and_gaps_stay_gaps() -> None:
     value = np.zeros(1_000_000)
     value[123_456] = 7.0
     value[:5000] = np.nan
-    drawn = Bins.of(value.size, 400).extremes(value)
+    drawn = Bins.of_samples(value.size, 400).extremes(value)
     assert np.nanmax(drawn) == 7.0
     assert np.isnan(drawn[:2]).all()
     assert np.isfinite(drawn[4:]).all()
