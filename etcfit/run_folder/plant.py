@@ -216,7 +216,7 @@ LAG = Record(
     aicc=key("number?", "Akaike's criterion, corrected for few points."),
 )  # fmt: skip
 ORDER = Record(
-    told=key("flag", "The frequencies can tell the order."),
+    told=key("flag", "The frequencies can tell the order.", "is_certain"),
     says=key("text", "In words."),
     order=key("whole?", "The order; null where it is not told.",
         lambda found: found.best.order if found.best is not None and found.is_certain else None),

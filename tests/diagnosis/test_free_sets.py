@@ -93,7 +93,7 @@ def test_a_set_grows_by_the_lowest_as_long_as_bic_asks_for_it_and_held_out_trace
     monkeypatch.setattr(free_sets, "from_own_starts", lambda model, plan: model)
     monkeypatch.setattr(free_sets, "likeliest_addition", lowest)
     monkeypatch.setattr(free_sets, "lower_end", lambda model, own, point, plan: End(None, None))
-    monkeypatch.setattr(FreeRun, "of", made)
+    monkeypatch.setattr(FreeRun, "of_model", made)
     found = grown(result, ("a", "b", "c", "d", "e"), quiet, SETTINGS)
     assert found.effects == ("a", "c")
     assert asked == [("a", "b", "c", "d", "e"), ("a", "c", "d", "e"), ("c", "d", "e"), ("d", "e")]
