@@ -278,8 +278,8 @@ def _from_a_like_body(
 
 def _angles_alone(problem: EstimationProblem) -> bool:
     """Whether every trace logs the plate's angle and nothing else, its voltage known: a log without a current, which
-    the paper's reading tells little of. A guide along that angle leads from it to the valley of the data in a tenth of
-    the time of many starts."""
+    the paper's reading tells little of. A guide along that angle leads from it to the valley of the data sooner than
+    many starts do."""
     return not problem.controlled and all(set(trace.channels) == {"position"} for trace in problem.batch.traces)
 
 
@@ -295,8 +295,9 @@ def _from_one_start(
     """One descent in place of all starts; None where it ends far from the data.
 
     Args:
-        start, first: where it was begun, and where from there it is descended from, shape (P,).
-        led: steps from the one to the other.
+        start: the first point, whose chi2 the summary has, shape (P,).
+        first: where the descent begins, shape (P,): the same, or where a guide led from there.
+        led: steps of that guide.
     """
     weighted = problem.weighted(weights.forgiving(problem))
     end, steps = descend(problem, first, weighted, settings.rough_tolerance, settings.steps)

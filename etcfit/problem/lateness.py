@@ -20,7 +20,7 @@ from ..model.stepper import Acting, Reset, Step
 from ..model.throttle import Throttle
 from .free_parameters import Form
 from .lanes import Stored, remembered, stored
-from .records import Entries, Records, Remembered, numbered, records_of, used_rows
+from .records import Entries, Latest, Records, Remembered, numbered, records_of, used_rows
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
 
@@ -114,7 +114,8 @@ def _lags_entry(form: Form, shape: Shape) -> tuple[tuple[int, ...], _LagsKernel]
     return entry.traced.leaves, _LagsKernel(*stored(entry.traced, (entry.late, entry.ways)), entry.depends)
 
 
-_PACKED, _CLOCKS, _LATEST = Remembered(), Remembered(), Remembered()
+_PACKED, _CLOCKS = Remembered(), Remembered()
+_LATEST = Latest(4)  # two threads, each with and without derivatives
 
 
 def _packed(form: Form, batch: Simulated) -> tuple[Records, _LagsKernel]:
@@ -271,14 +272,10 @@ class Shifts:
     ) -> Shifts:
         """The same, made anew only where a parameter has changed that something late depends on: most searches hold
         every delay. Arguments as of the class."""
-        further = form, differentiated, None if shown is None else frozenset(shown)
-        latest: list[tuple[bytes, Shifts]] = _LATEST.made_once(jax.tree.leaves(batch), further, list)
         depends = full[list(_packed(form, batch)[1].depends)].tobytes()
-        before, found = latest[0] if latest else (b"", None)  # other threads may put theirs there
-        if found is None or before != depends:
-            found = cls(form, full, batch, differentiated, shown)
-            latest[:] = [(depends, found)]
-        return found
+        further = form, differentiated, None if shown is None else frozenset(shown), depends
+        made = partial(cls, form, full, batch, differentiated, shown)
+        return _LATEST.made_once(jax.tree.leaves(batch), further, made)
 
     @property
     def lanes(self) -> Int[np.ndarray, " l"]:

@@ -147,6 +147,24 @@ class Remembered:
         return found
 
 
+class Latest:
+    """What was made last of some arrays, so many times: for what refers to the arrays itself, which `Remembered` would
+    keep alive for ever."""
+
+    def __init__(self, most: int) -> None:
+        self._kept: dict[tuple[Any, ...], tuple[Any, Any]] = {}
+        self._most = most
+
+    def made_once(self, arrays: Sequence[np.ndarray | Grouped], further: Any, make: Callable[[], Made]) -> Made:
+        """What `make` returns, once for the same arrays and the same further key while it is among the last."""
+        key = (*map(id, arrays), further)
+        kept = self._kept.pop(key, None) or (arrays, make())  # held with the arrays, whose numbers stay theirs
+        self._kept[key] = kept
+        for oldest in list(self._kept)[: -self._most]:
+            self._kept.pop(oldest, None)
+        return kept[1]
+
+
 _FOUND, _RECORDS = Remembered(), Remembered()
 
 

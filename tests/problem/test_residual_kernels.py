@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -276,6 +277,20 @@ def test_lanes_that_hold_nothing_and_entries_that_only_fill_up_count_for_nothing
     assert wider.chi2(x, again) == pytest.approx(problem.chi2(x, weighted), rel=1e-12)
     r = wider.residual(x, again)
     assert_array_equal(r[np.broadcast_to(_like(blank(wider), r), r.shape)], 0.0)
+
+
+def test_what_refers_to_its_arrays_is_kept_for_the_last_few_and_lets_the_others_go() -> None:
+    latest = records.Latest(2)
+    arrays = [np.zeros(k) for k in range(3)]
+    alive = [weakref.ref(array) for array in arrays]
+    made = [latest.made_once([array], "x", lambda array=array: [array]) for array in arrays]
+    assert [latest.made_once([array], "x", list) is each for array, each in zip(arrays[1:], made[1:], strict=True)] == [
+        True
+    ] * 2
+    assert latest.made_once([arrays[2]], "y", list) == []  # another key takes the place of the oldest
+    arrays.clear()
+    made.clear()
+    assert [array() is None for array in alive] == [True, True, False]
 
 
 def test_what_is_late_is_shifted_anew_only_where_it_may_have_changed(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
