@@ -80,7 +80,8 @@ def outcome(row: Mapping[str, Any], step: str) -> str:
 def table(cars: Mapping[int, Mapping[str, Any]]) -> str:
     """A row a car, and the sums."""
     head = ("car", "rows/s", "input", "verdict", "χ²/dof", "\\|ΔT\\|, proposed", "held out: explained %",
-            "mean error %, now", "half way", "proposed", "RMSE %, now", "proposed", "processor s")  # fmt: skip
+            "mean error %, now", "half way", "proposed", "RMSE %, now", "proposed", "processor s",
+            "wall s")  # fmt: skip
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for seed, row in sorted(cars.items()):
         verdict = "stopped" if row["stopped"] else WITHHELD if row["withheld"] else "gains"
@@ -90,7 +91,8 @@ def table(cars: Mapping[int, Mapping[str, Any]]) -> str:
         step = " in step" if row["in_step"] else ""
         lines.append(f"| {seed} | {row['rate']:.0f}{step} | {row['model']} | {verdict} | {_number(row['chi2'])} | "
                      f"{_number(row['borne'][-1] if row['borne'] else None)} | {explained} | "
-                     f"{' | '.join(means)} | {' | '.join(squares)} | {row['processor']:.0f} |")  # fmt: skip
+                     f"{' | '.join(means)} | {' | '.join(squares)} | {row['processor']:.0f} | "
+                     f"{row['seconds']:.0f} |")  # fmt: skip
     given = [row for row in cars.values() if not row["stopped"] and not row["withheld"]]
     held = [row for row in cars.values() if row["withheld"]]
     lines += ["", f"{len(cars)} cars. Gains given on {len(given)}: proposed {_count(given, 'proposed')}; half way "
