@@ -44,7 +44,8 @@ REGISTRIES = {
     "model/rig_effects": "AbstractRigEffect",
     "rig": "AbstractRigTest",
 }
-FILES = sorted(file for file in PACKAGE.rglob("*.py") if file != PACKAGE / "__init__.py")  # the facade is lazy
+DOORS = ("__init__.py", "__main__.py")  # of the package itself: the facade, which is lazy, and `python -m etcfit`
+FILES = sorted(file for file in PACKAGE.rglob("*.py") if file not in [PACKAGE / door for door in DOORS])
 
 
 def place(file: Path) -> str:

@@ -382,6 +382,11 @@ def test_version(invoke) -> None:
     assert invoke("--version").stdout == f"etcfit {etcfit.__version__}\n"
 
 
+def test_python_runs_the_package_as_a_program() -> None:
+    done = subprocess.run([sys.executable, "-m", "etcfit", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"etcfit {etcfit.__version__}\n"
+
+
 @pytest.mark.parametrize(
     ("option", "shown", "needed"), [("--help", "fetch", {"rich"}), ("--version", etcfit.__version__, set())]
 )

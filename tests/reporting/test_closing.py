@@ -142,7 +142,7 @@ def test_what_no_effect_explains_is_looked_at(diagnosed: Path) -> None:
     runs.changed(diagnosed, "diagnosis", added=[], statements=[], probabilities={"stiction": 0.3, "unexplained": 0.98})
     scored(diagnosed, "diagnosis", "more")
     closing = of_run(diagnosed)
-    assert "no effect explains it; the likeliest are stiction (P 0.30), not proven" in closing.answer
+    assert "no known effect explains it; it may be stiction (P 0.30), not proven" in closing.answer
     assert closing.next == f"etcfit report {diagnosed} --interactive"
     page = diagnosed / "report_interactive.html"
     assert "--advise" in of_run(diagnosed, page).next, "the page is open already"

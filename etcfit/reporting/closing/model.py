@@ -19,6 +19,7 @@ from . import Closing, counted, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line
+_WORTH_SAYING = 0.2  # probability of such a name
 
 
 def of_run(run: Path, *pages: Path) -> Closing:
@@ -89,9 +90,9 @@ def _nothing_added(contents: Contents) -> str:
     if _is_sound(contents) and left_unexplained(contents) is None:
         return "No effect of the catalogue is missing, as far as these data show."
     names = [f"{name} (P {p:.2f})" for name, p in likely_hypotheses(found.get("probabilities") or {})
-             if name not in ("nothing", "unexplained")][:_GUESSES]  # fmt: skip
-    guess = f"; the likeliest are {listed(names)}, not proven" if names else ""
-    return f"Something is missing, and no effect explains it{guess}."
+             if name not in ("nothing", "unexplained") and p >= _WORTH_SAYING][:_GUESSES]  # fmt: skip
+    guess = f"; it may be {' or '.join(names)}, not proven" if names else ""
+    return f"Something is missing, and no known effect explains it{guess}."
 
 
 def _known(contents: Contents) -> str:

@@ -45,7 +45,7 @@ class Hardest(NamedTuple):
         if math.isfinite(self.figure):
             said = f"{of.name} {short(self.figure)} {of.unit}"
         else:
-            said = "no settling" if self.symbol == "settling_s" else f"no finite {of.name}"
+            said = "settling: never" if self.symbol == "settling_s" else f"no finite {of.name}"
         return f"{said} (limit {self.limit:g} {of.unit})"
 
 
