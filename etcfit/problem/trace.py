@@ -116,6 +116,8 @@ def by_test(traces: Iterable[Trace]) -> dict[str, frozenset[str]]:
 
 
 _LEAST_OHM = 1.0  # of a winding
+_BENT = 9.0  # variances per degree of freedom that samples lie off a line, from which on they are not on it
+_FEW = 5  # samples of a motion that turns within ten
 _STEADY = 6.0  # noises that the first samples of a current that is steady may lie apart
 
 _NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -195,29 +197,43 @@ def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"]
 
 
 class _Line(NamedTuple):
-    """A straight line through the first samples, in the channel's SI unit (and per second).
+    """How the first samples of a channel begin, in its SI unit (and per second).
 
     Args:
         level: at the first instant.
-        slope: 0 where it is not significant.
+        slope: there; 0 where it is not significant.
         slope_sd: its standard deviation.
+        misfit: sum of the squared residuals over their variance, per degree of freedom.
     """
 
     level: float
     slope: float
     slope_sd: float
+    misfit: float
 
 
 def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
-    """A line fitted to samples of noise sigma; a constant where its slope is within 4 standard deviations of 0."""
+    """How samples of noise sigma begin: a line; where they do not lie on one, a parabola, through the first few if need
+    be. A constant where the slope of the line is within 4 standard deviations of 0."""
     if y.size < 3:
-        return _Line(float(y[0]), 0.0, 0.0)
-    spread = float(np.sqrt(np.sum((t - t.mean()) ** 2)))
-    slope = float(np.sum((t - t.mean()) * (y - y.mean())) / spread**2)
-    sd = sigma / spread
-    if abs(slope) < 4.0 * sd:
-        return _Line(float(y.mean()), 0.0, 0.0)
-    return _Line(float(y.mean() - slope * t.mean()), slope, sd)
+        return _Line(float(y[0]), 0.0, 0.0, 0.0)
+    line = _polynomial(t, y, sigma, 1)
+    for count in (y.size, _FEW):
+        if line.misfit > _BENT and y.size >= count > 3:
+            line = _polynomial(t[:count], y[:count], sigma, 2)
+    if line.misfit <= _BENT and abs(line.slope) < 4.0 * line.slope_sd:
+        return line._replace(level=float(y.mean()), slope=0.0, slope_sd=0.0)
+    return line
+
+
+def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Line:
+    """Least squares; the standard deviation is larger by the root of a misfit above 1."""
+    span = t[-1] - t[0]
+    powers = np.vander((t - t[0]) / span, degree + 1, increasing=True)
+    found = np.linalg.lstsq(powers, y, rcond=None)[0]
+    misfit = float(np.sum((y - powers @ found) ** 2)) / sigma**2 / max(1, y.size - degree - 1)
+    sd = sigma * np.sqrt(np.linalg.inv(powers.T @ powers)[1, 1] * max(1.0, misfit)) / span
+    return _Line(float(found[0]), float(found[1] / span), float(sd), misfit)
 
 
 def _start(trace: Trace, config: RigConfig) -> InitialState:
@@ -230,7 +246,7 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
-        theta, omega, omega_sd = _still(*first, sigma["position"])
+        theta, omega, omega_sd, _ = _still(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]
         for stop in config.travel:
             if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
