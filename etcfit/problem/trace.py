@@ -116,8 +116,10 @@ def by_test(traces: Iterable[Trace]) -> dict[str, frozenset[str]]:
 
 
 _LEAST_OHM = 1.0  # of a winding
-_BENT = 9.0  # variances per degree of freedom that samples lie off a line, from which on they are not on it
-_FEW = 5  # samples of a motion that turns within ten
+_BEYOND_NOISE = 4.0  # standard deviations
+_HIGHEST = 5  # power of a polynomial
+_BENT = 4.0  # variances per degree of freedom that samples may miss it by
+_FEW = 6  # samples of a plate that swings to and fro within ten
 _STEADY = 6.0  # noises that the first samples of a current that is steady may lie apart
 
 _NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -201,39 +203,49 @@ class _Line(NamedTuple):
 
     Args:
         level: at the first instant.
-        slope: there; 0 where it is not significant.
+        slope: there.
         slope_sd: its standard deviation.
-        misfit: sum of the squared residuals over their variance, per degree of freedom.
+        bends: the highest power of the polynomial behind it is beyond noise.
+        misfit: sum of squared residuals over their variance, per degree of freedom.
     """
 
     level: float
     slope: float
     slope_sd: float
-    misfit: float
+    bends: bool = False
+    misfit: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether the slope is beyond its noise."""
+        return abs(self.slope) > _BEYOND_NOISE * self.slope_sd
 
 
 def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
-    """How samples of noise sigma begin: a line; where they do not lie on one, a parabola, through the first few if need
-    be. A constant where the slope of the line is within 4 standard deviations of 0."""
+    """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise;
+    else the polynomial one power above the highest that is, for what hides in the noise turns the slope at the end.
+    Through the first few samples where no such polynomial passes by all."""
     if y.size < 3:
-        return _Line(float(y[0]), 0.0, 0.0, 0.0)
-    line = _polynomial(t, y, sigma, 1)
-    for count in (y.size, _FEW):
-        if line.misfit > _BENT and y.size >= count > 3:
-            line = _polynomial(t[:count], y[:count], sigma, 2)
-    if line.misfit <= _BENT and abs(line.slope) < 4.0 * line.slope_sd:
-        return line._replace(level=float(y.mean()), slope=0.0, slope_sd=0.0)
-    return line
+        return _Line(float(y[0]), 0.0, 0.0)
+    each = [_polynomial(t, y, sigma, k) for k in range(1, min(_HIGHEST, y.size - 1) + 1)]
+    needed = [k for k, line in enumerate(each) if line.bends]
+    if not needed:
+        return _Line(float(y.mean()), 0.0, 0.0)
+    found = each[min(needed[-1] + 1, len(each) - 1)]
+    if found.misfit > _BENT and y.size > _FEW:
+        return _still(t[:_FEW], y[:_FEW], sigma)
+    return found
 
 
 def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Line:
-    """Least squares; the standard deviation is larger by the root of a misfit above 1."""
-    span = t[-1] - t[0]
+    """Least squares."""
+    span, freedom = float(t[-1] - t[0]), max(1, y.size - degree - 1)
     powers = np.vander((t - t[0]) / span, degree + 1, increasing=True)
     found = np.linalg.lstsq(powers, y, rcond=None)[0]
-    misfit = float(np.sum((y - powers @ found) ** 2)) / sigma**2 / max(1, y.size - degree - 1)
-    sd = sigma * np.sqrt(np.linalg.inv(powers.T @ powers)[1, 1] * max(1.0, misfit)) / span
-    return _Line(float(found[0]), float(found[1] / span), float(sd), misfit)
+    sd = sigma * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
+    bends = bool(abs(found[-1]) > _BEYOND_NOISE * sd[-1])
+    misfit = float(np.sum((y - powers @ found) ** 2)) / sigma**2 / freedom
+    return _Line(float(found[0]), float(found[1] / span), float(sd[1] / span), bends, misfit)
 
 
 def _start(trace: Trace, config: RigConfig) -> InitialState:
@@ -246,7 +258,7 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
-        theta, omega, omega_sd, _ = _still(*first, sigma["position"])
+        theta, omega, omega_sd, *_ = _still(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]
         for stop in config.travel:
             if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
@@ -284,12 +296,12 @@ def _moves_at_once(trace: Trace) -> bool:
     An EMF that is there and stays is the zero of its channel.
     """
     falls, rises = (_first(trace, name, 10) for name in ("position", "emf"))
-    if falls is not None and _still(*falls, _sigma_of(trace, "position")).slope != 0.0:
+    if falls is not None and _still(*falls, _sigma_of(trace, "position")).moves:
         return True
     if rises is None:
         return False
     sigma = _sigma_of(trace, "emf")
-    return bool(abs(np.median(rises[1])) > 4.0 * sigma) and _still(*rises, sigma).slope != 0.0
+    return bool(abs(np.median(rises[1])) > 4.0 * sigma) and _still(*rises, sigma).moves
 
 
 def _sigma_of(trace: Trace, name: str) -> float:

@@ -105,6 +105,24 @@ def test_a_plate_that_starts_in_motion_has_a_speed_and_a_deviation_that_covers_i
     assert 0.5 < np.std(np.array(wrong)[:, 1]) < 1.5  # honest, not just wide
 
 
+@pytest.mark.parametrize("hertz", [10.0, 25.0, 40.0])
+def test_a_plate_that_starts_within_a_swing_has_the_speed_of_its_first_sample(hertz: float) -> None:
+    """A plate in a limit cycle: the first ten samples turn, so a line through them is another speed."""
+    time, turn, wrong = T[:100], 2.0 * np.pi * hertz, []
+    for seed in range(48):
+        phase = 2.0 * np.pi * seed / 48.0
+        swing = 0.4 + 0.05 * np.sin(turn * time + phase)
+        start = ready(noisy(measurement("response", time, {"voltage": 0 * time, "position": swing}), seed)).start
+        speed = 0.05 * turn * np.cos(phase)
+        if start.sd[2] == 0.0:  # taken for rest: at a turning point, which ten samples in this noise cannot tell apart
+            assert abs(speed) < 1.5
+        else:
+            wrong.append((np.array(start.state) - [0.0, swing[0], speed])[1:] / start.sd[1:])
+    assert len(wrong) > 40
+    assert np.max(np.abs(wrong)) < 4.0
+    assert 0.4 < np.std(np.array(wrong)[:, 1]) < 1.6
+
+
 def test_a_current_that_flows_at_the_start_is_taken_from_the_log() -> None:
     m = noisy(measurement("response", T, {"voltage": 0 * T + 3, "current": 0 * T + 2.0, "position": 0 * T}), 1)
     start = ready(m).start
