@@ -10,7 +10,6 @@ from typing import Any
 from ...diagnosis.probabilities import likely_hypotheses
 from ...errors import command
 from ...estimation.goodness import Left
-from ...estimation.identifiability import listed
 from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run

@@ -56,8 +56,8 @@ def test_what_is_missed_or_unstable_is_no_success() -> None:
     missed = pid(nonlinear={"overshoot_pct": 25.0, "settling_s": None, "phase_margin_deg": 12.0},
                  margins_asked={"phase_margin_deg": 30.0})  # fmt: skip
     said = sentence(missed)
-    assert ("MISS on the nominal model: overshoot 25.0 % (limit 20 %), settling: never (limit 0.2 s) and phase margin 12.0 "
-            "degrees (at least 30 degrees)") in said  # fmt: skip
+    assert ("MISS on the nominal model: overshoot 25.0 % (limit 20 %), settling: never (limit 0.2 s) and phase "
+            "margin 12.0 degrees (at least 30 degrees)") in said  # fmt: skip
     assert "meet every requirement" not in said
     assert "UNSTABLE on the nominal model" in sentence(pid(stable=False))
     shaky = pid()
