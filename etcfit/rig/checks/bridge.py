@@ -27,7 +27,7 @@ Source: Erickson and Maksimovic 2020, ch. 5 (discontinuous conduction). Differs 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from .circuit import OtherCurrent, Value, left_by, supply_of, values_of, windows
 # Times less that another reading of the current must leave of the voltage. Where a test shows the current of a supply
 # so, and none shows the opposite as clearly, every current is one of the supply.
 TIMES = 4.0
+SAME_WINDING = 1.4  # largest over smallest resistance of one winding, warm and cold
 VOLTS_SPAN = 1.5  # largest over smallest voltage of the windows, at least
 NEGATIVE = 6  # windows in which the sign is negative, at least
 BELOW = 6.0  # noises by which a current of one sign may lie below zero
@@ -66,10 +67,22 @@ def supply_current(records: Records) -> Iterator[Finding]:
     read = {test: current.better(current.supply, 0.9) for test, current in records.currents.items()
             if _spans(current)}  # fmt: skip
     shown = {test: found for test, found in read.items() if found is not None and found[0] > TIMES}
-    if any(found is None or found[0] < 1.0 / TIMES for found in read.values()):
-        yield from (_of_supply(records, {test: found}, test) for test, found in shown.items())
+    against = [test for test, found in read.items() if found is None or found[0] < 1.0 / TIMES]
+    if against:
+        yield from (_of_supply(records, {test: found}, test) for test, found in shown.items()
+                    if _same_winding(records, found[1], against))  # fmt: skip
     elif shown:
         yield _of_supply(records, shown, None if len(records.currents) > 1 else next(iter(shown)))
+
+
+def _same_winding(records: Records, R: Value, against: Sequence[str]) -> bool:
+    """Whether a current of the supply shows the resistance that tests with the motor's own current show; True where the
+    supply's voltage is unknown, for then it shows none."""
+    told = [values["R"].value for test in against if (values := values_of(records.currents[test].motor))
+            and "R" in values]  # fmt: skip
+    if not told or any(supply_of(records.tests[test], records.config) is None for test in records.currents):
+        return True
+    return bool(1.0 / SAME_WINDING < R.value / np.median(told) < SAME_WINDING)
 
 
 def _spans(current: OtherCurrent) -> bool:
@@ -100,7 +113,7 @@ def unsigned_current(records: Records) -> Iterator[Finding]:
     """A current that leaves far less of the voltage with a sign, in windows in which that sign is negative."""
     for test, current in records.currents.items():
         channels = [t.channels["current"] for t in records.tests[test] if "current" in t.channels]
-        rows = current.sign < 0.0
+        rows = (current.sign < 0.0) & (current.motor.volts < 0.0)
         one_sign = all(float(np.min(c.value)) >= -BELOW * max(c.sigma, c.quantum) for c in channels)
         better = current.better(current.unsigned, 0.5, rows) if rows.sum() >= NEGATIVE and one_sign else None
         if better is not None and better[0] > TIMES:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.bank import case
+from benchmarks.bank import case, cases
 from etcfit.errors import MeasurementError
 from etcfit.rig import checks
 from etcfit.rig.base import Finding
@@ -231,6 +231,15 @@ def test_a_current_without_its_sign_is_found_where_it_lost_one(tmp_path: Path) -
         assert 0.2 < unsigned[0].size < 0.8  # share of the stretches that the voltage drives backwards
         with pytest.raises(MeasurementError, match="lost its sign"):
             refuse("rig", found)
+
+
+@pytest.mark.parametrize("seed", [6892, 6972])
+def test_a_dead_zone_of_the_driver_is_no_mistake_of_the_current(seed: int, tmp_path: Path) -> None:
+    """Two of the training bank, which were taken for a current of the supply, and for one without its sign: in a motor
+    that runs alone at two voltages."""
+    (dead_zone,) = cases.chosen("single:driver_dead_zone", seed, 1)
+    cases.made(dead_zone, tmp_path)
+    assert read_folder(tmp_path).findings == ()
 
 
 def test_a_voltage_that_shows_the_pwm_is_refused(honest: tuple[Path, Truth], tmp_path: Path) -> None:
