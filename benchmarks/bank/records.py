@@ -74,9 +74,11 @@ def _worked(record: dict[str, Any], folder: Path, chosen: Case) -> None:
 
 def _refused(record: dict[str, Any], folder: Path, message: str) -> None:
     """Physics rules the data out, or they cannot be read: the kinds that the message names stand for names."""
+    from etcfit.model.rig_effects import RIG_EFFECTS
     from etcfit.rig.checks import DETECTORS
 
-    kinds = [detector.kind for detector in DETECTORS if f"{detector.kind}:" in message]
+    every = dict.fromkeys(each.kind for each in (*DETECTORS, *RIG_EFFECTS))
+    kinds = [kind for kind in every if f"{kind}:" in message]
     record["check"]["refused"] = message.replace(f"{folder}{os.sep}", "")[:500]
     record["named"] = [_named(record, {"name": kind, "kind": kind, "before_any_fit": True}, 1.0, []) for kind in kinds]
 

@@ -27,6 +27,7 @@ POSSIBLE: dict[str, tuple[float, float]] = {
 }
 SHORTEST, LONGEST, FINEST = 1e-3, 86400.0, 1e-6  # s: a trace, a trace, the time between two samples
 BEYOND_STOP, BEYOND_STOP_RAD = 0.05, np.radians(2.0)  # of the travel, and at least so much
+SENSOR_FAILS = 0.02  # share of the samples up to which a sensor beyond its end points has failed now and then
 SETPOINT_BEYOND = 0.5  # of the travel: a setpoint may ask for more than the plate can do
 OHMS = (0.02, 1e3)  # peak voltage over peak current with the plate held; real windings have 0.1 to 100 ohm
 OHMS_VOLTAGE, OHMS_CURRENT = 0.1, 0.2  # V, A: below these peaks the ratio is one of noise
@@ -157,8 +158,15 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
         mend = f"{mend} Or give what one count is, as in 'duty [0.1 %]'."
     if column.quantity not in POSSIBLE:  # an angle
         required += ", the travel and a little more"
-        mend = ("Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
-                if column.unit.endswith("V") else f"{mend} Or correct [rig] travel_deg.")  # fmt: skip
+        if column.unit.endswith("V") and np.mean(bad) > SENSOR_FAILS:
+            found = (f"sensor_end_points: column '{column.header}' is beyond the end points of [tps] in "
+                     f"{int(bad.sum())} of {value.size} samples: it shows {np.min(column.logged):.4g} to "
+                     f"{np.max(column.logged):.4g} {column.unit}.")  # fmt: skip
+            mend = "Correct [tps] in rig.toml: what the sensor shows with the plate at each stop."
+        elif column.unit.endswith("V"):
+            mend = "Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
+        else:
+            mend = f"{mend} Or correct [rig] travel_deg."
     raise MeasurementError(log.at(k), found, f"{required}.", mend)
 
 

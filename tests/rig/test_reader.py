@@ -159,6 +159,10 @@ WRONG: dict[str, tuple[Mapping[str, str | bytes], str]] = {
         only_response(R.with_cell(9, 3, "4.99")),
         r"1\.csv:11: column 'tps \[V\]' is 4\.99 V.*4\.944 V.*\[tps\]",
     ),
+    "end points of the sensor": (
+        only_response(scaled(R, 3, 2.5)),
+        r"1\.csv:\d+: sensor_end_points: column 'tps \[V\]' is beyond.* of \d+ samples: .*4\.944 V.*plate at each stop",
+    ),
     "degrees as radians": (only_response(scaled(R, 3, 10).with_header(3, "position [rad]")), r"really in deg or %"),
     "mA as A": (
         only_response(R.with_header(2, "current [A]")),
