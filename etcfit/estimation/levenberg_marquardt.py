@@ -182,13 +182,16 @@ class LinearisedProblem:
 
 
 def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> LinearisedProblem:
-    """Linearise at coordinates x, shape (P,). What the data do not tell counts as known to `WIDE` reaches."""
+    """Linearise at coordinates x, shape (P,). What the data do not tell counts as known to `WIDE` reaches; so does
+    everything where the simulation runs away, and the gain is infinite."""
     padded, size = problem.layout.padded(x), x.size
     of_data = normal_equations(problem.layout.form, weighted, padded.size)(padded)
     unit = max(1.0, float(of_data.chi2) / max(1.0, weighted.samples - size))
     reach, prior_sd = problem.layout.reach(x), np.asarray(weighted.prior_sd)[:size]
     information = np.asarray(of_data.information)[:size, :size] + prior_information(problem.layout, x, prior_sd)
     gradient = np.asarray(of_data.gradient)[:size] + prior_residual_here(padded, weighted)[:size] / prior_sd
+    if not (np.isfinite(information).all() and np.isfinite(gradient).all()):
+        return LinearisedProblem(unit, np.diag((WIDE * reach) ** 2), np.inf, np.zeros(size))
     step = -np.linalg.solve(information, gradient)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)

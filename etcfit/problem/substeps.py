@@ -86,6 +86,7 @@ def substeps_needed(batch: TraceBatch, error: Float[np.ndarray, "T L"]) -> list[
         starts = marks[:-1] - row + 1
         worst = np.maximum.reduceat(column, starts)
         count = np.diff(marks)
-        factor = np.ceil(count * np.cbrt(worst / TOLERANCE))
+        with np.errstate(over="ignore"):  # a simulation that runs away
+            factor = np.ceil(count * np.cbrt(worst / TOLERANCE))
         out.append(np.clip(np.where(np.isfinite(factor), factor, _MOST), 1, _MOST).astype(int))
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from etcfit.estimation import levenberg_marquardt
 from etcfit.estimation.levenberg_marquardt import descend, least_squares, linearise_at, minimise
 from etcfit.problem import weights
 from etcfit.problem.normal_equations import NormalEquations
@@ -179,3 +181,22 @@ def test_the_covariance_is_that_of_a_mean_of_currents(held: Held) -> None:
     assert here.gain < 1e-9
     off = linearise_at(problem, x + np.array([3.0 * np.sqrt(here.covariance[0, 0]), 0.0]), weighted)
     assert off.gain == pytest.approx(9.0 * here.unit / off.unit, rel=0.05)
+
+
+def test_where_derivatives_overflow_nothing_is_told_and_the_gain_is_infinite(
+    held: Held, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Eigenvalues of such a matrix do not converge, and a diagnosis ended there."""
+    problem, weighted = held
+    x = problem.layout.coordinates({"R_a": OHM, "T_f": 0.2})
+    told, plain = linearise_at(problem, x, weighted), levenberg_marquardt.normal_equations
+
+    def overflown(*of: Any) -> Callable[[np.ndarray], NormalEquations]:
+        found = plain(*of)(problem.layout.padded(x))
+        return lambda _: NormalEquations(found.chi2, found.gradient, np.full(np.shape(found.information), np.inf))
+
+    monkeypatch.setattr(levenberg_marquardt, "normal_equations", overflown)
+    lost = linearise_at(problem, x, weighted)
+    assert lost.gain == np.inf
+    assert np.all(lost.step == 0.0)
+    assert lost.covariance[0, 0] > 1e3 * told.covariance[0, 0]
