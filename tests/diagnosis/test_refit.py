@@ -37,14 +37,14 @@ def test_a_refit_that_ends_further_from_the_data_is_spoilt(
     assert further_from_data(after, before) is further
 
 
-def moved(s: CandidateModel, by: float) -> CandidateModel:
-    """At other coordinates, where chi2 is larger."""
-    return replace(s, x=s.x + by)
+def two_points(s: CandidateModel) -> tuple[CandidateModel, CandidateModel]:
+    """A model where chi2 is low, and at the end of its own descent, where it is higher: nobody simulated its traces."""
+    end = s.optimised()
+    return replace(end, x=end.x + 4.0), end
 
 
 def test_models_are_compared_by_their_chi2_per_sample(small: CandidateModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    best = small.optimised()
-    worse = moved(best, 3.0)
+    best, worse = two_points(small)
     ratio = worse.chi2_per_sample / best.chi2_per_sample
     assert ratio > 1.05
     for limit, worsened in ((0.5 + 0.5 * ratio, True), (1.1 * ratio, False)):
@@ -68,8 +68,8 @@ def test_a_refit_holds_where_it_is_neither_spoilt_nor_worse_on_what_was_held_out
     small: CandidateModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The held-out trace is the fitted one here, so its error rises too; the settings say which rise is too much."""
-    best = small.optimised()
-    worse, was = moved(best, 3.0), score(best)
+    best, worse = two_points(small)
+    was = score(best)
     rise = np.divide(score(worse).holdout_rms or np.nan, was.holdout_rms or np.nan) - 1.0
     assert rise > 0.02
     lenient = replace(SETTINGS, refit_rise=1.1 * rise)
