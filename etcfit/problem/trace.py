@@ -117,6 +117,7 @@ def by_test(traces: Iterable[Trace]) -> dict[str, frozenset[str]]:
 
 _LEAST_OHM = 1.0  # of a winding
 _BEYOND_NOISE = 4.0  # standard deviations
+_STRAIGHT = 1.5  # standard deviations up to which samples on a line show no bend
 _HIGHEST = 5  # power of a polynomial
 _BENT = 4.0  # variances per degree of freedom that samples may miss it by
 _FEW = 6  # samples of a plate that swings to and fro within ten
@@ -205,14 +206,14 @@ class _Line(NamedTuple):
         level: at the first instant.
         slope: there.
         slope_sd: its standard deviation.
-        bends: the highest power of the polynomial behind it is beyond noise.
+        top: coefficient of the highest power of the polynomial behind it, in its standard deviations.
         misfit: sum of squared residuals over their variance, per degree of freedom.
     """
 
     level: float
     slope: float
     slope_sd: float
-    bends: bool = False
+    top: float = 0.0
     misfit: float = 0.0
 
     @property
@@ -222,16 +223,23 @@ class _Line(NamedTuple):
 
 
 def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
-    """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise;
-    else the polynomial one power above the highest that is, for what hides in the noise turns the slope at the end.
-    Through the first few samples where no such polynomial passes by all."""
+    """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise.
+
+    Else a polynomial one power above the highest that is, for what hides in the noise turns the slope at the end; through
+    the first few samples where that passes by them. Where nothing of a bend shows, the line itself, which is told four times
+    better, its error that between both.
+    """
     if y.size < 3:
         return _Line(float(y[0]), 0.0, 0.0)
     each = [_polynomial(t, y, sigma, k) for k in range(1, min(_HIGHEST, y.size - 1) + 1)]
-    needed = [k for k, line in enumerate(each) if line.bends]
+    needed = [k for k, line in enumerate(each) if line.top > _BEYOND_NOISE]
     if not needed:
         return _Line(float(y.mean()), 0.0, 0.0)
-    found = each[min(needed[-1] + 1, len(each) - 1)]
+    found, above = each[needed[-1]], each[min(needed[-1] + 1, len(each) - 1)]
+    if needed == [0] and all(line.top < _STRAIGHT for line in each[1:3]):
+        found = found._replace(slope_sd=float(np.hypot(found.slope_sd, above.slope - found.slope)))
+    else:
+        found = above
     if found.misfit > _BENT and y.size > _FEW:
         return _still(t[:_FEW], y[:_FEW], sigma)
     return found
@@ -243,9 +251,8 @@ def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: f
     powers = np.vander((t - t[0]) / span, degree + 1, increasing=True)
     found = np.linalg.lstsq(powers, y, rcond=None)[0]
     sd = sigma * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
-    bends = bool(abs(found[-1]) > _BEYOND_NOISE * sd[-1])
     misfit = float(np.sum((y - powers @ found) ** 2)) / sigma**2 / freedom
-    return _Line(float(found[0]), float(found[1] / span), float(sd[1] / span), bends, misfit)
+    return _Line(float(found[0]), float(found[1] / span), float(sd[1] / span), float(abs(found[-1]) / sd[-1]), misfit)
 
 
 def _start(trace: Trace, config: RigConfig) -> InitialState:
