@@ -225,9 +225,9 @@ class _Line(NamedTuple):
 def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
     """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise.
 
-    Else a polynomial one power above the highest that is, for what hides in the noise turns the slope at the end; through
-    the first few samples where that passes by them. Where nothing of a bend shows, the line itself, which is told four times
-    better, its error that between both.
+    Else a polynomial one power above the highest that is, for what hides in the noise turns the slope at the end;
+    through the first few samples, where it misses the others. Where nothing of a bend shows, the line itself: its
+    slope is told four times better.
     """
     if y.size < 3:
         return _Line(float(y[0]), 0.0, 0.0)
@@ -237,12 +237,8 @@ def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float)
         return _Line(float(y.mean()), 0.0, 0.0)
     found, above = each[needed[-1]], each[min(needed[-1] + 1, len(each) - 1)]
     if needed == [0] and all(line.top < _STRAIGHT for line in each[1:3]):
-        found = found._replace(slope_sd=float(np.hypot(found.slope_sd, above.slope - found.slope)))
-    else:
-        found = above
-    if found.misfit > _BENT and y.size > _FEW:
-        return _still(t[:_FEW], y[:_FEW], sigma)
-    return found
+        return found._replace(slope_sd=float(np.hypot(found.slope_sd, above.slope - found.slope)))
+    return _still(t[:_FEW], y[:_FEW], sigma) if above.misfit > _BENT and y.size > _FEW else above
 
 
 def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Line:
