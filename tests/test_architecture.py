@@ -45,7 +45,7 @@ REGISTRIES = {
     "rig": "AbstractRigTest",
 }
 DOORS = ("__init__.py", "__main__.py")  # of the package itself: the facade, which is lazy, and `python -m etcfit`
-FILES = sorted(file for file in PACKAGE.rglob("*.py") if file not in [PACKAGE / door for door in DOORS])
+FILES = sorted({*PACKAGE.rglob("*.py")} - {PACKAGE / door for door in DOORS})
 
 
 def place(file: Path) -> str:
@@ -125,8 +125,8 @@ def test_every_effect_rig_test_and_detector_is_registered(package: str, abstract
     every = {name: bases for file in files for name, bases in classes(file).items()}
     between = {name for name, bases in every.items() if abstract in bases and name.startswith("Abstract")}
     defined = {name for name, bases in every.items() if {abstract, *between} & {*bases}} - between
-    registry = ast.parse((PACKAGE / package / "__init__.py").read_text(encoding="utf-8"))
-    tuples = [node for node in ast.walk(registry) if isinstance(node, ast.Tuple)]
+    tree = ast.parse((PACKAGE / package / "__init__.py").read_text(encoding="utf-8"))
+    tuples = [node for node in ast.walk(tree) if isinstance(node, ast.Tuple)]
     assert defined, f"nothing in {package}/ derives from {abstract}: this test would see nothing"
     assert defined <= {name.id for entries in tuples for name in entries.elts if isinstance(name, ast.Name)}
 

@@ -199,7 +199,7 @@ def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"]
     return trace.instants[rows] - trace.instants[0], column[rows]
 
 
-class _Line(NamedTuple):
+class _Begin(NamedTuple):
     """How the first samples of a channel begin, in its SI unit (and per second).
 
     Args:
@@ -222,33 +222,33 @@ class _Line(NamedTuple):
         return abs(self.slope) > _BEYOND_NOISE * self.slope_sd
 
 
-def _still(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Line:
+def _beginning(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Begin:
     """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise.
 
     Else a polynomial one power above the highest that is, for what hides in the noise turns the slope at the end;
     through the first few samples, where it misses the others. Where nothing of a bend shows, the line itself: its
-    slope is told four times better.
+    slope has a quarter of the error.
     """
     if y.size < 3:
-        return _Line(float(y[0]), 0.0, 0.0)
+        return _Begin(float(y[0]), 0.0, 0.0)
     each = [_polynomial(t, y, sigma, k) for k in range(1, min(_HIGHEST, y.size - 1) + 1)]
     needed = [k for k, line in enumerate(each) if line.top > _BEYOND_NOISE]
     if not needed:
-        return _Line(float(y.mean()), 0.0, 0.0)
+        return _Begin(float(y.mean()), 0.0, 0.0)
     found, above = each[needed[-1]], each[min(needed[-1] + 1, len(each) - 1)]
     if needed == [0] and all(line.top < _STRAIGHT for line in each[1:3]):
         return found._replace(slope_sd=float(np.hypot(found.slope_sd, above.slope - found.slope)))
-    return _still(t[:_FEW], y[:_FEW], sigma) if above.misfit > _BENT and y.size > _FEW else above
+    return _beginning(t[:_FEW], y[:_FEW], sigma) if above.misfit > _BENT and y.size > _FEW else above
 
 
-def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Line:
-    """Least squares."""
+def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Begin:
+    """Of one degree, by least squares."""
     span, freedom = float(t[-1] - t[0]), max(1, y.size - degree - 1)
     powers = np.vander((t - t[0]) / span, degree + 1, increasing=True)
     found = np.linalg.lstsq(powers, y, rcond=None)[0]
     sd = sigma * np.sqrt(np.diag(np.linalg.inv(powers.T @ powers)))
     misfit = float(np.sum((y - powers @ found) ** 2)) / sigma**2 / freedom
-    return _Line(float(found[0]), float(found[1] / span), float(sd[1] / span), float(abs(found[-1]) / sd[-1]), misfit)
+    return _Begin(float(found[0]), float(found[1] / span), float(sd[1] / span), float(abs(found[-1]) / sd[-1]), misfit)
 
 
 def _start(trace: Trace, config: RigConfig) -> InitialState:
@@ -261,7 +261,7 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
-        theta, omega, omega_sd, *_ = _still(*first, sigma["position"])
+        theta, omega, omega_sd, *_ = _beginning(*first, sigma["position"])
         theta_sd = 3.0 * sigma["position"]
         for stop in config.travel:
             if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
@@ -299,12 +299,12 @@ def _moves_at_once(trace: Trace) -> bool:
     An EMF that is there and stays is the zero of its channel.
     """
     falls, rises = (_first(trace, name, 10) for name in ("position", "emf"))
-    if falls is not None and _still(*falls, _sigma_of(trace, "position")).moves:
+    if falls is not None and _beginning(*falls, _sigma_of(trace, "position")).moves:
         return True
     if rises is None:
         return False
     sigma = _sigma_of(trace, "emf")
-    return bool(abs(np.median(rises[1])) > 4.0 * sigma) and _still(*rises, sigma).moves
+    return bool(abs(np.median(rises[1])) > 4.0 * sigma) and _beginning(*rises, sigma).moves
 
 
 def _sigma_of(trace: Trace, name: str) -> float:

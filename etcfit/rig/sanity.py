@@ -158,15 +158,15 @@ def _check_range(log: Log, column: Column, config: RigConfig) -> None:
         mend = f"{mend} Or give what one count is, as in 'duty [0.1 %]'."
     if column.quantity not in POSSIBLE:  # an angle
         required += ", the travel and a little more"
-        if column.unit.endswith("V") and np.mean(bad) > SENSOR_FAILS:
+        if not column.unit.endswith("V"):
+            mend = f"{mend} Or correct [rig] travel_deg."
+        elif np.mean(bad) <= SENSOR_FAILS:
+            mend = "Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
+        else:
             found = (f"sensor_end_points: column '{column.header}' is beyond the end points of [tps] in "
                      f"{int(bad.sum())} of {value.size} samples: it shows {np.nanmin(column.logged):.4g} to "
                      f"{np.nanmax(column.logged):.4g} {column.unit}.")  # fmt: skip
             mend = "Correct [tps] in rig.toml: what the sensor shows with the plate at each stop."
-        elif column.unit.endswith("V"):
-            mend = "Correct [tps] or [rig] travel_deg in rig.toml, or empty the cell if the sensor failed."
-        else:
-            mend = f"{mend} Or correct [rig] travel_deg."
     raise MeasurementError(log.at(k), found, f"{required}.", mend)
 
 

@@ -76,13 +76,13 @@ def supply_current(records: Records) -> Iterator[Finding]:
 
 
 def _same_winding(records: Records, R: Value, against: Sequence[str]) -> bool:
-    """Whether a current of the supply shows the resistance that tests with the motor's own current show; True where the
-    supply's voltage is unknown, for then it shows none."""
-    told = [values["R"].value for test in against if (values := values_of(records.currents[test].motor))
-            and "R" in values]  # fmt: skip
-    if not told or any(supply_of(records.tests[test], records.config) is None for test in records.currents):
+    """Whether R, read from a current of the supply, is that of the tests whose current is the motor's; True where these
+    show no R, or where the supply's voltage is unknown, for then R is not in ohm."""
+    others = [values["R"].value for test in against if (values := values_of(records.currents[test].motor))
+              and "R" in values]  # fmt: skip
+    if not others or any(supply_of(records.tests[test], records.config) is None for test in records.currents):
         return True
-    return bool(1.0 / SAME_WINDING < R.value / np.median(told) < SAME_WINDING)
+    return bool(1.0 / SAME_WINDING < R.value / np.median(others) < SAME_WINDING)
 
 
 def _spans(current: OtherCurrent) -> bool:
