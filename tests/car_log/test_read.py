@@ -142,7 +142,7 @@ def test_an_msl_that_is_none_says_so(text: str) -> None:
 
 def test_a_log_without_a_position_says_how_to_name_it(tmp_path: Path) -> None:
     written(tmp_path, a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "hatch"}))
-    with pytest.raises(MeasurementError, match=r"its columns 'time \[s\]', 'hatch'.*\[columns\] \"time \[s\]\" ="):
+    with pytest.raises(MeasurementError, match=r"its columns 'time \[s\]', 'hatch'.*\[columns\] \"HEADER\" ="):
         read_logs(tmp_path)
 
 

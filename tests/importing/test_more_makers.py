@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from etcfit.car_log.read import read_logs
+from etcfit.car_log.study import study
 from etcfit.errors import MeasurementError
 from etcfit.importing import import_files
 from etcfit.importing.answers import Answers
@@ -138,3 +139,10 @@ def test_a_position_without_a_unit_is_said_to_be_taken_as_per_cent(tmp_path: Pat
     (log,) = read_logs(path.parent)[1]
     assert "no unit" not in log.hint
     assert log.position.value[-1] == pytest.approx(2.9 / 0.9)
+
+
+def test_a_log_of_a_sample_every_five_seconds_has_no_spectrum(tmp_path: Path) -> None:
+    rows = [f"{5.0 * k:.1f},{1500 + k},{20 + 3 * (k % 2)}" for k in range(12)]
+    path = written(tmp_path / "in", "a.csv", "Time,Engine RPM,Throttle position [%]\n" + "\n".join(rows) + "\n")
+    (log,) = read_logs(path.parent)[1]
+    assert study(log).spectrum is None
