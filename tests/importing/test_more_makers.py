@@ -112,7 +112,7 @@ def test_the_voltage_of_an_oxygen_sensor_is_no_motors(tmp_path: Path) -> None:
     path = written(tmp_path / "in", "a.csv", "\n".join([",".join(names), *rows]) + "\n")
     with pytest.raises(MeasurementError, match=r"nothing says what 'O2 Bank 1 - Sensor 2.*'O2 Bank 2"):
         import_files([path], tmp_path / "rig", Answers(), accept_all)
-    with pytest.raises(MeasurementError, match=r"'O2 Bank 1.*'O2 Bank 2.*\"HEADER\" = \"position \[%\]\""):
+    with pytest.raises(MeasurementError, match=r"'O2 Bank 1.*'O2 Bank 2.*'Time\(s\)'\. .*\[columns\] \"O2 Bank 1"):
         read_logs(path.parent)
 
 
