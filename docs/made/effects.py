@@ -12,6 +12,7 @@ NEEDS = {
     "current": "the current",
     "position": "the plate's angle",
     "gear": "a gear ratio",
+    "bridge": "a duty of a known supply (or settled speeds that hardly grow with the voltage)",
 }
 
 

@@ -24,11 +24,13 @@ from etcfit.model.rig_effects import AbstractRigEffect, Place, SeriesResistance,
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.trace import Trace, by_test
-from etcfit.rig.base import Fixed, Prior, Rig
+from etcfit.rig.base import Finding, Fixed, Prior, Rig
 
-LIMP, STRIBECK, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load"))
+LIMP, STRIBECK, GRAVITY, COASTING = (
+    EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load", "coasting_bridge")
+)
 OF_RIG_TOML = (SeriesResistance.at(Place("inductance")),)  # its circuit is free there
-BEYOND = [e for e in EFFECTS if e not in PAPER]
+BEYOND = [e for e in EFFECTS if e not in PAPER and "bridge" not in e.needs]  # the rig is driven by a voltage
 every_candidate = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
 
 
@@ -52,7 +54,23 @@ def typical(u: FreeParameters) -> np.ndarray:
 def test_a_rig_that_logs_everything_has_every_effect_as_a_candidate(composition: Composition) -> None:
     assert composition.known == (*PAPER, *OF_RIG_TOML)
     assert set(composition.candidates) == set(BEYOND)
-    assert set(composition.whole.layout.types) == {*EFFECTS, *OF_RIG_TOML}
+    assert set(composition.whole.layout.types) == {*PAPER, *BEYOND, *OF_RIG_TOML}
+
+
+def test_a_bridge_coasts_where_a_duty_or_a_check_tells_of_one(rig: Rig, traces: tuple[Trace, ...]) -> None:
+    """And the voltage of its full duty is the supply's."""
+    (response,) = (t for t in traces if t.test.name == "response")
+    assert response.input is not None
+    by_duty = (replace(response, input=replace(response.input, held=True)),)
+    speeds = Finding("coasting_bridge", 0.3, "", 0.0, "", "", "response")
+    for found in (compose(rig, by_duty, only=EFFECTS), compose(replace(rig, findings=(speeds,)), (response,))):
+        assert COASTING in found.candidates
+        layout = found.on_trial((COASTING,)).layout
+        assert dict(zip(layout.held, found.on_trial((COASTING,)).held, strict=True))["V_0"] == 12.0
+        assert {"K_c", "k_d"} <= set(layout.free)
+    assert compose(replace(rig, findings=(speeds,)), (response,)).stated == {COASTING: 0.1}
+    assert COASTING not in compose(rig, traces, only=EFFECTS).candidates
+    assert COASTING not in compose(knowing(rig, supply_V=None), by_duty, only=EFFECTS).candidates
 
 
 def test_what_was_logged_is_read_off_the_traces(rig: Rig, traces: tuple[Trace, ...]) -> None:
