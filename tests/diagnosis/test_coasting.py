@@ -29,7 +29,7 @@ PERIOD, LOGGED, NOISE = 1e-4, 0.005, 0.15  # s of the PWM, s between rows, rad/s
 
 
 def mean_current(duty: float, speed: float) -> float:
-    """Of one period that begins without a current, A; in the off time it flows back into the supply until it is gone."""
+    """Of one period that begins without a current, A; in the off time it flows back into the supply until it ends."""
     emf, tau = K * speed, L / R
     peak = (SUPPLY - emf) / R * (1.0 - np.exp(-duty * PERIOD / tau))
     dying = min((1.0 - duty) * PERIOD, tau * np.log1p(peak * R / (SUPPLY + emf)))
