@@ -12,7 +12,7 @@ NEEDS = {
     "current": "the current",
     "position": "the plate's angle",
     "gear": "a gear ratio",
-    "bridge": "a duty of a known supply (or settled speeds that hardly grow with the voltage)",
+    "bridge": "settled speeds, which hardly grow with the voltage (`etcfit check` tells of it)",
 }
 
 

@@ -160,14 +160,14 @@ def compose(
 
 
 def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
-    """What effects may need to be seen: a driven winding, a current, a position, a known gear ratio."""
-    driven_by_duty = any(t.input is not None and t.input.held for t in traces)
+    """What effects may need to be seen: a driven winding, a current, a position, a known gear ratio, a bridge that the
+    checks found."""
     words = {
         "circuit": any(t.circuit for t in traces),
         "current": any("current" in t.channels for t in traces),
         "position": any("position" in t.channels for t in traces),
         "gear": rig.config.gear_ratio_given,
-        "bridge": bool(rig.config.supply_V) and (driven_by_duty or "coasting_bridge" in {f.kind for f in rig.findings}),
+        "bridge": any(finding.kind == "coasting_bridge" for finding in rig.findings),
     }
     return frozenset(word for word, true in words.items() if true)
 

@@ -140,8 +140,8 @@ class AbstractEffect(eqx.Module):
         loaded: True where it must be told what the gear carries (`Inputs.motor`, `Inputs.external`).
         delays: True where it shifts the input or a channel in time.
         commands: True where it drives the throttle by what its sensors show, see `AbstractComputer`.
-        needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear"; or "bridge", a
-            duty of a known supply.
+        needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear"; or, of a
+            hypothesis that would imitate others, that `rig.checks` tells of it: "bridge".
         stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
             the finding. A diagnosis tries it first, from there.
         inexact: relative error that its formula may have; largest for friction, contacts and delays.
