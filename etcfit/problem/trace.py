@@ -226,9 +226,8 @@ def _beginning(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: fl
     """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise.
 
     Else a polynomial one power above the highest that is, for what hides in the noise turns the slope at the end;
-    through the first few samples, where it misses the others. Its slope is 0, with the error that it has, where it is
-    not beyond noise: what is driven from the first sample on begins at rest, and bends. Where nothing of a bend shows,
-    the line itself: its slope has a quarter of the error.
+    through the first few samples, where it misses the others. Where nothing of a bend shows, the line itself: its
+    slope has a quarter of the error.
     """
     if y.size < 3:
         return _Begin(float(y[0]), 0.0, 0.0)
@@ -239,10 +238,7 @@ def _beginning(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: fl
     found, above = each[needed[-1]], each[min(needed[-1] + 1, len(each) - 1)]
     if needed == [0] and all(line.top < _STRAIGHT for line in each[1:3]):
         return found._replace(slope_sd=float(np.hypot(found.slope_sd, above.slope - found.slope)))
-    if above.misfit > _BENT and y.size > _FEW:
-        return _beginning(t[:_FEW], y[:_FEW], sigma)
-    at_rest = above._replace(slope=0.0, slope_sd=float(np.hypot(above.slope_sd, above.slope)))
-    return above if above.moves else at_rest
+    return _beginning(t[:_FEW], y[:_FEW], sigma) if above.misfit > _BENT and y.size > _FEW else above
 
 
 def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Begin:
@@ -265,11 +261,12 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
-        theta, omega, omega_sd, *_ = _beginning(*first, sigma["position"])
+        begin = _beginning(*first, sigma["position"])
+        theta, omega, omega_sd, *_ = begin
         theta_sd = 3.0 * sigma["position"]
-        for stop in config.travel:
-            if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
-                theta, theta_sd, omega_sd = float(stop), 0.0, 0.0
+        for stop in config.travel:  # driven from the first sample on, its samples bend: their slope is no speed
+            if not begin.moves and abs(theta - stop) < 2.0 * sigma["position"]:
+                theta, theta_sd, omega, omega_sd = float(stop), 0.0, 0.0, 0.0
     if trace.test.boundary.gear_apart and (first := _first(trace, "motor_speed", 5)) is not None:
         omega, omega_sd = float(np.mean(first[1])) / config.gear_ratio, sigma["motor_speed"] / config.gear_ratio
     if trace.test.boundary.plate_held:
