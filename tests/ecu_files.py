@@ -148,9 +148,10 @@ def aim() -> File:
 
 def motec() -> File:
     head = ['"Format","MoTeC CSV File",,,"Workbook",""', '"Venue","none",,,"Worksheet",""', '"Device","M150"',
-            '"Log Date","05/05/2025",,,"Origin Time","0.000","s"',
-            '"Sample Rate","50.000","Hz",,"End Time","20.000","s"',
-            '"Beacon Markers","7.1 14.2 "', "", "",
+            '"Comment","",,,"Session",""',
+            '"Log Date","05/05/2025",,,"Origin Time","0.000","s"', '"Log Time","12:00:00",,,"Start Time","0.000","s"',
+            '"Sample Rate","50.000","Hz",,"End Time","20.000","s"', '"Duration","20.000","s",,"Start Distance","0","m"',
+            '"Range","entire outing",,,"End Distance","812","m"', '"Beacon Markers","7.1 14.2 "', "", "",
             '"Time","Engine Speed","Throttle Pedal","Throttle Servo Bank 1 Position","Throttle Servo Bank 1 Aim",'
             '"Fuel Injector Primary Duty Cycle"', '"s","rpm","%","%","%","%"', "", ""]  # fmt: skip
     body = [",".join(f'"{cell}"' for cell in row.split(","))
@@ -185,12 +186,21 @@ def maxxecu() -> File:
 
 
 def rusefi() -> File:
-    head = ['"rusEFI (FOME) 20260101"', '"Capture Date: Thu Jan 01 10:00:00 UTC 2026"',
+    head = ['"rusEFI 20260101"', '"Capture Date: Thu Jan 01 10:00:00 UTC 2026"',
             "Time\tRPM\tTPS\tThrottle pedal position\ttpsADC\tETB Target\tETB: Duty\tFuel: target AFR\tVBatt\tFan",
             "s\tRPM\t%\t%\tADC\t%\t%\tratio\tV\t"]  # fmt: skip
     keys = ["time", "rpm", "position", "pedal", "adc", "setpoint", "duty", "target_afr", "battery"]
     body = [f"{row}\tOn" for row in rows(keys, "\t", ["%.3f", *["%.2f"] * 8])]
     return File("rusefi.msl", text([*head, *body[:400], "MARK 000 - lap", *body[400:]]), "TPS [%]", "ETB Target [%]")
+
+
+def fome() -> File:
+    """Names parted by a colon, the group before it."""
+    head = ['"FOME 20260101"', '"Capture Date: Thu Jan 01 10:00:00 UTC 2026"',
+            "Time\tRPM\ttps1: Position\tPedal: Position\tETB: target\tETB: duty\tTarget AFR",
+            "s\tRPM\t%\t%\t%\t%\tratio"]  # fmt: skip
+    body = rows(["time", "rpm", "position", "pedal", "setpoint", "duty", "target_afr"], "\t", ["%.3f", *["%.2f"] * 6])
+    return File("fome.msl", text([*head, *body]), "tps1: Position [%]", "ETB: target [%]")
 
 
 def megasquirt() -> File:
@@ -228,6 +238,14 @@ def clock_and_half() -> File:
     return File("noon.csv", text(lines), "TPS", "DBW Target")
 
 
+def stop_watch() -> File:
+    """Minutes and seconds, as a spreadsheet shows a time, over the hour."""
+    lines = ["Time,RPM,TPSValue,etbTarget,targetAFR"]
+    body = rows(["rpm", "position", "setpoint", "target_afr"], ",")
+    lines += [f"{clock[3:]},{row}" for clock, row in zip(clocks(43190.0), body, strict=True)]
+    return File("watch.csv", text(lines), "TPSValue", "etbTarget")
+
+
 def three_rows() -> File:
     """Long names, units, short names; a separator more at each end."""
     head = ["Time;Throttle valve position;Throttle target;Engine speed;", "ms;%;%;rpm;", "t;thr;thrsp;n;"]
@@ -254,6 +272,15 @@ def plotter() -> File:
         for t, y, r in zip(*(DRIVE[k] for k in ("time", "position", "setpoint")), strict=True)
     ]
     return File("plotter.txt", text(body), "TPS", "target")
+
+
+def monitor() -> File:
+    """A serial monitor, the unit behind each number, with a blank between them or not."""
+    body = [
+        f"t: {1e3 * t:.0f} ms, TPS: {y:.2f}%, target: {r:.2f} %"
+        for t, y, r in zip(*(DRIVE[k] for k in ("time", "position", "setpoint")), strict=True)
+    ]
+    return File("monitor.txt", text(body), "TPS [%]", "target [%]")
 
 
 def savetxt() -> File:
@@ -382,7 +409,7 @@ def percent_first() -> File:
 
 
 FILES: tuple[Callable[[], File], ...] = (
-    *(haltech, ecumaster, ecumaster_black, hp_tuners, aim, motec, link, maxxecu, rusefi, megasquirt, speeduino, iso),
-    *(clock_and_half, three_rows, label_value, plotter, savetxt, listed),
+    *(haltech, ecumaster, ecumaster_black, hp_tuners, aim, motec, link, maxxecu, rusefi, fome, megasquirt, speeduino),
+    *(iso, clock_and_half, stop_watch, three_rows, label_value, plotter, monitor, savetxt, listed),
     *(me221, romraider, ecux, obd, emtron, pi_toolbox, spreadsheet, newcomer, aem, percent_first),
 )

@@ -12,11 +12,11 @@ import numpy as np
 
 from ..errors import MeasurementError, UsageError
 from ..importing.answers import IGNORE, Answers, target
-from ..importing.formats import BY_SUFFIX, read_sheets
+from ..importing.formats import BY_SUFFIX, CLOSED, closed_error, read_sheets
 from ..importing.formats.base import Source
-from ..importing.names import is_about, is_engines, is_plates
+from ..importing.names import is_about, is_engines, is_plates, quantity_named
 from ..importing.quantities import one_each, quantity_of, take_by_itself
-from ..importing.sheet import Column, Sheet
+from ..importing.sheet import TIME, Column, Sheet
 from ..importing.take import LEFT_OUT, Take, signed, time_of
 from ..rig.base import RigConfig
 from ..rig.config import read_config
@@ -25,10 +25,9 @@ from ..rig.user_text import refuse_foreign_names, toml_string
 from . import others
 from .log import DriveLog, Series
 
-# formats that no maker publishes, and the program that writes a CSV
-CLOSED = {".llg": "PCLink", ".llgx": "PCLink", ".llg5": "PCLink"}
 _TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words of what may be a setpoint
 _OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
+_PERIOD = "or give its period: --period 1ms"
 _PLATE = ("position", "tps")
 _ANY_TEXT = (".txt", ".asc", ".dat", ".log", ".json")  # may be anything, and no log
 _MOST = 25  # names that a message lists
@@ -75,11 +74,8 @@ def _refuse_closed(place: Path, known: AbstractSet[str]) -> None:
     between its blocks nor what its versions differ in; we have no such file to hold a reader to.
     """
     for path in sorted(place.iterdir()):
-        program = CLOSED.get(path.suffix.casefold())
-        if program is not None and path.stem not in known:
-            unread = f"a log of {program}, whose format its maker does not publish."
-            cure = f"Open it in {program}, export it as CSV and put {path.stem}.csv there."
-            raise MeasurementError(str(path), unread, f"Known: {', '.join(BY_SUFFIX)}.", cure)
+        if path.suffix.casefold() in CLOSED and path.stem not in known:
+            raise closed_error(path, str(path), f"put {path.stem}.csv there")
 
 
 def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
@@ -182,15 +178,16 @@ def _cures_of_toml() -> Iterator[None]:
     except MeasurementError as err:
         mend = _OPTION.sub(
             lambda m: f"[columns] {toml_string(m['header'])} = {toml_string(m['wanted'])} in rig.toml", err.mend
-        )
+        ).replace(_PERIOD, f"or let etcfit import give it one: {_PERIOD.partition(': ')[2]}")
         raise MeasurementError(err.where, err.found, err.required, mend) from err
 
 
 def _without_plate(where: str, sheets: Sequence[Sheet]) -> MeasurementError:
     columns = [column for sheet in sheets for column in sheet.columns]
-    like = [c for c in columns if is_plates(c.name) and not is_engines(c.name)] or columns
+    # those with a word of the plate before others, the time last
+    like = sorted(columns, key=lambda c: (quantity_named(c.name) == TIME, is_engines(c.name) or not is_plates(c.name)))
     there = ", ".join(f"'{_shown(column)}'" for column in like[:_MOST])
-    more = f" and {len(columns) - len(like[:_MOST])} others" if len(columns) > len(like[:_MOST]) else ""
+    more = f" and {len(like) - _MOST} others" if len(like) > _MOST else ""
     example = _shown(like[0]) if like else "TP (Main)"
     return MeasurementError(where, f"no position of the plate among its columns {there}{more}.",
                             "A log from the car needs it, in per cent, degrees or sensor volts.",

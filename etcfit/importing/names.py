@@ -40,7 +40,9 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
         "position": ("e throttle 1 position", "tp main", "tps main", "tp", "throttle position"),
         "setpoint": ("e throttle target", "e throttle 1 target", "e throttle target position", "tp target",
                      "tps target"),
-        "duty": ("e throttle dc", "e throttle 1 dc", "e throttle duty cycle", "e throttle motor dc"),
+        "duty": ("e throttle dc", "e throttle 1 dc", "e throttle duty cycle", "e throttle motor dc",
+                 "e throttle 1 motor dc"),
+        "supply": ("ecu volts",),
     },
     "MaxxECU": {
         "position": ("e throttle position", "e throttle pos", "ethrottle position", "ethrottle pos"),
@@ -80,7 +82,6 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
         "duty": ("throttle motor duty", "throttle motor duty cycle"),
     },
     "any": {
-        "position": ("throttle position",),
         "setpoint": ("throttle target", "target throttle", "throttle position target", "throttle setpoint"),
     },
 }  # fmt: skip
@@ -112,7 +113,7 @@ _PLATES_POSITION = re.compile(
     r"\b(etb|dbw|e ?throttle|throttle|drive by wire)\d?( (servo|bank|body|plate|valve|blade|throttle|motor|\d))*"
     r" pos(ition)?( (actual|main|sub|real|feedback|sensor|\d))*$"
 )
-_TPS_LIKE = re.compile(r"(\w+ )?(tps\d?|throttle( angle| opening)?)( (main|sub|\d))?")
+_TPS_LIKE = re.compile(r"(\w+ )?(tps\d?|throttle( angle| opening)?)( (main|sub|\d))?( (pos(ition)?|value))?")
 # what is about a signal and is not it: its raw reading, its error, what is added to something else
 _ABOUT = re.compile(
     r"\b(adc|raw|error|err|errors|delta|dot|acc|acceleration|rate|status|state|fault|diagnostic|mod|trim|comp|correction|"
@@ -141,8 +142,8 @@ _OF_THE_MOTOR = re.compile(r"\b(mot(or)?|omega|w|tacho?(meter)?)\b")
 
 
 def plain_words(name: str) -> str:
-    """`motorSpeed_rpm` -> `motor speed rpm`."""
-    parted = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", name)
+    """`motorSpeed_rpm` -> `motor speed rpm`, `DBWTarget` -> `dbw target`."""
+    parted = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])|(?<=[A-Z]{2})(?=[A-Z][a-z]{2})", " ", name)
     return " ".join(re.sub(r"[^\w]+|_", " ", parted).split()).casefold()
 
 

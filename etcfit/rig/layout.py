@@ -27,12 +27,14 @@ from .units import is_unit_text
 _COMMENT = re.compile(r'\s*("?#|//|%(?!\s*[,;\t])|=~=~|MARK \d)')  # a row of units may begin with per cent
 _COMMENT_MARKS = '#%/ \t"'
 _BLOCK = 3  # rows in a row make a body
+_MOSTLY = 0.5  # of a row's cells are numbers: settings above a table stand in rows of equally many cells too
 _TRIED = ("\t", ";", ",")
 _NUMBERED = re.compile(r"(?P<number>\d+)[.:)]?\s+(?P<name>\S.*)")  # a list of names in comments
 _TOKEN = re.compile(r"[^\s\[\](){}]+(?:\s?[\[(][^\[\]()]*[\])])?")  # a name, its unit in brackets with it
+_UNIT = "(?:us|ms|s|mV|V|mA|A|deg|°|rad/s|rad|rpm|%)"  # behind a number; parted from it by a blank, it ends the cell
 _PAIR = re.compile(
     r"\s*(?P<label>[A-Za-zµ_][\w %/.°-]*?)\s*[:=,;\t ]\s*(?P<value>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
-    r"\s*(?:[,;\t ]|$)"
+    rf"(?P<unit>{_UNIT}(?=[\s,;]|$)| {_UNIT}(?=\s*(?:[,;\t]|$)))?\s*(?:[,;\t ]|$)"
 )
 
 # Haltech's types -> what one count is, and of what unit; a type that is not here keeps its counts, and no unit
@@ -160,11 +162,14 @@ def _with_header(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
 
 
 def _find_body(lines: Sequence[str], where: str) -> _Body:
-    """The first lines that are rows of equally many numbers; of two separators that which leaves no words."""
+    """The first lines that are rows of equally many numbers; of two separators that which leaves no words.
+
+    Rows of words with numbers among them are a body only where none follows that is of numbers.
+    """
     filled = [(k, line) for k, line in enumerate(lines) if line.strip()]
-    for size in (_BLOCK, 2):
+    for size, least in ((_BLOCK, _MOSTLY), (_BLOCK, 0.0), (2, 0.0)):
         for start in range(len(filled) - size + 1):
-            if body := _body_at([line for _, line in filled[start : start + size]], filled[start][0]):
+            if body := _body_at([line for _, line in filled[start : start + size]], filled[start][0], least):
                 return body
     for start in range(len(filled) - _BLOCK + 1):
         if all(is_number(line.strip()) for _, line in filled[start : start + _BLOCK]):
@@ -174,8 +179,9 @@ def _find_body(lines: Sequence[str], where: str) -> _Body:
                            "Export it again as CSV, with a header.")  # fmt: skip
 
 
-def _body_at(block: Sequence[str], first: int) -> _Body | None:
-    best, share = None, 0.0
+def _body_at(block: Sequence[str], first: int, least: float) -> _Body | None:
+    """The body that begins with these lines, if more than `least` of its filled cells are numbers or instants."""
+    best, share = None, least
     for separator in (*_TRIED, BLANKS):
         rows = [cells_of(line, separator) for line in block]
         if len({len(row) for row in rows}) != 1 or not all(map(_is_row, rows)):
@@ -243,7 +249,7 @@ def _padded(cells: Sequence[str], width: int) -> tuple[str, ...]:
 
 
 def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
-    """Lines of a label before each number, as rows parted by tabs; None where the text is not so."""
+    """Lines of a label before each number, its unit behind it or not, as rows parted by tabs; None of another text."""
 
     def are_pairs(line: str) -> bool:
         start = line.lstrip()[:1]  # most texts are no pairs, and are not searched
@@ -252,14 +258,15 @@ def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
     found = [(k, _PAIR.findall(line)) for k, line in enumerate(lines) if are_pairs(line)]
     if len(found) < _BLOCK:
         return None
-    first, labels = found[0][0], [label for label, _ in found[1][1]]
-    rows = {k: pairs for k, pairs in found if [label for label, _ in pairs] == labels}
+    first, labels, units = found[0][0], *([pair[place] for pair in found[1][1]] for place in (0, 2))
+    named = [*zip(labels, units, strict=True)]
+    rows = {k: pairs for k, pairs in found if [(label, unit) for label, _, unit in pairs] == named}
     filled = [k for k in range(first, len(lines)) if lines[k].strip() and not is_comment(lines[k])]
     if len(rows) < _BLOCK or len(rows) < 0.9 * len(filled) or len(set(labels)) < len(labels):
         return None
-    made = ["\t".join(value for _, value in rows[k]) if k in rows else line for k, line in enumerate(lines)]
+    made = ["\t".join(value for _, value, _ in rows[k]) if k in rows else line for k, line in enumerate(lines)]
     first = min(rows)
-    return made, Layout(tuple(labels), ("",) * len(labels), first + 1, first, "\t",
+    return made, Layout(tuple(labels), tuple(map(str.strip, units)), first + 1, first, "\t",
                         remark="names are the labels before the numbers")  # fmt: skip
 
 

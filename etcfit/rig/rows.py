@@ -33,7 +33,8 @@ _INSTANT = re.compile(
     r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)"
     r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
 )
-_DAY = 86400.0  # s
+_LAP = re.compile(r"(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")  # minutes and seconds, as stop watches and spreadsheets have it
+_HOUR, _DAY = 3600.0, 86400.0  # s
 _FEW = 3  # rows from which a last one that is short was cut off
 LINES_TO_LOOK_AT = 20
 GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
@@ -80,8 +81,8 @@ def is_number(cell: str) -> bool:
 
 
 def is_instant(cell: str) -> bool:
-    """True for a time of day, a date before it or not."""
-    return _INSTANT.fullmatch(cell) is not None
+    """True for a time of day, a date before it or not, and for minutes with seconds and their fraction."""
+    return _INSTANT.fullmatch(cell) is not None or _LAP.fullmatch(cell) is not None
 
 
 def is_gap(cell: str) -> bool:
@@ -241,18 +242,20 @@ def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: s
 
 
 def _seconds(texts: Sequence[str]) -> np.ndarray:
-    """Seconds since the first instant, NaN where there is none; what falls back began another day."""
-    found = [(k, match) for k, text in enumerate(texts) if (match := _INSTANT.fullmatch(text))]
+    """Seconds since the first instant, NaN where there is none; what falls back began another day, or hour."""
+    found = [(k, match) for k, text in enumerate(texts) if (match := _INSTANT.fullmatch(text) or _LAP.fullmatch(text))]
 
     def seconds_of_day(match: re.Match[str]) -> float:
-        hour = int(match["h"])
-        hour = hour % 12 + 12 * (match["half"].casefold() == "pm") if match["half"] else hour
-        return 3600.0 * hour + 60.0 * int(match["m"]) + float(match["s"].replace(",", "."))
+        said = match.groupdict()
+        hour = int(said.get("h", 0))
+        hour = hour % 12 + 12 * (said["half"].casefold() == "pm") if said.get("half") else hour
+        return _HOUR * hour + 60.0 * int(said["m"]) + float(said["s"].replace(",", "."))
 
     clock = np.array([seconds_of_day(match) for _, match in found])
-    days = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * _DAY)))
+    turn = _DAY if any("h" in match.groupdict() for _, match in found) else _HOUR
+    turns = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -0.5 * turn)))
     out = np.full(len(texts), np.nan)
-    out[[k for k, _ in found]] = np.round(clock + _DAY * days - clock[0], 9)
+    out[[k for k, _ in found]] = np.round(clock + turn * turns - clock[0], 9)
     return out
 
 

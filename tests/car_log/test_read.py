@@ -11,6 +11,8 @@ import car_logs
 from etcfit.car_log import DriveLog, study
 from etcfit.car_log.read import read_logs
 from etcfit.errors import MeasurementError
+from etcfit.importing.formats import require_readable
+from etcfit.importing.formats.base import Source
 from etcfit.reporting.blocks import render
 from etcfit.reporting.car_log import drive_table
 from etcfit.rig.base import RigConfig
@@ -142,8 +144,28 @@ def test_an_msl_that_is_none_says_so(text: str) -> None:
 
 def test_a_log_without_a_position_says_how_to_name_it(tmp_path: Path) -> None:
     written(tmp_path, a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "hatch"}))
-    with pytest.raises(MeasurementError, match=r"its columns 'time \[s\]', 'hatch'.*\[columns\] \"time \[s\]\" ="):
+    with pytest.raises(MeasurementError, match=r"its columns 'hatch', 'time \[s\]'.*\[columns\] \"hatch\" ="):
         read_logs(tmp_path)
+
+
+def test_all_columns_of_a_short_log_are_listed_those_of_the_plate_first(tmp_path: Path) -> None:
+    names = {"time": "time [s]", "position": "Wheel velocity [m/s]", "setpoint": "Motor voltage [V]"}
+    written(tmp_path, a__csv=car_logs.csv(LOG, names))
+    with pytest.raises(MeasurementError, match=r"'Motor voltage \[V\]', 'Wheel velocity \[m/s\]', 'time \[s\]'\."):
+        read_logs(tmp_path)
+
+
+def test_the_cure_of_a_log_without_time_is_a_command_that_has_it(tmp_path: Path) -> None:
+    written(tmp_path, a__csv=car_logs.csv(LOG, {"position": "TPS [%]"}))
+    with pytest.raises(MeasurementError, match=r"let etcfit import give it one: --period"):
+        read_logs(tmp_path)
+
+
+def test_of_two_positions_the_makers_own_for_the_plate_goes_before_the_general_one(tmp_path: Path) -> None:
+    names = {"time": "Time", "pedal": "Throttle Position", "position": "Drive By Wire Throttle 1 Position",
+             "setpoint": "Drive By Wire Throttle 1 Target Position"}  # fmt: skip
+    log = {**LOG, "pedal": 0.8 * LOG["setpoint"] + 5.0}
+    check(written(tmp_path, a__csv=car_logs.csv(log, names)), 1e-4)
 
 
 def test_an_empty_folder_says_what_it_may_hold(tmp_path: Path) -> None:
@@ -263,5 +285,7 @@ def test_a_log_of_link_is_refused_with_the_way_out(tmp_path: Path) -> None:
     written(tmp_path, b__llg=b"\0\0\0\0lf3\0")
     with pytest.raises(MeasurementError, match=r"b\.llg: a log of PCLink.*export it as CSV and put b\.csv there"):
         read_logs(tmp_path)
+    with pytest.raises(MeasurementError, match=r"b\.llg: a log of PCLink.*export it as CSV and give b\.csv"):
+        require_readable(Source(tmp_path / "b.llg", "b.llg"))
     names = {"time": "time [s]", "position": "position [%]", "setpoint": "setpoint [%]"}
     check(written(tmp_path, b__csv=car_logs.csv(LOG, names)), 1e-4)

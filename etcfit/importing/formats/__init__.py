@@ -25,6 +25,8 @@ FORMATS: tuple[Format, ...] = (
     json_log.FORMAT,
 )
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
+# formats that no maker publishes, and the program that writes a CSV
+CLOSED = {".llg": "PCLink", ".llgx": "PCLink", ".llg5": "PCLink"}
 
 
 def require_file(path: Path, where: str, required: str) -> None:
@@ -45,6 +47,14 @@ def require_file(path: Path, where: str, required: str) -> None:
         raise MeasurementError(where, "no such file.", required, "Check the path.")
 
 
+def closed_error(path: Path, where: str, then: str) -> MeasurementError:
+    """The error to raise for a log in one of the formats in CLOSED, with what to do once it is a CSV."""
+    program = CLOSED[path.suffix.casefold()]
+    return MeasurementError(where, f"a log of {program}, whose format its maker does not publish.",
+                            f"Known: {', '.join(BY_SUFFIX)}.",
+                            f"Open it in {program}, export it as CSV and {then}.")  # fmt: skip
+
+
 def require_readable(source: Source) -> None:
     """A file is there and can be read here, found out without reading it.
 
@@ -54,6 +64,8 @@ def require_readable(source: Source) -> None:
     """
     require_file(source.path, source.where, "A log or a recording is required.")
     suffix = source.path.suffix.casefold()
+    if suffix in CLOSED:
+        raise closed_error(source.path, source.where, f"give {source.path.stem}.csv")
     if suffix not in BY_SUFFIX:
         raise MeasurementError(source.where, f"no format is known for '{suffix or source.path.name}'.",
                                f"Known: {', '.join(BY_SUFFIX)}.", "Export it as one of these.")  # fmt: skip
