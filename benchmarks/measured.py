@@ -1,6 +1,6 @@
 """What `etcfit diagnose` makes of other people's rigs.
 
-    ETCFIT_DATA=../shared/measured python -m benchmarks.measured kassel-throttle emps bam-xl330
+    ETCFIT_DATA=../shared/measured python -m benchmarks.measured kassel-throttle wintec-throttle emps bam-xl330
 
 For each public data set: the fit of Eqs. 1-2, the rounds, and the ledger; the free-running errors of the position also
 as mean absolute ones, which others state. For EMPS also the relative force error of the inverse model, the figure that
@@ -32,7 +32,9 @@ from etcfit.rig.inverse_model import equations
 from etcfit.rig.reader import read_folder
 
 # unit in which the position's error is stated, and how many of it make the unit logged
-UNITS = {"kassel-throttle": ("mV", 1e3), "emps": ("mm", 1e3), "bam-xl330": ("deg", 180.0 / np.pi)}
+MILLIVOLTS = ("mV", 1e3)
+UNITS = {"kassel-throttle": MILLIVOLTS, "wintec-throttle": MILLIVOLTS, "emps": ("mm", 1e3),
+         "bam-xl330": ("deg", 180.0 / np.pi)}  # fmt: skip
 
 
 def diagnosed(name: str, folder: Path) -> None:

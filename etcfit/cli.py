@@ -819,7 +819,7 @@ def plan(
 
 @_verb("Measure", "etcfit fetch kassel-throttle")
 def fetch(
-    name: Annotated[str, typer.Argument(help="kassel-throttle, emps or bam-xl330.", metavar="NAME")],
+    name: Annotated[str, typer.Argument(help="kassel-throttle, wintec-throttle, emps or bam-xl330.", metavar="NAME")],
     to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of local copies.", exists=True, file_okay=False)] = None,
     quiet: Quiet = False,

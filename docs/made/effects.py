@@ -12,6 +12,7 @@ NEEDS = {
     "current": "the current",
     "position": "the plate's angle",
     "gear": "a gear ratio",
+    "bridge": "settled speeds, which hardly grow with the voltage (`etcfit check` tells of it)",
 }
 
 

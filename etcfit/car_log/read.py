@@ -14,7 +14,7 @@ from ..errors import MeasurementError, UsageError
 from ..importing.answers import IGNORE, Answers, target
 from ..importing.formats import BY_SUFFIX, CLOSED, closed_error, read_sheets
 from ..importing.formats.base import Source
-from ..importing.names import is_about, is_engines, is_plates, quantity_named
+from ..importing.names import is_about, is_engines, is_plates, known, quantity_named
 from ..importing.quantities import one_each, quantity_of, take_by_itself
 from ..importing.sheet import TIME, Column, Sheet
 from ..importing.take import LEFT_OUT, Take, signed, time_of
@@ -30,7 +30,7 @@ _OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
 _PERIOD = "or give its period: --period 1ms"
 _PLATE = ("position", "tps")
 _ANY_TEXT = (".txt", ".asc", ".dat", ".log", ".json")  # may be anything, and no log
-_MOST = 25  # names that a message lists
+_MOST = 60  # names that a message lists
 
 
 def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
@@ -108,7 +108,7 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
         raise _without_plate(str(path), sheets)
     written = {"time": time.column.label, "position": _shown(plate.column),
                **({"setpoint": _shown(takes["setpoint"].column)} if "setpoint" in takes else {})}  # fmt: skip
-    hints = ("" if "setpoint" in takes else _of_setpoint(sheet),
+    hints = ("" if "setpoint" in takes else _of_setpoint(sheet), _of_unit(plate, sheet),
              *(f"{each[0].upper()}{each[1:]}." for each in (*sheet.losses, *sheet.missing)))  # fmt: skip
     return DriveLog(path.name, series["position"], series.get("setpoint"), written | beside,
                     " ".join(filter(None, hints)), along, _ends(config))  # fmt: skip
@@ -212,6 +212,15 @@ def _of_setpoint(sheet: Sheet) -> str:
     there = f"Columns that may be it: {', '.join(like[:_MOST])}. " if like else "No column looks like it. "
     example = like[0] if like else "TP Target"
     return f'No setpoint was found. {there}Name it in rig.toml: [columns] {toml_string(example)} = "setpoint [%]".'
+
+
+def _of_unit(plate: Take, sheet: Sheet) -> str:
+    """What a number without a unit was taken for, where it is no engine computer's, whose positions are per cent."""
+    if plate.said or plate.column.unit or sheet.is_ecu or known(plate.column.name):
+        return ""
+    label = plate.column.label
+    return (f"'{label}' has no unit and is taken as per cent of the travel. If it is in degrees, say so in rig.toml: "
+            f'[columns] {toml_string(label)} = "position [deg]".')  # fmt: skip
 
 
 def _series(time: Take, take: Take, config: RigConfig, where: str) -> Series:

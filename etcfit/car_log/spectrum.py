@@ -32,7 +32,8 @@ class Spectrum:
 
 
 def spectrum(position: Series) -> Spectrum | None:
-    """Welch's periodogram, Hann windows of 10 s that overlap by half; None of a log shorter than four seconds.
+    """Welch's periodogram, Hann windows of 10 s that overlap by half; None of a log shorter than four seconds,
+    or with too few samples a second for any frequency that is shown.
 
     No window lies across a gap of the log, where a straight line would stand for what was not logged.
 
@@ -45,6 +46,8 @@ def spectrum(position: Series) -> Spectrum | None:
         return None
     frequency, power = _over_pieces([even for even in evens if even.size >= samples], samples, step)
     felt = (frequency >= _SLOWEST) & (frequency <= _MOST)
+    if not felt.any():
+        return None
     dominant = _peak(frequency, np.where(frequency <= _MOST, power, 0.0))
     frequency, power = frequency[felt], power[felt]
     grown = np.cumsum(power)

@@ -9,8 +9,11 @@ from .bam_xl330 import BAM_XL330
 from .base import Dataset, Source, obtain, refuse_to_overwrite, write_folder
 from .emps import EMPS
 from .kassel_throttle import KASSEL_THROTTLE
+from .wintec_throttle import WINTEC_THROTTLE
 
-DATASETS: dict[str, Dataset] = {dataset.name: dataset for dataset in (KASSEL_THROTTLE, EMPS, BAM_XL330)}
+DATASETS: dict[str, Dataset] = {
+    dataset.name: dataset for dataset in (KASSEL_THROTTLE, WINTEC_THROTTLE, EMPS, BAM_XL330)
+}
 
 __all__ = ["DATASETS", "Dataset", "Source", "fetch"]
 

@@ -23,16 +23,23 @@ from ..rig.base import Finding, Rig
 def stated_effects(
     findings: Iterable[Finding], candidates: Iterable[type[AbstractEffect]]
 ) -> dict[type[AbstractEffect], float]:
-    """Effects of the rig that the findings state, and the value of the first parameter of each, SI."""
-    families = [e for e in candidates if issubclass(e, AbstractRigEffect) and e.stated]
+    """Effects that the findings state, one of the rig at the place of the finding, and the value of the first parameter
+    of each, SI."""
+    families = [e for e in candidates if e.stated]
     return {
         effect: effect.stated[finding.kind](finding.size)
         for finding in findings
         for effect in families
-        if finding.kind in effect.stated
-        and (effect.place.test, effect.place.file) == (finding.test or "", "")
-        and effect.place.channel in ("", finding.channel)
+        if finding.kind in effect.stated and _is_at(effect, finding)
     }
+
+
+def _is_at(effect: Effect, finding: Finding) -> bool:
+    """Whether a finding is about the place of an effect; one of the throttle has none."""
+    if not issubclass(effect, AbstractRigEffect):
+        return True
+    place = effect.place
+    return (place.test, place.file) == (finding.test or "", "") and place.channel in ("", finding.channel)
 
 
 # ---- Every effect that a rig could show, and the models that have some of them in it
@@ -153,12 +160,14 @@ def compose(
 
 
 def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
-    """What effects may need to be seen: a driven winding, a current, a position, a known gear ratio."""
+    """What effects may need to be seen: a driven winding, a current, a position, a known gear ratio, a bridge that the
+    checks found."""
     words = {
         "circuit": any(t.circuit for t in traces),
         "current": any("current" in t.channels for t in traces),
         "position": any("position" in t.channels for t in traces),
         "gear": rig.config.gear_ratio_given,
+        "bridge": any(finding.kind == "coasting_bridge" for finding in rig.findings),
     }
     return frozenset(word for word, true in words.items() if true)
 

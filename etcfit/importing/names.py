@@ -64,7 +64,8 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "HP Tuners, OBD": {
         "position": ("throttle angle", "throttle position sae", "absolute throttle position sae",
-                     "absolute throttle position", "throttle position", "relative throttle position"),
+                     "absolute throttle position", "throttle position", "throttle position manifold",
+                     "relative throttle position"),
         "setpoint": ("throttle desired angle", "desired throttle angle", "commanded throttle actuator position sae",
                      "commanded throttle actuator position", "commanded throttle actuator control",
                      "commanded throttle actuator", "desired throttle position", "throttle position desired"),
@@ -98,9 +99,10 @@ PEDAL_IN_SOME = frozenset({"tp", "tps", "tps1"})  # beside a name of the plate's
 
 # what only engines, gearboxes and cars have
 _ENGINE = re.compile(
-    r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|clt|coolant|iat|mat|map|maf|baro\w*|egt\w*|ign\w*|"
-    r"spark|dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|iac|vvt|cam|crank|knock|launch|als|fan|ac|"
-    r"alternator|alt|gear\w*|gearbox|drivetrain|clutch|dsg|shift|brake|wheel|vehicle|veh|car|gps|lap|oil|ve\d?|"
+    r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|oxygen|nox|egr|scr|cataly\w*|clt|coolant|iat|mat|"
+    r"map|maf|baro\w*|egt\w*|ign\w*|spark|timing|dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|"
+    r"iac|vvt|cam|crank|knock|launch|als|fan|ac|alternator|alt|gear\w*|gearbox|drivetrain|clutch|dsg|shift|brake|wheel|"
+    r"vehicle|veh|car|gps|lap|oil|ve\d?|"
     r"squirt|gammae|gair|gwarm|gbaro|torque reduction|traction|flex|ethanol|nitrous|water|air ?flow|mass air\w*|"
     r"stoich\w*|cruise|secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
 )
@@ -128,7 +130,7 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("emf", r"\b(b ?emf|emf|e ?b|emk|gegen ?emk|induced|generator)\b"),
     ("supply", r"\b(supply|batt?(ery)?|[uv] ?batt?|kl ?30|versorgung\w*|vcc|v ?supply|u ?b)\b"),
     ("duty", r"\b(duty|pwm|tastgrad|tastverh\w*)\b"),
-    ("motor_speed", r"\b(speed|rpm|\w*drehzahl|omega|n ?mot(or)?|w|tacho?(meter)?)\b"),
+    ("motor_speed", r"\b(speed|velocity|rpm|\w*drehzahl|omega|n ?mot(or)?|w|tacho?(meter)?)\b"),
     ("current", r"\b(currents?|curr|\w*strom|amps?|amperes?|shunt|clamp|\w*zange)\b|\bi( ?(a|m|mot|motor|arm|dc))?$"),
     ("torque", r"\b(torque|\w*moment)\b"),
     ("temperature", r"\b(temp\w*|ntc|pt ?100)\b"),

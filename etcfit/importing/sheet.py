@@ -31,7 +31,8 @@ _NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # what stands where there is
 # as instruments write them, where our spellings differ
 _SPELLED = {"second": "s", "sec": "s", "volt": "V", "ampere": "A", "amp": "A", "°": "deg", "grad": "deg",
             "%tps": "%", "% tps": "%", "perc": "%", "prc": "%", "v dc": "V", "vdc": "V",
-            "1/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms"}  # fmt: skip
+            "1/min": "rpm", "/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms",
+            "unix time": "s"}  # fmt: skip
 # a scope may save each channel in a file of its own: F0001CH1.CSV and F0001CH2.CSV are one recording
 _CHANNEL = re.compile(r"(?P<stem>.*?)_?(?:CH|ch)(?P<number>[1-8])(?P<suffix>\.\w+)")
 

@@ -17,7 +17,7 @@ from ..model.effects import COMMANDING, EFFECT_BY_NAME, PAPER, AbstractEffect
 from ..model.parameters import DOMAINS, AnyArray, NonNegative, Parameter, Positive, Real, Scalar, curves, slopes
 from ..model.rig_effects import FAMILY_BY_KIND, Place, SeriesResistance, rig_effect
 from ..model.throttle import catalogue
-from ..rig.base import Fixed, Prior, RigConfig, Start, Tied
+from ..rig.base import Fixed, Knowledge, Prior, RigConfig, Start, Tied
 from ..rig.toml import closest
 
 _FARTHEST = 1e9  # of a known value from the usual size, either way
@@ -279,7 +279,10 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
     parameters = dict(catalogue(types))
     fixed: dict[str, float] = {}
     fixed |= {SERIES + test: ohm for test, ohm in config.series_ohm.items() if ohm is not None}
-    known = {"K_m": Tied("K_b"), **config.parameters}
+    known: dict[str, Knowledge] = {"K_m": Tied("K_b")}
+    if "V_0" in parameters and config.supply_V:
+        known["V_0"] = Fixed(config.supply_V)
+    known |= config.parameters
     known.pop("N", None)
     for symbol in known:
         _must_exist(symbol, parameters)

@@ -261,11 +261,12 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
-        theta, omega, omega_sd, *_ = _beginning(*first, sigma["position"])
+        begin = _beginning(*first, sigma["position"])
+        theta, omega, omega_sd, *_ = begin
         theta_sd = 3.0 * sigma["position"]
-        for stop in config.travel:
-            if omega == 0.0 and abs(theta - stop) < 2.0 * sigma["position"]:
-                theta, theta_sd = float(stop), 0.0
+        for stop in config.travel:  # driven from the first sample on, its samples bend: their slope is no speed
+            if not begin.moves and abs(theta - stop) < 2.0 * sigma["position"]:
+                theta, theta_sd, omega, omega_sd = float(stop), 0.0, 0.0, 0.0
     if trace.test.boundary.gear_apart and (first := _first(trace, "motor_speed", 5)) is not None:
         omega, omega_sd = float(np.mean(first[1])) / config.gear_ratio, sigma["motor_speed"] / config.gear_ratio
     if trace.test.boundary.plate_held:

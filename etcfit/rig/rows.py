@@ -28,9 +28,11 @@ PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and
 _EITHER_MARK = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _MARKED = re.compile(r"[+-]?[\d.,]*[.,][\d.,]*([eE][+-]?\d+)?", re.ASCII)
 # what instruments write where a sample was beyond the range, or none came
-_NONE = frozenset({"", "∞", "-∞", "+∞", "inf", "-inf", "+inf", "nan", "ol", "over", "overload", "#n/a", "n/a", "---"})
+_NONE = frozenset(
+    {"", "-", "---", "∞", "-∞", "+∞", "inf", "-inf", "+inf", "nan", "ol", "over", "overload", "#n/a", "n/a"}
+)
 _INSTANT = re.compile(
-    r"(?:\d{1,4}[-/.]\d\d?[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)"
+    r"(?:\d{1,4}[-/.](?:\d\d?|[A-Za-z]{3})[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)"
     r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
 )
 _LAP = re.compile(r"(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")  # minutes and seconds, as stop watches and spreadsheets have it

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -97,6 +98,20 @@ def test_licence_and_source_travel_along(kassel) -> None:
     readme = (kassel.folder / "README.md").read_text(encoding="utf-8")
     assert "50938d18ccf2b84959d90fe7a424c4e3ac998096" in readme
     assert "BSD-3-Clause" in readme
+
+
+def test_the_duty_of_wintec_is_rebuilt_from_where_the_sensors_cross(tmp_path: Path) -> None:
+    """In rows of the recording's own layout: cut from the crossing until the next step, at each frequency by itself."""
+    rows = [(5, 0.5, 3.7, 4000, 98), (16, 2.2, 2.1, 4000, 99), (16, 2.3, 2.0, 4000, 99), (27, 2.0, 2.2, 4000, 99),
+            (38, 1.5, 2.7, 4000, 100), (60, 0.5, 3.7, 5000, 99), (71, 0.6, 3.6, 5000, 99)]  # fmt: skip
+    text = "\n".join(f"2024/04/03/ 16:38:59::767,{','.join(map(str, row))},0" + "," * 26 for row in rows)
+    recording = tmp_path / "calibration.csv"
+    recording.write_text(f"RX Date/Time,{','.join(f'New dataset(field {k})' for k in range(1, 34))}\n{text}\n")
+    (source,) = DATASETS["wintec-throttle"].sources
+    files = DATASETS["wintec-throttle"].convert({source.local: recording})
+    slow, fast = (pd.read_csv(io.StringIO(files[f"response/0{f}_kHz.csv"]), comment="#") for f in (4, 5))
+    assert slow.to_numpy().tolist() == [[0.0, 98, 0.5], [0.011, 0, 2.2], [0.022, 0, 2.0], [0.033, 100, 1.5]]
+    assert fast.to_numpy().tolist() == [[0.0, 99, 0.5], [0.011, 99, 0.6]]
 
 
 @pytest.fixture(scope="module")

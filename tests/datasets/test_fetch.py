@@ -103,5 +103,5 @@ def test_a_conversion_that_breaks_midway_leaves_nothing(
 
 
 def test_unknown_name_lists_the_known_ones(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"kassel-throttle, emps, bam-xl330"):
+    with pytest.raises(UsageError, match=r"kassel-throttle, wintec-throttle, emps, bam-xl330"):
         fetch("kassel", tmp_path / "to")

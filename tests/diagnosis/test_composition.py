@@ -24,11 +24,13 @@ from etcfit.model.rig_effects import AbstractRigEffect, Place, SeriesResistance,
 from etcfit.model.smooth import UNKNOWNS
 from etcfit.problem.free_parameters import FreeParameters, free_parameters
 from etcfit.problem.trace import Trace, by_test
-from etcfit.rig.base import Fixed, Prior, Rig
+from etcfit.rig.base import Finding, Fixed, Prior, Rig
 
-LIMP, STRIBECK, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load"))
+LIMP, STRIBECK, GRAVITY, COASTING = (
+    EFFECT_BY_NAME[n] for n in ("limp_home_spring", "stribeck_friction", "gravity_load", "coasting_bridge")
+)
 OF_RIG_TOML = (SeriesResistance.at(Place("inductance")),)  # its circuit is free there
-BEYOND = [e for e in EFFECTS if e not in PAPER]
+BEYOND = [e for e in EFFECTS if e not in PAPER and "bridge" not in e.needs]  # no check found one
 every_candidate = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
 
 
@@ -52,7 +54,18 @@ def typical(u: FreeParameters) -> np.ndarray:
 def test_a_rig_that_logs_everything_has_every_effect_as_a_candidate(composition: Composition) -> None:
     assert composition.known == (*PAPER, *OF_RIG_TOML)
     assert set(composition.candidates) == set(BEYOND)
-    assert set(composition.whole.layout.types) == {*EFFECTS, *OF_RIG_TOML}
+    assert set(composition.whole.layout.types) == {*PAPER, *BEYOND, *OF_RIG_TOML}
+
+
+def test_a_bridge_coasts_where_a_check_tells_of_it(rig: Rig, traces: tuple[Trace, ...]) -> None:
+    """And the voltage of its full duty is the supply's."""
+    speeds = Finding("coasting_bridge", 0.3, "", 0.0, "", "", "response")
+    found = compose(replace(rig, findings=(speeds,)), traces, only=EFFECTS)
+    assert COASTING in found.candidates
+    assert found.stated == {COASTING: 0.1}
+    on_trial = found.on_trial((COASTING,))
+    assert {"K_c", "k_d"} <= set(on_trial.layout.free)
+    assert dict(zip(on_trial.layout.held, on_trial.held, strict=True))["V_0"] == 12.0
 
 
 def test_what_was_logged_is_read_off_the_traces(rig: Rig, traces: tuple[Trace, ...]) -> None:

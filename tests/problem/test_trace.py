@@ -105,6 +105,20 @@ def test_a_plate_that_starts_in_motion_has_a_speed_and_a_deviation_that_covers_i
     assert 0.5 < np.std(np.array(wrong)[:, 1]) < 1.5  # honest, not just wide
 
 
+def test_a_plate_on_its_stop_that_is_driven_from_the_first_sample_starts_at_rest() -> None:
+    """9 V open it within ten samples: they bend, and the slope of what bends is no speed."""
+    motion, exact = driven(line([0.0, 0.4], [9.0, 9.0]), 0.0), 0
+    assert motion.angle[9] > 20.0 * SIGMA["position"]
+    for seed in range(20):
+        clean = measurement("response", motion.time, {"voltage": 0 * motion.time + 9.0, "position": motion.angle})
+        start = ready(noisy(clean, seed)).start
+        if start.sd[1] == 0.0:  # seen to be on its stop
+            assert start.state[1:] == (0.0, 0.0)
+            assert start.sd[2] == 0.0
+            exact += 1
+    assert exact > 10
+
+
 @pytest.mark.parametrize("hertz", [10.0, 25.0, 40.0])
 def test_a_plate_that_starts_within_a_swing_has_the_speed_of_its_first_sample(hertz: float) -> None:
     """A plate in a limit cycle: the first ten samples turn, so a line through them is another speed."""

@@ -19,6 +19,8 @@ from ...rig.rows import cells_of, is_number
 from ...rig.table import decode
 from ..sheet import Column, Sheet, column, time_base
 from .base import Format, Source, common_ends, unreadable
+from .bus_text import is_bus, refuse_bus
+from .vcds import is_vcds, read_vcds
 
 _NO_END = "the last line has no end: it may be cut off, and is left out"
 _CUT_ROW = "the last row is cut off and left out"
@@ -268,6 +270,8 @@ DIALECTS: tuple[tuple[Callable[[str], bool], Callable[[str, str], list[Sheet]]],
     (lambda text: text.startswith("LabVIEW Measurement"), _labview),
     (_is_rigol, _rigol),
     (lambda text: text.lstrip('"').startswith(("Record Length,", "Model,")), _tektronix),
+    (is_vcds, read_vcds),
+    (is_bus, refuse_bus),
     (lambda text: True, lambda text, where: [_sheet_of(read_text(text, where), where)]),
 )
 

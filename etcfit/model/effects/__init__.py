@@ -10,6 +10,7 @@ from .backlash import Backlash
 from .base import AbstractComputer, AbstractEffect, Besides, Contribution, Inputs, State, fraction, total
 from .brush_voltage_drop import BrushVoltageDrop
 from .channel_delay import ChannelDelay
+from .coasting_bridge import CoastingBridge
 from .cogging_torque import CoggingTorque
 from .controller import Controller
 from .coulomb_friction import CoulombFriction
@@ -50,6 +51,7 @@ EFFECTS: tuple[type[AbstractEffect], ...] = (
     BrushVoltageDrop,
     WindingHeating,
     DriverDeadZone,
+    CoastingBridge,
     ActuationDelay,
     TorqueSaturation,
     # mechanical

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -140,7 +140,10 @@ class AbstractEffect(eqx.Module):
         loaded: True where it must be told what the gear carries (`Inputs.motor`, `Inputs.external`).
         delays: True where it shifts the input or a channel in time.
         commands: True where it drives the throttle by what its sensors show, see `AbstractComputer`.
-        needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear".
+        needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear"; or, of a
+            hypothesis that would imitate others, that `rig.checks` tells of it: "bridge".
+        stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
+            the finding. A diagnosis tries it first, from there.
         inexact: relative error that its formula may have; largest for friction, contacts and delays.
         scope: where it sits: "plate", "motor", "driver" or "channel"; rig effects have "test" or "rig".
     """
@@ -155,6 +158,7 @@ class AbstractEffect(eqx.Module):
     delays: ClassVar[bool] = False
     commands: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
+    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {}
     inexact: ClassVar[float] = 0.02
     scope: ClassVar[str] = "plate"
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import json
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
@@ -86,8 +86,6 @@ class AbstractRigEffect(AbstractEffect):
         like: parameter of the throttle that, changed in one trace, does what this effect does there; needed of a family
             that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened. One
             `of_a_channel` needs none: it does in one trace what it does in the whole test.
-        stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
-            the finding. A diagnosis tries it first, from there.
     """
 
     kind: ClassVar[str]
@@ -95,7 +93,6 @@ class AbstractRigEffect(AbstractEffect):
     acts_on: ClassVar[tuple[str, ...]] = ()
     of_a_channel: ClassVar[bool] = False
     like: ClassVar[str] = ""
-    stated: ClassVar[Mapping[str, Callable[[float], float]]] = {}
     scope = "test"
     inexact = 0.0  # gains and resistances are what they are
 

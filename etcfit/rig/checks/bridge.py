@@ -186,7 +186,9 @@ def coasting_bridge(records: Records) -> Iterator[Finding]:
             continue
         speeds = [pair for trace in traces for pair in _speeds(trace, records.config)]
         for side in (1.0, -1.0):
-            found = _concave(np.array([(v, w) for v, w in speeds if side * v > 0.0 and side * w > 0.0]))
+            every = np.array(sorted((abs(v), abs(w)) for v, w in speeds if side * v > 0.0 and side * w > 0.0))
+            # friction hides the bend at small voltages
+            found = _concave(every) or _concave(every[len(every) // 2 :])
             if found is not None:
                 share, error, low, high = found
                 yield Finding(
@@ -216,10 +218,14 @@ def _speeds(trace: Measurement, config: RigConfig) -> Iterator[tuple[float, floa
 
 
 def _concave(pairs: np.ndarray) -> tuple[float, float, float, float] | None:
-    """Share, its error, and the span of the voltages; None where the curve is not bent so."""
+    """Share, its error, and the span of the voltages; None where the curve is not bent so.
+
+    Args:
+        pairs: voltage and speed, without their signs, shape (n, 2).
+    """
     if len(pairs) < SPEEDS:
         return None
-    v, w = np.abs(pairs).T
+    v, w = pairs.T
     low, high = float(v.min()), float(v.max())
     if high < SPEEDS_SPAN * low:
         return None

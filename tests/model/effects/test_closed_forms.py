@@ -50,6 +50,8 @@ CLOSED: Mapping[str, Case] = {
     "brush_voltage_drop": Case({"V_b": 0.4, "i_b": 0.05}, {"voltage": 0.4 * math.tanh(0.6)}, SAME, i=-0.03),
     "winding_heating": Case({"r_h": 0.01, "tau_h": 4.0}, {"voltage": -0.06, "dz": (4.0 - 0.75,)}, SAME, z=(3.0,)),
     "driver_dead_zone": Case({"V_d": 0.3}, {"voltage": 0.3}, SAME, u={"voltage": -5.0}),
+    # driven for a quarter of the time, the current dies in 0.6 of that: open for 0.75 - 0.15
+    "coasting_bridge": Case({"K_c": 0.3, "k_d": 0.6, "V_0": 12.0}, {"voltage": 0.3 * -3.0 * 0.6}, SAME),
     "actuation_delay": Case({"t_a": 0.004}, {"input_delay": 0.004}, SAME),
     "torque_saturation": Case(
         {"S_T": 0.5}, {"drive": -1.2 * (1.0 - 2.44**-0.5)}, SAME, u={"motor": 1.2, "external": 7.0}

@@ -28,6 +28,7 @@ every_amplitude = pytest.mark.parametrize(
 # the names of docs/reference/effects.md: what users and other programs write in rig.toml and read in diagnosis.json
 PROMISED = [
     *("brush_voltage_drop", "winding_heating", "driver_dead_zone", "actuation_delay", "torque_saturation"),
+    "coasting_bridge",
     *("limp_home_spring", "stiffening_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
     *("motor_coulomb_friction", "presliding_friction", "backlash", "cogging_torque", "quadratic_drag"),
     *("airflow_torque", "stop_bounce", "gravity_load"),
@@ -93,7 +94,7 @@ def test_parameter_survives_its_domain(effect: type[AbstractEffect], parameter: 
 
 @every_effect
 def test_needs_are_things_that_can_be_missing(effect: type[AbstractEffect]) -> None:
-    assert set(effect.needs) <= {"circuit", "current", "position", "gear"}
+    assert set(effect.needs) <= {"circuit", "current", "position", "gear", "bridge"}
 
 
 # ---- off

@@ -134,6 +134,16 @@ def test_a_dead_zone_takes_no_more_than_there_is(voltage: float) -> None:
     assert left == pytest.approx(math.copysign(max(abs(voltage) - 0.3, 0.0), voltage), abs=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("voltage", "open_share"), [(0.0, 1.0), (3.0, 0.6), (-3.0, 0.6), (9.0, 0.0), (12.0, 0.0), (15.0, 0.0)]
+)
+def test_open_terminals_feel_no_emf(voltage: float, open_share: float) -> None:
+    """All of it with the bridge off, none where the current lasts until the next period: 1/(1 + 0.6) of the supply."""
+    effect = made(EFFECT_BY_NAME["coasting_bridge"], K_c=0.3, k_d=0.6, V_0=12.0)
+    taken = float(effect(State(0.0, 0.5, 2.0), (), inputs(voltage=voltage)).voltage)
+    assert taken == pytest.approx(0.3 * 2.0 * open_share, abs=1e-15)
+
+
 @pytest.mark.parametrize("motor", [-3.0, -0.2, 0.2, 3.0])
 def test_a_saturated_motor_still_pulls_the_same_way(motor: float) -> None:
     effect = made(EFFECT_BY_NAME["torque_saturation"])
