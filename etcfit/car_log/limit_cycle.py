@@ -28,7 +28,8 @@ _SMOOTH = 20.0  # samples a period at which second differences show the noise al
 _SLOW = 0.25  # of the highest speed: slower counts as still
 _STILL = 0.38  # share of the time: more is stick-slip
 _SAMPLES = 4.0  # a period, for the shape to be told
-_DECAYS = 0.5  # second half over first: less is the end of an answer to a step
+_DECAYS = 0.5  # last swing over first: less is the end of an answer to a step
+_LATER = 0.0, 0.25, 0.5, 0.75  # shares of a rest after which it is looked at, until an oscillation is seen
 _DITHER = 50.0  # Hz: quick beside the loop; assumed
 _MARGIN = 1.2  # of the dead zone over the largest error, and of dither over the friction
 
@@ -40,7 +41,8 @@ class LimitCycle:
     Args:
         amplitude: half of what the plate moves to and fro, per cent of travel; median over the rests with one.
         period: s.
-        share: of the time at rest that was looked at in which there is one, 0 to 1.
+        share: of the time at rest that was looked at in which there is one, 0 to 1; a rest with one counts from where
+            the answer to the step before it is over.
         kind: "stick-slip", "instability", or "unknown" where the log is too slow or too coarse to tell.
         still: share of the period in which the plate is nearly still; 0.16 for a sine.
         where: setpoints with an oscillation, least and largest, per cent.
@@ -89,8 +91,13 @@ class LimitCycle:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """What one rest shows: an oscillation, where `period` is there."""
+    """What one rest shows: an oscillation, where `period` is there.
 
+    Args:
+        looked, seconds: s that were looked at, and in which it oscillates.
+    """
+
+    looked: float
     seconds: float
     level: float
     amplitude: float
@@ -104,7 +111,8 @@ def limit_cycle(position: Series, setpoint: Series, duty: Series | None = None) 
     """The oscillation at rest; None where there is none.
 
     A rest counts from 0.5 s after its begin. It oscillates where its autocorrelation returns to 0.5 a period later, the
-    motion is more than noise and it does not die away. Dead zone and dither are for stick-slip alone:
+    motion is more than noise and it does not die away. The answer to a large step may outlast 0.5 s and hide what
+    stays: where nothing is seen, the last 3/4, 1/2 and 1/4 of the rest are looked at. Cures are for stick-slip alone:
 
         dead zone = 1.2 max |error| at rest,    dither = 1.2 (half of what the duty moves in a period)
 
@@ -117,7 +125,7 @@ def limit_cycle(position: Series, setpoint: Series, duty: Series | None = None) 
     cycling = [each for each in looked if each.period is not None]
     if not cycling:
         return None
-    return _together(cycling, sum(each.seconds for each in looked), position, quantum)
+    return _together(cycling, sum(each.looked for each in looked), position, quantum)
 
 
 def at_rest(position: Series, setpoint: Series) -> float:
@@ -155,22 +163,36 @@ def _held(position: Series, step: float, rest: Rest, duty: Series | None, quantu
     begin, end = max(rest.begin + _SETTLES, float(position.time[0])), min(rest.end, float(position.time[-1]))
     if end - begin < _SHORTEST:
         return None
+    looked, level = float(end - begin), 0.5 * (rest.first + rest.last)
+    for later in (begin + share * looked for share in _LATER):
+        if (found := _swinging(position, step, (later, end), quantum)) is not None:
+            amplitude, period, still, value = found
+            off = float(np.quantile(np.abs(value - level), 0.98))
+            swing = _of_duty(duty, later, end, period)
+            return _Held(looked, float(end - later), level, amplitude, period, still, swing, off)
+    return _Held(looked, 0.0, level, 0.0, None, 0.0, None, 0.0)
+
+
+def _swinging(
+    position: Series, step: float, span: tuple[float, float], quantum: float
+) -> tuple[float, float, float, np.ndarray] | None:
+    """Amplitude, period (s), share of it that is nearly still, and the position; None where it does not swing on."""
+    begin, end = span
     time = np.arange(begin, end, step)
     value = np.interp(time, position.time, position.value)
-    level = 0.5 * (rest.first + rest.last)
-    nothing = _Held(float(end - begin), level, 0.0, None, 0.0, None, 0.0)
+    if time.size < 8:
+        return None
     moved = value - np.polyval(np.polyfit(time - begin, value, 1), time - begin)
-    if time.size < 8 or np.ptp(moved) < max(2.0 * quantum, 1e-9):
-        return nothing
+    if np.ptp(moved) < max(2.0 * quantum, 1e-9):
+        return None
     period = _period(moved, step)
-    if period is None or end - begin < _PERIODS * period:
-        return nothing
+    if period is None or end - begin < max(_PERIODS * period, _SHORTEST):
+        return None
     smooth = _smoothed(moved, period, step)
     swings = _swings(smooth, period, step)
     if swings[-1] < _DECAYS * swings[0] or np.median(swings) < quantum:
-        return nothing
-    return _Held(float(end - begin), level, float(np.median(swings)), period, _still(smooth, period, step),
-                 _of_duty(duty, begin, end, period), float(np.quantile(np.abs(value - level), 0.98)))  # fmt: skip
+        return None
+    return float(np.median(swings)), period, _still(smooth, period, step), value
 
 
 def _period(moved: np.ndarray, step: float) -> float | None:

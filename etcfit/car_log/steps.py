@@ -21,6 +21,8 @@ _JITTER = 8.0, 1.0  # of a setpoint that a restless pedal makes: standard deviat
 _REST = 0.3  # s that a rest lasts at least
 _QUICK = 0.1  # s that a step takes at most
 _SEEN = 4.0  # standard deviations of the noise above which an overshoot is one, and about which a settled plate stays
+_RISE = 0.8, 0.2  # shares of the way left between which the rise is timed
+_ROUND = 0.75  # of the rise, either side of the top: there a second-order answer is a parabola to 0.1 %
 _LEVELS = 8  # that a position must show for its resolution to be read off them
 _LEAST = 0.5  # per cent: a smaller step is not judged
 _FEWEST = 5  # samples of the position that a step needs
@@ -169,25 +171,35 @@ def _step(position: Series, setpoint: Series, before: Rest, after: Rest, sd: flo
     beyond = (value - after.first) * np.sign(size)
     band = max(SETTLED * abs(size), 100.0 * NEGLIGIBLE, _SEEN * sd)
     tail = time >= (1.0 - TAIL) * (end - begin)
-    most = _top(beyond)
     start = (float(np.interp(begin, position.time, position.value)) - after.first) * float(np.sign(size))
+    most, noise = _top(time, beyond, start)
     return Step(
         begin, before.last, after.first, end - begin,
-        100.0 * most / max(abs(size), 100.0 * LEAST_OVERSHOT) if most > max(_SEEN * sd, 1e-9) else 0.0,
-        _settling(time, beyond, band), _half_way(start, time, beyond),
+        100.0 * most / max(abs(size), 100.0 * LEAST_OVERSHOT) if most > max(_SEEN * noise * sd, 1e-9) else 0.0,
+        _settling(time, beyond, band), _reached(start, time, beyond, 0.5),
         float(np.mean((value - after.first)[tail])) if tail.any() else float(value[-1] - after.first),
         float(np.sqrt(np.mean(beyond**2))), band,
     )  # fmt: skip
 
 
-def _top(beyond: np.ndarray) -> float:
-    """The highest value, on a parabola through it and its neighbours: a slow logger misses the top."""
-    k = int(np.argmax(beyond))
-    if not 0 < k < beyond.size - 1:
-        return float(beyond[k])
-    left, top, right = beyond[k - 1 : k + 2]
-    bend = left - 2.0 * top + right
-    return float(top - (left - right) ** 2 / (8.0 * bend)) if bend < 0.0 else float(top)
+def _top(time: np.ndarray, beyond: np.ndarray, start: float) -> tuple[float, float]:
+    """The top of the overshoot, and its noise over that of a sample.
+
+    It is the top of a parabola (least squares) about the highest mean of its width, which is what a second-order answer
+    looks like a parabola in, read off its rise from 20 to 80 %. The highest sample of a quick log would be the highest
+    noise too; a slow one has three samples there, and misses the top.
+    """
+    early, late = (_reached(start, time, beyond, left) for left in _RISE)
+    rise = 0.0 if early is None or late is None else late - early
+    n = max(int(_ROUND * rise / float(np.median(np.diff(time)))), 1)
+    if beyond.size < 2 * n + 1:
+        return float(beyond.max()), 1.0
+    k = n + int(np.argmax(np.convolve(beyond, np.full(2 * n + 1, 1.0 / (2 * n + 1)), "valid")))
+    about = slice(k - n, k + n + 1)
+    bend, slope, level = np.polyfit(time[about] - time[k], beyond[about], 2)
+    inside = bend < 0.0 and abs(slope) <= -2.0 * bend * (time[k + n] - time[k])
+    top = level - slope**2 / (4.0 * bend) if inside else level
+    return float(top), float(min(1.5 / np.sqrt(2 * n + 1), 1.0))
 
 
 def _settling(time: np.ndarray, beyond: np.ndarray, band: float) -> float:
@@ -202,11 +214,11 @@ def _settling(time: np.ndarray, beyond: np.ndarray, band: float) -> float:
     return float(time[k] + (far - band) / max(far - near, 1e-12) * (time[k + 1] - time[k]))
 
 
-def _half_way(start: float, time: np.ndarray, beyond: np.ndarray) -> float | None:
-    """When it has made half of the way from `start`, s; `start` and `beyond` are below 0 before the new level."""
-    reached = np.flatnonzero(beyond >= 0.5 * start)
+def _reached(start: float, time: np.ndarray, beyond: np.ndarray, left: float) -> float | None:
+    """When a share of the way from `start` is left, s; `start` and `beyond` are below 0 before the new level."""
+    reached = np.flatnonzero(beyond >= left * start)
     if start >= 0.0 or not reached.size:
         return None
     k = int(reached[0])
     t0, b0 = (0.0, start) if k == 0 else (time[k - 1], beyond[k - 1])
-    return float(t0 + (0.5 * start - b0) / max(beyond[k] - b0, 1e-12) * (time[k] - t0))
+    return float(t0 + (left * start - b0) / max(beyond[k] - b0, 1e-12) * (time[k] - t0))

@@ -253,7 +253,8 @@ def _without_current(
         speed = shapes.slope(plate, clock)
         follows = {id(c): abs(shapes.correlation(shapes.filled(c.values), speed)) for c in volts}
         best = max(volts, key=lambda c: follows[id(c)])
-        if follows[id(best)] > shapes.FOLLOWS and "emf" not in by and "voltage" not in by:
+        is_emf = follows[id(best)] > shapes.FOLLOWS and shapes.comes_to_rest(speed)
+        if is_emf and "emf" not in by and "voltage" not in by:
             return [_emf(best, follows[id(best)])]
         return [_volts(best, "voltage", "the only voltage beside a position", False)] if len(volts) == 1 else []
     if len(volts) != 2:

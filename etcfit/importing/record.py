@@ -89,7 +89,10 @@ def whole(sheet: Sheet, takes: Sequence[Take]) -> Record:
 
 
 def is_release(record: Record) -> bool:
-    """True where nobody drives the plate: no drive was logged, or a voltage that follows the plate's speed."""
+    """True where nobody drives the plate: no drive was logged, or a voltage that follows the speed of one let go.
+
+    Under a slow ramp of voltage a motor follows it as well; but what is let go comes to rest before the log ends.
+    """
     signals = record.signals
     plate, voltage = plate_of(signals), signals.get("voltage")
     if plate is None or record.sheet.is_ecu or {"current", "setpoint", "torque", "duty"} & set(signals):
@@ -98,7 +101,8 @@ def is_release(record: Record) -> bool:
         return True
     speed = shapes.slope(plate, record.time)
     follows = abs(shapes.correlation(voltage, speed)) > shapes.SURELY_FOLLOWS
-    return follows and shapes.span(voltage) > 8.0 * shapes.noise(voltage) and not _is_step(voltage)
+    moves = shapes.span(voltage) > 8.0 * shapes.noise(voltage)
+    return follows and moves and not _is_step(voltage) and shapes.comes_to_rest(speed)
 
 
 def _is_step(voltage: np.ndarray) -> bool:

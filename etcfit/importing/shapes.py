@@ -31,6 +31,12 @@ def slope(values: np.ndarray, time: np.ndarray, part: float = 0.01) -> np.ndarra
     return smooth(np.gradient(smooth(values, samples), time), samples)
 
 
+def comes_to_rest(speed: np.ndarray) -> bool:
+    """Whether it is slower at the end than half of its highest."""
+    size, end = np.abs(speed), max(3, speed.size // 20)
+    return bool(np.median(size[-end:]) < 0.5 * np.quantile(size, 0.98))
+
+
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
     """Pearson's; 0 where either is constant."""
     return along(a - np.mean(a), b - np.mean(b))

@@ -72,6 +72,25 @@ def test_an_answer_that_dies_away_is_no_oscillation() -> None:
     assert limit_cycle(Series(time, ringing), Series(time, wanted)) is None
 
 
+@pytest.mark.parametrize("rate", [100.0, 500.0])
+def test_what_stays_after_the_answer_to_a_large_step_is_seen(rate: float) -> None:
+    """The answer rings for longer than 0.5 s and is larger than the oscillation that stays."""
+    time = np.arange(0.0, 24.0, 1.0 / rate)
+    wanted = np.where(time < 2.0, 30.0, 50.0)
+    after = np.clip(time - 2.0, 0.0, None)
+    answer = 12.0 * np.exp(-1.2 * after) * np.sin(9.0 * after)
+    stays = np.clip(6.0 * np.sin(2.0 * np.pi * after / 2.5), -1.0, 1.0) * (after > 0.0)  # flat for most of the period
+    noise = 0.03 * np.random.default_rng(3).standard_normal(time.size)
+    found = limit_cycle(Series(time, wanted + answer + stays + noise), Series(time, wanted))
+    assert found is not None
+    assert found.kind == "stick-slip"
+    assert found.amplitude == pytest.approx(1.0, rel=0.1)
+    assert found.period == pytest.approx(2.5, rel=0.02)
+    assert 0.4 < found.share < 0.95
+    alone = limit_cycle(Series(time, wanted + answer + noise), Series(time, wanted))
+    assert alone is None
+
+
 def test_a_log_too_slow_for_the_shape_says_so() -> None:
     time = np.arange(0.0, 12.0, 0.02)
     position = 40.0 + 3.0 * np.sin(2.0 * np.pi * 14.3 * time)  # 3.5 samples a period

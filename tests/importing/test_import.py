@@ -449,7 +449,7 @@ def wheel(volts: Callable[[float], float], seconds: float) -> np.ndarray:
     return np.array(rows)
 
 
-def log(path: Path) -> Path:
+def log(path: Path, left_out: tuple[str, ...] = ()) -> Path:
     tests = {"quasistatic-forward": (lambda t: t, 4.0), "quasistatic-reverse": (lambda t: -t, 4.0),
              "dynamic-forward": (lambda t: 7.0 * (t > 0.0999), 1.1),
              "dynamic-reverse": (lambda t: -7.0 * (t > 0.0999), 1.1)}  # fmt: skip
@@ -465,9 +465,33 @@ def log(path: Path) -> Path:
         state.append((state[-1][0] + 20_000, "none"))
         at = state[-1][0] + 500_000
     names = {"voltage": "Volt", "position": "Rotation", "velocity": "Rotation per Second", "current": "Amp"}
+    every = zip(names.items(), columns, strict=True)
     entries = {f"{name}-wheel-shooter": ("double", unit, column)
-               for (name, unit), column in zip(names.items(), columns, strict=True)}  # fmt: skip
+               for (name, unit), column in every if name not in left_out}  # fmt: skip
     return foreign.wpilog(path, {"sysid-test-state-shooter": ("string", "", state), **entries})
+
+
+def test_a_wheels_log_without_a_current_is_driven_and_no_motor_let_go(tmp_path: Path) -> None:
+    """As SysIdRoutine logs it: under a slow ramp the voltage follows the speed as an EMF would."""
+    (tmp_path / "rig.toml").write_text(WHEEL, encoding="utf-8")
+    folder = tmp_path / "rig"
+    log(tmp_path / "robot.wpilog", left_out=("current",))
+    import_files([tmp_path / "robot.wpilog"], folder, Answers(), accept_all, rig=tmp_path / "rig.toml")
+    texts = [path.read_text(encoding="utf-8") for path in folder.glob("*/*.csv")]
+    heads = [next(line for line in text.splitlines() if not line.startswith("#")) for text in texts]
+    assert {path.parent.name for path in folder.glob("*/*.csv")} == {"response"}
+    assert len(heads) == 4
+    assert all("voltage" in head and "emf" not in head for head in heads), heads
+
+
+def test_a_slow_ramp_of_voltage_is_no_emf_under_any_name(tmp_path: Path) -> None:
+    rows = wheel(lambda t: t, 4.0)
+    table = "\n".join(f"{t:.4f},{v:.4f},{angle:.5f}" for t, v, angle, *_ in rows)
+    (tmp_path / "ramp.csv").write_text(f"time [s],CH1 [V],angle [rad]\n{table}\n", encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(WHEEL, encoding="utf-8")
+    folder = tmp_path / "rig"
+    import_files([tmp_path / "ramp.csv"], folder, Answers(), accept_all, rig=tmp_path / "rig.toml")
+    assert [path.parent.name for path in folder.glob("*/*.csv")] == ["static_load"]  # driven
 
 
 @pytest.mark.slow

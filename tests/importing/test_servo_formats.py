@@ -46,7 +46,7 @@ def test_sysid_of_a_data_log_is_one_sheet_a_test_in_the_units_of_its_metadata(tm
     first, second = read(sysid_log(tmp_path / "robot.wpilog"), "right")
     assert (first.part, second.part) == ("right: slow-forward", "right: fast-reverse")
     assert [(c.name, c.unit) for c in first.columns] == [
-        ("time", "s"), ("voltage", "V"), ("position", "turn"), ("motor_speed", "turn/s")]  # fmt: skip
+        ("time", "s"), ("motor_voltage", "V"), ("position", "turn"), ("motor_speed", "turn/s")]  # fmt: skip
     assert first.columns[1].label == "voltage-right-shooter"
     volts = first.columns[1].values
     assert volts[np.isfinite(volts)] == pytest.approx([-v for v in VOLTS[:18]])
@@ -108,7 +108,7 @@ def test_sysid_json_of_a_mechanism_and_of_a_drivetrain(tmp_path: Path) -> None:
     slow, fast = read(path)
     assert (slow.part, fast.part) == ("mechanism: slow-forward", "mechanism: fast-backward")
     assert [(c.name, c.unit) for c in slow.columns] == [
-        ("time", "s"), ("voltage", "V"), ("position", "rad"), ("motor_speed", "rad/s")]  # fmt: skip
+        ("time", "s"), ("motor_voltage", "V"), ("position", "rad"), ("motor_speed", "rad/s")]  # fmt: skip
     assert slow.columns[3].values[-1] == pytest.approx(5.7)
     wide = [[0.01 * k, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0] for k in range(5)]
     path.write_text(json.dumps({"sysid": True, "units": "Rotations", "slow-forward": wide}))

@@ -30,7 +30,8 @@ from .base import Format, Source, flat_numbers, unreadable
 _KIND = "JSON of SysId, a list of records, or lists by name"
 _TESTS = ("slow-forward", "slow-backward", "fast-forward", "fast-backward", "track-width")
 _ANGLES = {"rotations": "turn", "radians": "rad", "degrees": "deg"}
-_SIMPLE, _DRIVE = ("voltage", "position", "motor_speed"), 9  # columns behind the time; cells of a drivetrain's row
+_SIMPLE = "motor_voltage", "position", "motor_speed"  # columns behind the time
+_DRIVE = 9  # cells of a drivetrain's row
 _MOTORS = ("motor", "id", "name", "servo", "joint")  # keys of a record that name its motor
 
 

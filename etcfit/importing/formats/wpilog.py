@@ -33,7 +33,8 @@ _STATE = "sysid-test-state-"
 _SYSID = re.compile(r"(voltage|position|velocity|acceleration|current)-(?P<motor>.+)")
 _UNITS = {"volt": "V", "amp": "A", "rotation": "turn", "radian": "rad", "degree": "deg",
           "rotation per second": "turn/s", "radian per second": "rad/s", "degree per second": "deg/s"}  # fmt: skip
-_QUANTITY = {"velocity": "motor_speed"}  # of SysId, where the name is another than ours
+# of SysId, where the name is another than ours, or says less: its voltage is what drives the motor, never an EMF
+_QUANTITY = {"velocity": "motor_speed", "voltage": "motor_voltage"}
 _TESTS = {"quasistatic": "slow", "dynamic": "fast"}  # as SysId's JSON calls them; a free wheel is no static load
 _LEAD = 200_000  # us before a test that are taken with it, where they were logged: a trace is to begin at rest
 _NONE = "none"  # state of SysId between two tests
