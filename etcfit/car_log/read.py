@@ -27,7 +27,6 @@ from .log import DriveLog, Series
 
 _TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words of what may be a setpoint
 _OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
-_PERIOD = "or give its period: --period 1ms"
 _PLATE = ("position", "tps")
 _ANY_TEXT = (".txt", ".asc", ".dat", ".log", ".json")  # may be anything, and no log
 _MOST = 60  # names that a message lists
@@ -178,7 +177,7 @@ def _cures_of_toml() -> Iterator[None]:
     except MeasurementError as err:
         mend = _OPTION.sub(
             lambda m: f"[columns] {toml_string(m['header'])} = {toml_string(m['wanted'])} in rig.toml", err.mend
-        ).replace(_PERIOD, f"or let etcfit import give it one: {_PERIOD.partition(': ')[2]}")
+        )
         raise MeasurementError(err.where, err.found, err.required, mend) from err
 
 

@@ -157,7 +157,7 @@ def test_all_columns_of_a_short_log_are_listed_those_of_the_plate_first(tmp_path
 
 def test_the_cure_of_a_log_without_time_is_a_command_that_has_it(tmp_path: Path) -> None:
     written(tmp_path, a__csv=car_logs.csv(LOG, {"position": "TPS [%]"}))
-    with pytest.raises(MeasurementError, match=r"let etcfit import give it one: --period"):
+    with pytest.raises(MeasurementError, match=r"let `etcfit import` give it one: --period"):
         read_logs(tmp_path)
 
 
