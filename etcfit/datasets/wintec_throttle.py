@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from .base import Dataset, Source, csv_text, on_github
 
@@ -75,7 +74,7 @@ logged: inertia, inductance and the absolute scale of torque cannot be identifie
 
 def _convert(files: Mapping[str, Path]) -> dict[str, str]:
     """Columns of the recording: host's time, ms, main V, inverse V, PWM in Hz, duty in %, and a flag."""
-    rows = pd.read_csv(files[_SOURCE.local], skiprows=1, header=None, usecols=range(1, 6)).to_numpy(dtype=float)
+    rows = np.loadtxt(files[_SOURCE.local], delimiter=",", skiprows=1, usecols=range(1, 6), encoding="utf-8")
     sweeps = {f: rows[rows[:, 3] == 1000 * f].T for f in sorted((*_FITTED, *_HELD_OUT))}
     traces = {f"response/{f:02d}_kHz.csv": _trace(f, *sweep) for f, sweep in sweeps.items() if sweep.size}
     return {"rig.toml": _RIG, "README.md": _README, **traces}
