@@ -146,7 +146,8 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
         return Take(made, TIME, "s", f"the file has none: --period, {answers.period:g} s")
     labels = "', '".join(column.label for column in sheet.columns[:40])
     raise MeasurementError(sheet.where, f"no time among its columns '{labels}'.", "Every trace needs one.",
-                           "Name it: --column 'HEADER=time [s]', or let `etcfit import` give it one: --period 1ms.")  # fmt: skip
+                           "Name it: --column 'HEADER=time [s]', "
+                           "or let `etcfit import` give it one: --period 1ms.")  # fmt: skip
 
 
 def _rises(values: np.ndarray) -> bool:
