@@ -11,7 +11,7 @@ from etcfit.car_log.read import read_logs
 from etcfit.car_log.study import study
 from etcfit.errors import MeasurementError
 from etcfit.importing import import_files
-from etcfit.importing.answers import Answers
+from etcfit.importing.answers import Answers, accept_all
 from etcfit.importing.formats import read_sheets
 from etcfit.importing.formats.base import Source
 from etcfit.rig.reader import read_folder
@@ -26,10 +26,6 @@ VALUES = (
     ",,G004,F0,G008,F0,\n\nMarker,TIME,Loc. IDE00021,TIME,Loc. IDE00075,\n"
     ",STAMP,Throttle valve angle,STAMP,Throttle valve angle specified,\n,, %,, %,\n"
 )
-
-
-def accept_all(doubts: object) -> bool:
-    return True
 
 
 def written(folder: Path, name: str, text: str) -> Path:
