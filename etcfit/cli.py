@@ -214,7 +214,8 @@ def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callab
 
 
 _ECU = _option(None, "Make of the ECU that gains are for, as rusefi; a wrong name lists all.", "NAME",
-               "no particular make")  # fmt: skip
+               "no particular make",
+               callback=lambda name: None if name is None else name.casefold())  # fmt: skip
 _ANYWAY = _option(False, "Give gains for an ECU even where the fit did not converge or is a compromise.", None, None,
                   "--anyway")  # fmt: skip
 

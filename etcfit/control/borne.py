@@ -31,6 +31,7 @@ MOST = 0.5  # of |Delta T|
 _SEGMENT = 1.0  # s, of one periodogram
 _NEAR = 3.0  # times below and above the crossover, where gain and phase decide on stability
 _AT = 1.5  # times below or above it, where the log must tell Delta
+_ROWS = 4.0  # a second, over a frequency, that a log needs at least to show it
 _SEEN = 4.0  # times the noise's power that the motion must have for Delta to be told there
 
 
@@ -43,12 +44,14 @@ class Borne:
         missed: Delta there, a share of the plant's response.
         hertz: where.
         crossover: of the loop, Hz.
+        rows: of the fastest trace, a second.
     """
 
     worst: float
     missed: float
     hertz: float
     crossover: float
+    rows: float = np.inf
 
     @property
     def enough(self) -> bool:
@@ -59,6 +62,9 @@ class Borne:
     def says(self) -> str:
         """A sentence."""
         if not np.isfinite(self.worst):
+            if (needed := _ROWS * self.crossover) > self.rows:
+                return (f"{self.rows:.3g} rows a second tell nothing near {self.crossover:.2g} Hz, where the new loop "
+                        f"is decided on: log at {needed:.0f} Hz or faster.")  # fmt: skip
             return (f"The log has no motion near {self.crossover:.2g} Hz, where the new loop is decided on: record ten "
                     "quick steps of 20 to 60 % of the travel.")  # fmt: skip
         if self.worst == 0.0:
@@ -90,10 +96,12 @@ def borne(
     loop = np.ravel(controller(gains, ecu, under.z[:-1])) * response
     above = np.flatnonzero(np.abs(loop) >= 1.0)
     crossover = float(omega[above[-1]] if above.size else omega[0]) / (2.0 * np.pi)
+    parts = tuple(parts)
+    rows = max((1.0 / float(np.median(np.diff(instants))) for instants, *_ in parts), default=np.inf)
     hertz, missed = _missed(parts, noise)
     near = (hertz >= crossover / _NEAR) & (hertz <= crossover * _NEAR) & np.isfinite(missed)
     if not (near & (np.abs(np.log(np.maximum(hertz, 1e-9) / crossover)) <= np.log(_AT))).any():
-        return Borne(float("nan"), float("nan"), float("nan"), crossover)
+        return Borne(float("nan"), float("nan"), float("nan"), crossover, rows)
     hertz, missed = hertz[near], missed[near]
     at = 2.0 * np.pi * hertz
     if present is not None:
@@ -101,7 +109,7 @@ def borne(
         missed = missed * np.interp(at, omega, np.abs(1.0 + there))
     product = missed * np.interp(at, omega, np.abs(loop / (1.0 + loop)))
     k = int(np.argmax(product))
-    return Borne(float(product[k]), float(missed[k]), float(hertz[k]), crossover)
+    return Borne(float(product[k]), float(missed[k]), float(hertz[k]), crossover, rows)
 
 
 def _missed(parts: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], noise: float) -> tuple[np.ndarray, np.ndarray]:

@@ -46,7 +46,17 @@ def test_what_is_not_borne_may_turn_the_loop_unstable() -> None:
     assert "quick steps" in judged(share).says
 
 
-def test_a_slow_log_does_not_tell() -> None:
+def test_rows_too_few_for_the_new_loop_ask_for_a_faster_log_and_for_no_more_motion() -> None:
+    found, few = judged(0.01), moved(4.0)[::100]
+    slow = borne([(TIME[::100], few, few)], 1e-4, PLANT, ECU, GAINS, None)
+    assert slow.rows == pytest.approx(5.0)
+    assert slow.crossover == found.crossover
+    assert not slow.enough
+    assert "5 rows a second" in slow.says
+    assert f"log at {4.0 * slow.crossover:.0f} Hz" in slow.says
+
+
+def test_a_slow_motion_does_not_tell() -> None:
     found = judged(0.01, hertz=0.5, noise=2e-3)
     assert not found.enough
     assert "no motion near" in found.says
