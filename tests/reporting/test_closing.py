@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shlex
 from pathlib import Path
@@ -89,6 +90,19 @@ def test_a_fit_that_leaves_noise_goes_on_to_gains_or_to_what_it_cannot_tell(tmp_
         assert ("cannot tell K_b" in closing.answer) == bool(lost)
         folder = tmp_path / part / "rig"
         assert closing.next == (f"etcfit check {folder} --advise --at {run}" if lost else f"etcfit design {run}")
+
+
+def test_gains_from_logs_of_a_car_are_what_a_run_answers(tmp_path: Path) -> None:
+    run = runs.run_folder(tmp_path, ("pid",))
+    says = {"answer": "Half-way gains to try first: P 3.", "next": ["Type them in."]}
+    made_from = hashlib.sha256((run / "pid.json").read_bytes()).hexdigest()
+    told = {"schema": "etcfit.tune/1", "pid": made_from, "says": says, "steps": []}
+    (run / "tune.json").write_text(json.dumps(told), "utf-8")
+    closing = of_run(run)
+    assert closing.answer == says["answer"]
+    assert closing.next == f"etcfit drive NEXT_LOG --foretold {run}"
+    runs.changed(run, "pid", name="designed since")
+    assert "Half-way" not in of_run(run).answer
 
 
 def test_the_measurement_folder_is_seen_from_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from ...errors import command
 from ...estimation.goodness import Left
 from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
-from ..page.contents import Contents, read_run
+from ..page.contents import Contents, read_run, tuned_of
 from ..page.verdict import left_unexplained, residuals
 from . import Closing, counted, mended
 
@@ -22,8 +22,12 @@ _WORTH_SAYING = 0.2  # probability of such a name
 
 
 def of_run(run: Path, *pages: Path) -> Closing:
-    """The last model in RUN, which has a fit; pages to look at come before the picture of errors or parameters."""
+    """The last model in RUN, which has a fit; pages to look at come before the picture of errors or parameters. Where
+    it was made for gains from logs of a car, what `tune` said of them."""
     contents = read_run(run)
+    if (told := tuned_of(run, contents.hashes)) and told["says"]["next"]:
+        further = command("drive", "NEXT_LOG", "--foretold", run)
+        return Closing(told["says"]["answer"], further, (*pages, run / "pictures" / "tune.png"))
     picture = "diagnosis/ledger.png" if contents.get("diagnosis") else "parameters.png"
     further = _next(contents)
     if further == command("report", run, "--interactive") and run / INTERACTIVE in pages:
