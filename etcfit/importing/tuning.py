@@ -236,8 +236,9 @@ def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: Tun
         why = f"the ECU is a part of the model, with the gains that are in it now{of_all}: {lacks}"
         return ECU, why, LogCheck("fast enough", True, True, why)
     need = settings.a_tick / known.ecu.period
-    cure = (f"Log position, duty and battery at {need:.0f} Hz or faster; or log the target too and say which gains "
-            "are in the ECU now (--present P,I,D or --msq FILE).")  # fmt: skip
+    target = () if all("setpoint" in log.channels for log in logs) else ("log the target too",)
+    say = ("say which gains are in the ECU now (--present P,I,D or --msq FILE)",) if known.gains is None else ()
+    cure = f"Log position, duty and battery at {need:.0f} Hz or faster; or {' and '.join((*target, *say))}."
     return DUTY if has_duty else ECU, lacks, LogCheck("fast enough", False, True, lacks, cure)
 
 

@@ -91,6 +91,7 @@ def test_a_slow_log_of_unknown_gains_tells_nothing_and_says_what_would() -> None
     assert stops(found) == {"fast enough"}
     assert "400 Hz" in found.stopped_by[0].cure
     assert "--present" in found.stopped_by[0].cure
+    assert "target" not in found.stopped_by[0].cure  # it is logged
 
 
 @pytest.mark.parametrize(("rig", "name"), [(log(500.0, amplitude=1.0), "moves over the travel"),
