@@ -213,9 +213,14 @@ def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callab
     return registered
 
 
+def _small(name: str | None) -> str | None:
+    """A make's name as `etcfit.ECUS` has it, however it is written."""
+    return None if name is None else name.casefold()
+
+
 _ECU = _option(None, "Make of the ECU that gains are for, as rusefi; a wrong name lists all.", "NAME",
                "no particular make",
-               callback=lambda name: None if name is None else name.casefold())  # fmt: skip
+               callback=_small)  # fmt: skip
 _ANYWAY = _option(False, "Give gains for an ECU even where the fit did not converge or is a compromise.", None, None,
                   "--anyway")  # fmt: skip
 
@@ -445,7 +450,7 @@ def drive(
 class TuneOptions:
     """Options of `etcfit tune`."""
 
-    ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME")
+    ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME", callback=_small)
     present: list[str] | None = _option(
         None, "P,I,D that are in it now, as it writes them; once a log where these differ, the last are in it now.",
         "P,I,D",
