@@ -98,6 +98,9 @@ def test_gains_from_logs_of_a_car_are_what_a_run_answers(tmp_path: Path) -> None
     made_from = hashlib.sha256((run / "pid.json").read_bytes()).hexdigest()
     told = {"schema": "etcfit.tune/1", "pid": made_from, "says": says, "steps": []}
     (run / "tune.json").write_text(json.dumps(told), "utf-8")
+    copy = (tmp_path / "mine_etcfit.msq",)
+    assert "half-way gains of etcfit tune before them" in of_export(copy, (), "a tune", SOUND, run).next
+    assert "half-way" not in of_export((tmp_path / "throttle.c",), (), "C99", SOUND, run).next
     closing = of_run(run)
     assert closing.answer == says["answer"]
     assert closing.next == f"etcfit drive NEXT_LOG --foretold {run}"

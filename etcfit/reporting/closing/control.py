@@ -16,6 +16,7 @@ from ...model.ecus import ECUS, Pasting
 from ...run_folder.pid import design_json
 from ..control.sentence import sentence
 from ..numbers import short
+from ..page.contents import hashes_of, tuned_of
 from ..tune import answer as tune_answer
 from . import Closing, number_of
 
@@ -81,7 +82,10 @@ def of_export(files: Sequence[Path], cannot_hold: Sequence[str], title: str, sta
     """Files that were written, and what they leave out."""
     lacks = f"; {number_of(len(cannot_hold), 'thing')} of the model left out, as listed" if cannot_hold else ""
     written = f"{number_of(len(files), 'file')} written, {title}{lacks}.{_caution(state)}"
-    further = f"open {files[0].name} in the program that it is for; try gains on the bench first"
+    first = "try gains on the bench first"
+    if files[0].suffix == f".{_TUNE}" and tuned_of(run, hashes_of(run, "pid.json")):
+        first = f"its gains are the proposed ones: type in the half-way gains of {command('tune')} before them"
+    further = f"open {files[0].name} in the program that it is for; {first}"
     return Closing(written, _with(state, run, further), (files[0],))
 
 

@@ -81,6 +81,11 @@ def logs_of(run: Path) -> Mapping[str, Any]:
     return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
 
 
+def hashes_of(run: Path, *names: str) -> dict[str, str]:
+    """SHA-256 of those of these files that RUN has, by name."""
+    return {name: hashlib.sha256((run / name).read_bytes()).hexdigest() for name in names if (run / name).is_file()}
+
+
 def tuned_of(run: Path, hashes: Mapping[str, str]) -> Mapping[str, Any]:
     """The object of RUN/tune.json where its gains are those of pid.json; empty where there is none, or of others."""
     path = run / "tune.json"
