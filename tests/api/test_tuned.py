@@ -152,6 +152,15 @@ def test_as_foretold_leads_on_and_anything_else_back_to_tune(tuned: Tuned, tmp_p
     assert of_foretold(as_before, log).next.startswith("see whether these gains are in the ECU at all")
 
 
+def test_gains_whose_loop_was_not_told_do_not_follow_those_that_are_as_foretold(tuned: Tuned, tmp_path: Path) -> None:
+    """They had a WARNING: more is to be logged first."""
+    for worst in (np.nan, 0.7):
+        doubtful = replace(tuned, borne=(Borne(0.2, 0.1, 8.0, 9.0), Borne(worst, worst, 8.0, 9.0)))
+        said = of_foretold(held(doubtful, tmp_path / "car", as_foretold=True), Path("next.csv")).next
+        assert said.startswith("keep these gains: the run's logs do not tell whether the loop holds with the proposed")
+        assert "etcfit tune next.csv --ecu rusefi --present " in said
+
+
 def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
     assert tuned.result is not None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -135,10 +135,22 @@ def of_foretold(held: Held, log: Path) -> Closing:
     if held.made_with == order[-1]:
         return Closing(held.says, f"keep these gains; good enough by itself? {command('drive', log)}")
     further = order[order.index(held.made_with) + 1]
+    if not _is_borne(held.told["borne"][order.index(further) - 1 :]):
+        present = ",".join(short(gain, 4) for gain in gains.values())
+        again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
+        return Closing(held.says, f"keep these gains: the run's logs do not tell whether the loop holds with the "
+                       f"{further.replace('_', '-')} ones; tune again with this log: {again}")  # fmt: skip
     words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in zip(names, steps[further].values(), strict=True))
     then = command("drive", _NEXT_LOG, "--foretold", held.run, *(["--made-with", "proposed"] * (further == "proposed")))
     return Closing(held.says, f"type in the {further.replace('_', '-')} gains, engine off: {words}; log the same moves "
                    f"again, then: {then}")  # fmt: skip
+
+
+def _is_borne(judged: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether the loop of the first of these gains bears what the model misses; yes where nothing was judged."""
+    from ...control.borne import MOST  # it loads what a log beside a forecast does without
+
+    return not judged or (judged[0]["worst"] is not None and judged[0]["worst"] <= MOST)
 
 
 def next_run(run: Path) -> Path:
