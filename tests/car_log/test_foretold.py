@@ -110,7 +110,8 @@ def ran(folder: Path, zeta: float, wn: float, why_not: str | None = None) -> Pat
              for name, each, figures in zip(("present", "half_way", "proposed"), gains, (present, step, step),
                                             strict=True)]  # fmt: skip
     content = {"schema": "etcfit.tune/1", "why_not": why_not, "ecu": "rusefi", "steps": steps,
-               "held_out": {"rms_pct": 0.2}, "borne": [{"worst": 0.1}, {"worst": 0.2}], "options": ["--ecu", "rusefi", "--supply", "12.6"],
+               "held_out": {"rms_pct": 0.2},
+               "borne": [{"worst": 0.1}, {"worst": 0.2}], "options": ["--ecu", "rusefi", "--supply", "12.6"],
                "large_steps": {"low_pct": 10.0, "high_pct": 70.0, "hold_s": 0.5}}  # fmt: skip
     folder.mkdir(parents=True)
     (folder / "tune.json").write_text(json.dumps(content), encoding="utf-8")
