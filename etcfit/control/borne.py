@@ -35,6 +35,11 @@ _ROWS = 4.0  # a second, over a frequency, that a log needs at least to show it
 _SEEN = 4.0  # times the noise's power that the motion must have for Delta to be told there
 
 
+def is_borne(worst: float | None) -> bool:
+    """Whether a loop bears a largest |Delta T|; no where the log does not tell it: NaN, null in tune.json."""
+    return worst is not None and worst <= MOST
+
+
 @dataclass(frozen=True)
 class Borne:
     """What the loop of one set of gains bears.
@@ -55,8 +60,8 @@ class Borne:
 
     @property
     def enough(self) -> bool:
-        """Whether the loop bears it; no where the log does not tell."""
-        return self.worst <= MOST
+        """See `is_borne`."""
+        return is_borne(self.worst)
 
     @property
     def says(self) -> str:

@@ -89,9 +89,9 @@ def whole(sheet: Sheet, takes: Sequence[Take]) -> Record:
 
 
 def is_release(record: Record) -> bool:
-    """True where nobody drives the plate: no drive was logged, or a voltage that follows the speed of one let go.
+    """True where nobody drives the plate: no drive was logged, or a voltage that follows the speed of a released plate.
 
-    Under a slow ramp of voltage a motor follows it as well; but what is let go comes to rest before the log ends.
+    A slow ramp of voltage follows a motor's speed as well; but a released plate comes to rest before the log ends.
     """
     signals = record.signals
     plate, voltage = plate_of(signals), signals.get("voltage")

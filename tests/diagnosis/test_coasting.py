@@ -1,4 +1,4 @@
-"""A bridge that coasts in the off time of its PWM: simulated switch by switch, found by check and diagnosis."""
+"""A bridge that coasts in the off time of its PWM: simulated period by period, found by check and diagnosis."""
 
 from __future__ import annotations
 

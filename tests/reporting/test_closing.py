@@ -96,7 +96,7 @@ def test_gains_from_logs_of_a_car_are_what_a_run_answers(tmp_path: Path) -> None
     run = runs.run_folder(tmp_path, ("pid",))
     says = {"answer": "Half-way gains to try first: P 3.", "next": ["Type them in."]}
     made_from = hashlib.sha256((run / "pid.json").read_bytes()).hexdigest()
-    told = {"schema": "etcfit.tune/1", "pid": made_from, "says": says, "steps": []}
+    told = {"schema": "etcfit.tune/1", "pid": made_from, "says": says, "steps": [{}, {}]}
     (run / "tune.json").write_text(json.dumps(told), "utf-8")
     copy = (tmp_path / "mine_etcfit.msq",)
     assert "half-way gains of etcfit tune before them" in of_export(copy, (), "a tune", SOUND, run).next

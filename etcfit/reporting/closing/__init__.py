@@ -13,6 +13,7 @@ from ...errors import command
 if TYPE_CHECKING:
     from ...importing import Imported
 
+NEXT_LOG = "NEXT_LOG"  # stands in a command for a file that is not recorded yet
 _NAMED = 2  # of many things, before a line counts the others
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +16,9 @@ from ...model.ecus import ECUS, Pasting
 from ...run_folder.pid import design_json
 from ..control.sentence import sentence
 from ..numbers import short
-from ..page.contents import hashes_of, tuned_of
+from ..page.contents import tuned_of
 from ..tune import answer as tune_answer
-from . import Closing, number_of
+from . import NEXT_LOG, Closing, number_of
 
 if TYPE_CHECKING:
     from ...control.design import Design
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from ..fleet import Content
 
 _TUNE = "msq"  # a format of `etcfit export`
-_NEXT_LOG = "NEXT_LOG"  # a file that is not recorded yet
 
 
 def of_posterior(posterior: Posterior, run: Path) -> Closing:
@@ -83,7 +82,7 @@ def of_export(files: Sequence[Path], cannot_hold: Sequence[str], title: str, sta
     lacks = f"; {number_of(len(cannot_hold), 'thing')} of the model left out, as listed" if cannot_hold else ""
     written = f"{number_of(len(files), 'file')} written, {title}{lacks}.{_caution(state)}"
     first = "try gains on the bench first"
-    if files[0].suffix == f".{_TUNE}" and tuned_of(run, hashes_of(run, "pid.json")):
+    if files[0].suffix == f".{_TUNE}" and tuned_of(run):
         first = f"its gains are the proposed ones: type in the half-way gains of {command('tune')} before them"
     further = f"open {files[0].name} in the program that it is for; {first}"
     return Closing(written, _with(state, run, further), (files[0],))
@@ -111,7 +110,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
         again = _tune(map(str, files), found.asked.options(of_files=True), ["P,I,D"], run)
         return Closing(said, f"say which gains are in the ECU now, for a half-way step: {again}", look)
     return Closing(said, f"type them in, engine off, and log the same moves again; then: "
-                   f"{command('drive', _NEXT_LOG, '--foretold', run)}", look)  # fmt: skip
+                   f"{command('drive', NEXT_LOG, '--foretold', run)}", look)  # fmt: skip
 
 
 def _tune(logs: Iterable[str], options: Iterable[str], present: Iterable[str], run: Path) -> str:
@@ -124,33 +123,27 @@ def of_foretold(held: Held, log: Path) -> Closing:
     """A log beside what was foretold: on to the next gains, or tune again with it."""
     steps = {step["name"]: step["gains"] for step in held.told["steps"]}
     names, gains = ECUS[held.told["ecu"]].gains, steps[held.made_with]
+    present = ",".join(short(gain, 4) for gain in gains.values())
+    again = f"tune again with this log: {_tune([str(log)], held.told['options'], [present], next_run(held.run))}"
     if not held.found.as_foretold:
-        present = ",".join(short(gain, 4) for gain in gains.values())
-        again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
         if held.found.unchanged:
             seen = "see whether these gains are in the ECU at all, and log once more; if they are,"
-            return Closing(held.says, f"{seen} tune again with this log: {again}")
-        return Closing(held.says, f"do not go on to other gains; tune again with this log: {again}")
+            return Closing(held.says, f"{seen} {again}")
+        return Closing(held.says, f"do not go on to other gains; {again}")
     order = list(steps)
     if held.made_with == order[-1]:
         return Closing(held.says, f"keep these gains; good enough by itself? {command('drive', log)}")
     further = order[order.index(held.made_with) + 1]
-    if not _is_borne(held.told["borne"][order.index(further) - 1 :]):
-        present = ",".join(short(gain, 4) for gain in gains.values())
-        again = _tune([str(log)], held.told["options"], [present], next_run(held.run))
+    from ...control.borne import is_borne  # it loads what no other ending needs
+
+    judged = dict(zip(order[1:], held.told["borne"], strict=False))
+    if further in judged and not is_borne(judged[further]["worst"]):
         return Closing(held.says, f"keep these gains: the run's logs do not tell whether the loop holds with the "
-                       f"{further.replace('_', '-')} ones; tune again with this log: {again}")  # fmt: skip
+                       f"{further.replace('_', '-')} ones; {again}")  # fmt: skip
     words = ", ".join(f"{name} {short(gain, 4)}" for name, gain in zip(names, steps[further].values(), strict=True))
-    then = command("drive", _NEXT_LOG, "--foretold", held.run, *(["--made-with", "proposed"] * (further == "proposed")))
+    then = command("drive", NEXT_LOG, "--foretold", held.run, *(["--made-with", "proposed"] * (further == "proposed")))
     return Closing(held.says, f"type in the {further.replace('_', '-')} gains, engine off: {words}; log the same moves "
                    f"again, then: {then}")  # fmt: skip
-
-
-def _is_borne(judged: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether the loop of the first of these gains bears what the model misses; yes where nothing was judged."""
-    from ...control.borne import MOST  # it loads what a log beside a forecast does without
-
-    return not judged or (judged[0]["worst"] is not None and judged[0]["worst"] <= MOST)
 
 
 def next_run(run: Path) -> Path:

@@ -14,7 +14,7 @@ from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run, tuned_of
 from ..page.verdict import left_unexplained, residuals
-from . import Closing, counted, mended
+from . import NEXT_LOG, Closing, counted, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line
@@ -25,9 +25,9 @@ def of_run(run: Path, *pages: Path) -> Closing:
     """The last model in RUN, which has a fit; pages to look at come before the picture of errors or parameters. Where
     it was made for gains from logs of a car, what `tune` said of them."""
     contents = read_run(run)
-    if (told := tuned_of(run, contents.hashes)) and told["says"]["next"]:
-        further = command("drive", "NEXT_LOG", "--foretold", run)
-        return Closing(told["says"]["answer"], further, (*pages, run / "pictures" / "tune.png"))
+    if (tuned := tuned_of(run)) and tuned["says"]["next"] and len(tuned["steps"]) > 1:
+        further = command("drive", NEXT_LOG, "--foretold", run)
+        return Closing(tuned["says"]["answer"], further, (*pages, run / "pictures" / "tune.png"))
     picture = "diagnosis/ledger.png" if contents.get("diagnosis") else "parameters.png"
     further = _next(contents)
     if further == command("report", run, "--interactive") and run / INTERACTIVE in pages:

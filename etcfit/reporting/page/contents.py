@@ -81,18 +81,14 @@ def logs_of(run: Path) -> Mapping[str, Any]:
     return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
 
 
-def hashes_of(run: Path, *names: str) -> dict[str, str]:
-    """SHA-256 of those of these files that RUN has, by name."""
-    return {name: hashlib.sha256((run / name).read_bytes()).hexdigest() for name in names if (run / name).is_file()}
-
-
-def tuned_of(run: Path, hashes: Mapping[str, str]) -> Mapping[str, Any]:
+def tuned_of(run: Path) -> Mapping[str, Any]:
     """The object of RUN/tune.json where its gains are those of pid.json; empty where there is none, or of others."""
-    path = run / "tune.json"
+    path, gains = run / "tune.json", run / "pid.json"
     if not path.is_file():
         return {}
     told = _object(path, "tune", path.read_bytes())
-    return told if told.get("pid") == hashes.get("pid.json", "") else {}
+    of_gains = hashlib.sha256(gains.read_bytes()).hexdigest() if gains.is_file() else ""
+    return told if told.get("pid") == of_gains else {}
 
 
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:

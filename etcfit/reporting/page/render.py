@@ -78,7 +78,7 @@ def render(contents: Contents, budget: int = BUDGET) -> str:
 
 def _parts(contents: Contents, budget: int) -> dict[str, Any]:
     fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
-    response, told = contents.get("frequency_response"), tuned_of(contents.run, contents.hashes)
+    response, told = contents.get("frequency_response"), tuned_of(contents.run)
     return {
         "tuned": told,
         "tables_of_steps": tables_of_steps(told) if told else (),

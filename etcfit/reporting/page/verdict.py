@@ -27,7 +27,7 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
     own, so that both say the same."""
     left, pid = left_unexplained(contents), contents.get("pid")
     text = Markup("<strong>Something is left that no known effect explains</strong>, with probability {}.")
-    told = tuned_of(contents.run, contents.hashes)
+    told = tuned_of(contents.run)
     said = (told["says"]["answer"], told["says"]["requirements"]) if told else (sentence(pid) if pid else None,)
     of_gains = [escape(each) for each in said if each]
     return (
