@@ -17,11 +17,12 @@ from ...model.linear import holding_against
 from ...model.throttle import Throttle
 from ..motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..pid.base import Task
-from ..pid.conditions import default_position
+from ..pid.conditions import COPPER, default_position
 from ..pid.loop import Body, Loop
 
 RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
 FALLS = 2.0  # s for which a plate without a current is watched
+_PLACES = 21  # positions at which the holding current is given
 _FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 
@@ -120,7 +121,7 @@ def _currents(throttle: Throttle, angles: Any, share: Any, body: Any) -> Any:
 def holding_currents(loop: Loop, task: Task) -> Holding:
     """What holding takes over the whole travel, and what the ECU's largest duty does to a plate at its stop."""
     settings, throttle = task.settings.safety, loop.nominal
-    shares = np.linspace(0.0, 1.0, settings.places)
+    shares = np.linspace(0.0, 1.0, _PLACES)
     angles = loop.angle(shares)
     closing, current, opening = (np.asarray(_currents(throttle, angles, side, loop.body)) for side in (-1.0, 0.0, 1.0))
     ohm, volts = float(np.asarray(throttle.parameter("R_a"))), float(task.ecu.limit)
@@ -128,7 +129,7 @@ def holding_currents(loop: Loop, task: Task) -> Holding:
     stall = volts / ohm
     if heating is None or float(heating.r_h) <= 0.0:
         return Holding(shares, current, closing, opening, ohm * current**2, None, stall, ohm * stall**2, None)
-    grows, slow, copper = float(heating.r_h), float(heating.tau_h), task.settings.conditions.copper
+    grows, slow, copper = float(heating.r_h), float(heating.tau_h), COPPER
     warmth = grows / (ohm * copper)  # K of each A2 s
     rise = warmth * slow * current**2
     longest = _time_to_warm_by(settings.insulation - task.settings.conditions.bench, volts, ohm, warmth, copper, slow)
