@@ -34,6 +34,8 @@ _SLACK = 0.03  # of what a quantity does in a test: what no model promises
 _NOISE = 3.0  # standard deviations of a sample
 _ROOM = 1.25  # of a range over what is expected
 _FINE = 3.0  # steps of a logger may be so many standard deviations of the noise wide: 12 of a uniform error's variance
+DOUBT = 0.05  # relative standard deviation of the graph readings that draws from a folder without a fit have
+_TOLD = 0.5  # relative standard error below which all candidates together must bring a parameter for it to count
 
 
 class Criterion(StrEnum):
@@ -136,7 +138,7 @@ def plan_campaign(
 
     Args:
         rig: a measurement folder.
-        at: the fit to plan by, of this rig, with its effects; the graph readings, with `settings.doubt` of them, where
+        at: the fit to plan by, of this rig, with its effects; the graph readings, with `DOUBT` of them, where
             not given.
         settings: limits and candidates.
         criterion: what is to become small.
@@ -192,7 +194,7 @@ def _models(
     if at is not None:
         covariance = at.fitted().covariance
     else:
-        covariance = judge.covariance() + np.diag((settings.doubt * known.layout.reach(x)) ** 2)
+        covariance = judge.covariance() + np.diag((DOUBT * known.layout.reach(x)) ** 2)
     drawn = Fitted(rig.config, known, x, covariance).laplace(settings.draws, np.random.default_rng(settings.seed))
     return np.vstack((x[None], drawn))
 
@@ -215,7 +217,7 @@ def _chosen(
     criterion: Criterion,
 ) -> list[int]:
     """Indices of the tests, best first."""
-    asked = judge.sd(sum(told.values())) < settings.told
+    asked = judge.sd(sum(told.values())) < _TOLD
     if not asked.any():
         asked[:] = True
 
