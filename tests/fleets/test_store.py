@@ -17,7 +17,6 @@ import pytest
 
 from etcfit.errors import UsageError
 from etcfit.fleets.engine.store import Store
-from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.unit import FailedUnit, UnitResult
 from fleet_works import result_of
 
@@ -72,20 +71,20 @@ def test_the_last_word_on_a_unit_counts_and_the_order_is_that_of_the_words(tmp_p
 
 
 def test_many_flushes_leave_few_files_and_lose_nothing(tmp_path: Path) -> None:
-    settings = StoreSettings(merge=4, rows=7)
-    with Store(tmp_path, settings) as store:
+    sizes = {"merge": 4, "rows": 7}
+    with Store(tmp_path, **sizes) as store:
         for k in range(150):
             store.add([replace(result_of(f"u{k % 100}"), digest=str(k))])
             store.flush()
     assert len(list(tmp_path.glob("*.parquet"))) <= 3 * 4 + 1  # at most 3 of each of 4 sizes: 150 < 4^4
-    known = Store(tmp_path, settings).digests()
+    known = Store(tmp_path, **sizes).digests()
     assert known == {f"u{k % 100}": str(k) for k in range(150)}
-    assert len(list(Store(tmp_path, settings).ends())) == 100
+    assert len(list(Store(tmp_path, **sizes).ends())) == 100
 
 
 def test_a_client_killed_between_merging_and_deleting_leaves_no_row_twice(tmp_path: Path) -> None:
-    settings = StoreSettings(merge=2)
-    with Store(tmp_path, settings) as store:
+    sizes = {"merge": 2}
+    with Store(tmp_path, **sizes) as store:
         store.add([result_of("a")])
         store.flush()
         (first,) = tmp_path.glob("*.parquet")
@@ -95,13 +94,13 @@ def test_a_client_killed_between_merging_and_deleting_leaves_no_row_twice(tmp_pa
     assert merged != first
     first.write_bytes(kept)
     (tmp_path / ".draft-00000002-abc.parquet").write_bytes(b"half")
-    with Store(tmp_path, settings) as store:
+    with Store(tmp_path, **sizes) as store:
         assert sorted(end.unit for end in store.ends()) == ["a", "b"]
     assert {*tmp_path.iterdir()} == {merged}
 
 
 def test_a_file_that_was_cut_off_or_changed_goes_aside_with_a_word_and_its_units_are_done_again(tmp_path: Path) -> None:
-    with Store(tmp_path, StoreSettings(merge=1000)) as store:
+    with Store(tmp_path, merge=1000) as store:
         for unit in ("a", "b", "c"):
             store.add([replace(result_of(unit), digest=unit)])
             store.flush()
@@ -133,7 +132,7 @@ def test_two_cannot_write_at_once_and_both_can_read(tmp_path: Path) -> None:
 
 
 def test_what_was_added_is_on_disk_without_anybody_asking(tmp_path: Path) -> None:
-    with Store(tmp_path, StoreSettings(flush=0.05)) as store:
+    with Store(tmp_path, flush=0.05) as store:
         store.add([result_of("a")])
         until = time.monotonic() + 5
         while not any(tmp_path.glob("0*.parquet")) and time.monotonic() < until:
@@ -145,7 +144,7 @@ def test_a_disk_that_is_full_is_said_to_who_adds_the_next(tmp_path: Path, monkey
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    with Store(tmp_path, StoreSettings(flush=0.02)) as store:
+    with Store(tmp_path, flush=0.02) as store:
         monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
         store.add([result_of("a")])
         time.sleep(0.3)
@@ -159,9 +158,8 @@ ADDS = """
 import sys, time
 from pathlib import Path
 from fleet_works import result_of
-from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.engine.store import Store
-with Store(Path(sys.argv[1]), StoreSettings(flush=0.01, merge=2)) as store:
+with Store(Path(sys.argv[1]), flush=0.01, merge=2) as store:
     for k in range(1_000_000):
         store.add([result_of(f"u{k}")])
         print(k, flush=True)

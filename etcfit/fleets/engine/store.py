@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 
 from ...files import held, put_aside, whole
-from ..settings import StoreSettings
 from ..unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 _NAME = re.compile(r"(\d{8,})-(\d{8,})\.parquet")
@@ -54,13 +53,15 @@ class Store:
 
     Args:
         folder: made where it is not there.
-        settings: when files are written and made one.
+        flush: s after which what came back is on disk, so that a killed client loses no more.
+        merge: files of one size that are made one; n units leave about merge log_merge(n) files.
+        rows: of a Parquet row group, and held in memory when files are made one.
     """
 
     remark: str = ""
 
-    def __init__(self, folder: Path, settings: StoreSettings = StoreSettings()) -> None:
-        self.folder, self._settings = folder, settings
+    def __init__(self, folder: Path, flush: float = 1.0, merge: int = 16, rows: int = 1000) -> None:
+        self.folder, self._flush_after, self._merged, self._rows = folder, flush, merge, rows
         self._waiting: list[UnitResult | FailedUnit] = []
         self._lock, self._writing, self._ended = threading.Lock(), threading.Lock(), threading.Event()
         self._error: OSError | None = None
@@ -146,7 +147,7 @@ class Store:
                 k += 1
 
     def _flush_often(self) -> None:
-        while not self._ended.wait(self._settings.flush):
+        while not self._ended.wait(self._flush_after):
             try:
                 self.flush()
             except OSError as error:
@@ -199,22 +200,22 @@ class Store:
             pq.ParquetWriter(draft, _schema(), compression="zstd", write_page_checksum=True) as writer,
         ):
             for table in tables:
-                writer.write_table(table, row_group_size=self._settings.rows)
+                writer.write_table(table, row_group_size=self._rows)
 
     def _merge(self) -> None:
         """The last `merge` files made one, as long as they hold the same number of flushes."""
         while True:
-            last = self._parts()[-self._settings.merge :]
+            last = self._parts()[-self._merged :]
             sizes = {self._level(part) for part in last}
-            if len(last) < self._settings.merge or len(sizes) > 1:
+            if len(last) < self._merged or len(sizes) > 1:
                 return
             self._write(_Part(last[0].first, last[-1].last), self._thick(last))
             self._parts()
 
     def _level(self, part: _Part) -> int:
         level, flushes = 0, part.last - part.first + 1
-        while flushes >= self._settings.merge:
-            level, flushes = level + 1, flushes // self._settings.merge
+        while flushes >= self._merged:
+            level, flushes = level + 1, flushes // self._merged
         return level
 
     def _thick(self, parts: Sequence[_Part]) -> Iterator[Any]:
@@ -224,7 +225,7 @@ class Store:
         thick: list[Any] = []
         for group in (group for part in parts for group in self._groups(part, None)):
             thick.append(group)
-            if sum(table.num_rows for table in thick) >= self._settings.rows:
+            if sum(table.num_rows for table in thick) >= self._rows:
                 yield pa.concat_tables(thick)
                 thick = []
         if thick:
