@@ -241,7 +241,7 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
     return Scores(rmse, np.maximum(worst + spare, 0.0), settings)
 
 
-_SHARES = (0.85, 0.7, 0.55, 0.4, 0.25)  # of the activity that the best gains without a limit have
+SHARES = (0.85, 0.7, 0.55, 0.4, 0.25)  # of the activity that the best gains without a limit have
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
     The first is not limited; the others are allowed a share of its activity each.
     """
     alone, points = replace(task, loop=task.loop.first(1)), list[FrontPoint]()
-    for share in (math.inf, *_SHARES):
+    for share in (math.inf, *SHARES):
         limit = share * points[0].activity if points else math.inf
         here = replace(alone, requirements=replace(task.requirements, duty_activity_pct=limit))
         begin, figures, missed = best_from(here, begin, task.settings.front.rounds)
