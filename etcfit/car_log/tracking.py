@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..rig.signals import runs
 from .criteria import FAR, SETTLING
 from .log import Series
 
@@ -84,8 +85,7 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
 
 def longest(time: np.ndarray, there: np.ndarray) -> float:
     """The longest time for which a condition holds from sample to sample, s."""
-    spans = np.flatnonzero(np.diff(np.concatenate(([0], there.astype(int), [0])))).reshape(-1, 2)
-    return max((float(time[b - 1] - time[a]) for a, b in spans), default=0.0)
+    return max((float(time[b - 1] - time[a]) for a, b in runs(there)), default=0.0)
 
 
 def _within_reach(time: np.ndarray, wanted: np.ndarray) -> float:

@@ -68,7 +68,7 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
         UsageError: a unit that is not known, or duty asked for where rig.toml gives no supply.
     """
     factor = _factor(fitted, input_unit, output_unit)
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     theta, n = lower + share * (upper - lower), fitted.config.gear_ratio
     types = fitted.free_parameters.layout.types
 
@@ -93,20 +93,13 @@ def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, up
     return coefficients(throttle, theta, *body), holding(throttle, theta, *body)
 
 
-def stops(fitted: Fitted) -> tuple[float, float]:
-    """The rig's travel, rad; a quarter turn from zero where it has no stops."""
-    lower, upper = fitted.config.travel
-    lower = lower if math.isfinite(lower) else 0.0
-    return lower, upper if math.isfinite(upper) else lower + math.pi / 2
-
-
 def _factor(fitted: Fitted, input_unit: str, output_unit: str) -> float:
     """From rad/V to output over input."""
     if input_unit not in INPUTS:
         raise UsageError(f"input in {input_unit!r} is not known. It must be V or % (of duty).")
     if output_unit not in OUTPUTS:
         raise UsageError(f"output in {output_unit!r} is not known. It must be rad, deg or % (of travel).")
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     supply = fitted.config.supply_V
     if input_unit == "%" and supply is None:
         raise UsageError("input in % of duty needs supply_V in [rig] of rig.toml. Add it, or ask for V.")

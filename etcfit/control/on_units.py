@@ -36,7 +36,7 @@ class Share(NamedTuple):
 
     @classmethod
     def counted(cls, met: np.ndarray) -> Share:
-        """Of truth values, shape (U,)."""
+        """Share of the units that meet everything, from truth values, shape (U,)."""
         from scipy.stats import binomtest
 
         count = int(np.sum(met))
@@ -76,7 +76,7 @@ class OneByOne:
     asked: Requirements
 
     def taking(self, which: np.ndarray) -> OneByOne:
-        """The same for some of the units, by their numbers, shape (C,)."""
+        """Some of the units, by their numbers, shape (C,)."""
         units = tuple(self.units[k] for k in which.tolist())
         return replace(self, units=units, figures=self.figures.each(lambda figure: figure[which]))
 

@@ -76,9 +76,7 @@ def safe_half_way(design: Design, present: Gains) -> Gains:
     """
     task, asked = design.task, design.task.requirements
     ways = [half_way(present, design.proposed, share) for share in WAYS]
-    stacked = Gains(*(np.array(column, dtype=float)[None] for column in zip(present, design.proposed, *ways,
-                                                                            strict=True)))  # fmt: skip
-    safe = margins(stacked, task.loop.linear(), task.ecu)
+    safe = margins(Gains.stacked(present, design.proposed, *ways), task.loop.linear(), task.ecu)
     share = np.minimum(np.minimum(safe.gain_db / asked.gain_margin_db, safe.phase_deg / asked.phase_margin_deg), 1.0)
     least = np.min(share, axis=0)
     good = np.flatnonzero(least[2:] >= np.min(least[:2]) - _ROUNDING)
@@ -91,7 +89,7 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
     if present is not None:
         every = {PRESENT: present, HALF_WAY: safe_half_way(design, present), **every}
     task = design.task
-    stacked = Gains(*(np.array(column, dtype=float) for column in zip(*every.values(), strict=True)))
+    stacked = Gains.stacked(*every.values())
     found = over_models(task, task.loop.with_new_noise_seed() if task.ecu.noise > 0.0 else task.loop, stacked)
     time = task.setpoint.instants(task.ecu.period)
     levels = task.setpoint.only(SHOWN)
@@ -115,7 +113,7 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
 
 
 def _nominal(figure: np.ndarray) -> float:
-    """Of the first model."""
+    """Figure of the first model."""
     return float(figure[0])
 
 

@@ -40,7 +40,7 @@ class DesignRequest:
     present: Mapping[str, float] = field(default_factory=dict)
 
     def recorded(self) -> dict[str, Any]:
-        """As the manifest of a run keeps it, by field: with it the same is asked for again."""
+        """The request by field, as the manifest of a run keeps it to repeat it."""
         from ..model.feed_forward import as_asked, terms_of
 
         files = {name: None if path is None else str(path) for name, path in (("log", self.log), ("parts", self.parts))}

@@ -107,7 +107,7 @@ def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
 def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     """Each figure at its worst of the corners that have this supply (V)."""
     there = corners(task.settings.conditions).supply == supply
-    found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of_rule(0)
+    found = over_models(task, loop, Gains.stacked(gains)).of_rule(0)
     return found.figures.worst(there)
 
 

@@ -198,7 +198,7 @@ def _models(
 
 
 def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]], most: int = 2) -> Iterator[int]:
-    """Of each group the candidates of largest amplitude that pass no limit: a smaller one tells less."""
+    """Candidates of largest amplitude within the limits, some of each group: a smaller one tells less."""
     groups: dict[tuple[str, float, float], list[int]] = {}
     for k, why in enumerate(bad):
         if not why:

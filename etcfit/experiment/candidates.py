@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rig import TEST_BY_NAME
-from .plan import PLANS, Plan, Setting, even_clock
+from .plan import PLANS, Plan, Setting, even_clock, sine_sweep
 from .settings import CampaignSettings
 
 FULL = 10_000  # counts of a duty of 1: what is played is a whole number of them
@@ -35,15 +35,6 @@ def _multisine(time: np.ndarray, band: float) -> np.ndarray:
     k = np.arange(1, _LINES + 1)
     sines = np.sin(2.0 * np.pi * np.outer(time, hertz) - np.pi * k * (k - 1) / _LINES).sum(axis=1)
     return sines / np.abs(sines).max()
-
-
-def _chirp(time: np.ndarray, band: float) -> np.ndarray:
-    """wave = sin(2 pi f_0 (e^(r t) - 1) / r),    r = ln(band / f_0) / T
-
-    Source: Farina 2000 (exponential sweep). Differs from source: no.
-    """
-    rate = np.log(band / _SLOWEST) / time[-1]
-    return np.sin(2.0 * np.pi * _SLOWEST * np.expm1(rate * time) / rate)
 
 
 def _steps(time: np.ndarray, band: float) -> np.ndarray:
@@ -95,7 +86,12 @@ class Shape:
 
 SHAPES = (
     Shape("multisine", (3.0, 10.0), _multisine, lambda f: f"multisine, {_LINES} lines {_SLOWEST:g} to {f:g} Hz"),
-    Shape("chirp", (3.0, 10.0), _chirp, lambda f: f"sine sweep {_SLOWEST:g} to {f:g} Hz"),
+    Shape(
+        "chirp",
+        (3.0, 10.0),
+        lambda time, f: sine_sweep(time, _SLOWEST, f, float(time[-1])),
+        lambda f: f"sine sweep {_SLOWEST:g} to {f:g} Hz",
+    ),
     Shape("steps", (2.0, 5.0), _steps, lambda f: f"steps to either side, {0.5 / f:.2g} to {1.5 / f:.2g} s each"),
     Shape("ramps", (0.33, 1.0), _ramps, lambda f: f"ramps up and down, {f:g} a second"),
 )

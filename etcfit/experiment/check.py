@@ -15,13 +15,13 @@ from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse, listed, sentences
 from ..estimation.levenberg_marquardt import fisher_information
 from ..estimation.ready import ready, start_values
-from ..importing.shapes import runs
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Channel, Rig
 from ..rig.ecu import GAINS
 from ..rig.paper_readings import Readings, read_graphs
+from ..rig.signals import runs
 from .settings import CheckSettings
 
 _SURE = 1e8  # information on a relative change of what is taken as known: far more than any data give
@@ -250,6 +250,5 @@ def clipped(value: np.ndarray, settings: CheckSettings = CheckSettings()) -> int
     elsewhere = ~extreme[1:]
     if low == high or elsewhere.sum() < 4 * settings.run or same[elsewhere].mean() > _LIVELY:
         return 0
-    least = max(settings.run, round(_RUN_SHARE * value.size))
-    at_rest = runs(extreme & np.concatenate(([False], same)))
-    return sum(stop - start + 1 for start, stop in at_rest if stop - start + 1 >= least)  # each begins a sample before
+    least = max(settings.run, round(_RUN_SHARE * value.size), 2)
+    return sum(stop - start for end in (low, high) for start, stop in runs(value == end) if stop - start >= least)

@@ -56,7 +56,7 @@ class Setting:
         seen: dict[str, list[float]] = {}
         for trace in rig.measurements:
             for name, channel in trace.channels.items():
-                seen.setdefault(name, []).append(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
+                seen.setdefault(name, []).append(channel.error)
         own = {name: float(np.median(sigmas)) for name, sigmas in seen.items()}
         driven = [t for t in rig.measurements if t.test in ("response", "static_load", "drive")]
         rests = [t.channels["position"].value[0] for t in driven if "position" in t.channels]
@@ -172,7 +172,7 @@ PLANS: dict[str, Callable[[Setting], Plan]] = {
 def sweeps(s: Setting) -> list[Plan]:
     """Driven responses to choose from: sine sweeps about half travel, of rising amplitude and band.
 
-        v = middle + amplitude sin(phase), the frequency rising exponentially
+        v = middle + amplitude sweep,    see `sine_sweep`
 
     The smallest just overcomes dry friction both ways; the largest, where the supply gives it, takes a slow plate from
     stop to stop and no further.
@@ -183,8 +183,7 @@ def sweeps(s: Setting) -> list[Plan]:
     time, lowest, plans = even_clock(s.duration, s.rate), s.settings.lowest, []
     for amplitude in map(float, np.geomspace(least, most, s.settings.levels)):
         for band in s.settings.bands:
-            rate = np.log(band / lowest) / s.duration
-            volts = middle + amplitude * np.sin(2.0 * np.pi * lowest * np.expm1(rate * time) / rate)
+            volts = middle + amplitude * sine_sweep(time, lowest, band, s.duration)
             says = f"sine sweep {lowest:g} to {band:g} Hz in {s.duration:.1f} s, {middle:.2f} ± {amplitude:.2f} V"
             plans.append(Plan("response", says, time, volts, s.rest))
     return plans
@@ -224,6 +223,15 @@ def trace_of(plan: Plan, s: Setting, names: Sequence[str] | None = None) -> Trac
         return trace
     held = InitialState((0.0, plan.angle, 0.0), (0.0, trace.start.sd[1], 0.0))
     return replace(trace, start=held, release=(plan.release, 1e-3))
+
+
+def sine_sweep(time: np.ndarray, lowest: float, highest: float, duration: float) -> np.ndarray:
+    """sin(2 pi f_0 (e^(r t) - 1) / r),    r = ln(f_1 / f_0) / T
+
+    Source: Farina 2000 (exponential sweep). Differs from source: no.
+    """
+    rate = np.log(highest / lowest) / duration
+    return np.sin(2.0 * np.pi * lowest * np.expm1(rate * time) / rate)
 
 
 def even_clock(duration: float, rate: float) -> np.ndarray:

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..control.linearise import Reduction, reduce, stops
+from ..control.linearise import Reduction, reduce
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..files import whole
 from ..model.effects import AbstractEffect
 from ..model.parameters import Parameter, parameters_of
+from ..model.pid import Gains
 from ..model.rig_effects import AbstractRigEffect
 from ..model.throttle import Throttle
 from ..ranges import check_ranges, real
@@ -65,8 +66,13 @@ class Source:
     anyway: bool = False
 
     @property
+    def designed(self) -> Gains | None:
+        """Gains of pid.json, SI; None where none were designed."""
+        return None if self.pid is None else Gains(*(float(self.pid["gains"][name]) for name in Gains._fields))
+
+    @property
     def values(self) -> Mapping[str, float]:
-        """Of every parameter, SI by symbol."""
+        """Value of every parameter, SI, by symbol."""
         return self.fitted.values
 
     @property
@@ -81,8 +87,8 @@ class Source:
 
     @property
     def travel(self) -> tuple[float, float]:
-        """End stops, rad; see `control.linearise.stops` for a rig without."""
-        return stops(self.fitted)
+        """See `RigConfig.stops`."""
+        return self.fitted.config.stops
 
     @cached_property
     def reduction(self) -> Reduction:
@@ -91,7 +97,7 @@ class Source:
 
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:
-        """Of the throttle itself: neither those of the rig nor an ECU that drove its logs."""
+        """Effects of the throttle itself: neither those of the rig nor the ECU that drove its logs."""
         types = self.fitted.free_parameters.layout.types
         return tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
 
@@ -102,7 +108,7 @@ class Source:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Of these effects, in their order."""
+        """Parameters of these effects, in their order."""
         return tuple(p for effect in self.effects for p in parameters_of(effect))
 
     @property

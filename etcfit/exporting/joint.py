@@ -141,10 +141,9 @@ def _position(source: Source) -> Export:
 
 
 def _gains(source: Source) -> tuple[Gains, str]:
-    """Of the controller that was designed, else of the one that drove the logs; and whose they are."""
-    if source.pid is not None:
-        made = source.pid["gains"]
-        return Gains(made["Kp"], made["Ki"], made["Kd"]), "pid.json"
+    """Gains of the designed controller, else of the one that drove the logs; and which of them."""
+    if (designed := source.designed) is not None:
+        return designed, "pid.json"
     found = gains_as_found(source.fitted)
     if isinstance(found, Refusal):
         raise UsageError(f"A position actuator has gains, and none are known: {found.why}, and none were designed. "

@@ -185,11 +185,11 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
     Raises:
         MeasurementError: a column, a cell or a row is wrong, or rows and folders do not match.
     """
-    frame = _frame(decode(raw, path).removeprefix("\ufeff"), path)
-    columns = _columns(toml, list(frame.columns), path)
+    header, rows = _rows(decode(raw, path).removeprefix("\ufeff"), path)
+    columns = _columns(toml, header, path)
     members: dict[str, Member] = {}
     lines: dict[str, int] = {}
-    for line, row in zip(frame.index, frame.to_dict("records"), strict=True):
+    for line, row in rows.items():
         unit = row[columns["unit"]]
         where = f"{path}:{line}"
         if not unit:
@@ -208,14 +208,9 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
     return members
 
 
-def _frame(text: str, path: str) -> Any:
-    """The cells as text, stripped; the index is the line of each row."""
-    import pandas as pd
-
-    lines = text.split("\n")
-    separator = max(",;\t", key=lines[0].count)
-    # by hand up to the frame: pandas drops a cell too many, or fills one too few, without a word
-    reader = csv.reader(io.StringIO(text), delimiter=separator)
+def _rows(text: str, path: str) -> tuple[list[str], dict[int, dict[str, str]]]:
+    """The header, and each row by its line: cells by column, stripped. pandas drops a cell too many without a word."""
+    reader = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=text.partition("\n")[0].count))
     cells = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     rows = [(number, row) for number, row in cells if any(row)]
     if not rows:
@@ -229,7 +224,7 @@ def _frame(text: str, path: str) -> Any:
         if len(row) != len(header):
             raise MeasurementError(f"{path}:{number}", f"{len(row)} cells.", f"The header has {len(header)}.",
                                    'Correct the row; a text with a comma needs quotes: "a, b".')  # fmt: skip
-    return pd.DataFrame([row for _, row in rows[1:]], columns=header, index=[number for number, _ in rows[1:]])
+    return header, {number: dict(zip(header, row, strict=True)) for number, row in rows[1:]}
 
 
 def _columns(toml: Toml, header: list[str], path: str) -> dict[str, str]:

@@ -129,7 +129,7 @@ class FitWork(AbstractWork):
         use_compilation_cache()
 
     def digest(self, unit: str) -> str:
-        """That of the unit's files, what is common, and the settings."""
+        """Digest of the unit's files, what is common, and the settings."""
         with local_copy(self.location, unit) as folder:
             return digest_of(digests_of(folder), common=self.common.tables, settings=self.settings)
 

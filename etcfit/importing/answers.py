@@ -185,7 +185,7 @@ class Doubt:
 
     @property
     def key(self) -> str:
-        """By which it is recognised when the guesses are made anew."""
+        """Identifies the doubt when the guesses are made anew."""
         return f"{self.where}: {self.taken}"
 
     def accepted(self, answers: Answers) -> Answers:

@@ -107,7 +107,7 @@ class Sheet:
 
     @property
     def motor(self) -> str:
-        """Whose these are, of a file whose parts are motors: `motor` or `motor: test`."""
+        """Motor of this part of a file: its part is called `motor` or `motor: test`."""
         return self.part.partition(": ")[0]
 
     @property

@@ -60,7 +60,7 @@ class Take:
 
     @property
     def header(self) -> str:
-        """As the folder's CSV has it."""
+        """Header in the folder's CSV."""
         return f"{self.quantity} [{self.unit}]"
 
     @property
@@ -72,7 +72,7 @@ class Take:
         return told.scale * self.column.values + told.offset
 
     def turned(self, why: str, sure: bool) -> Take:
-        """The same with its sign turned."""
+        """The take with its sign turned."""
         if is_percent(self.unit):  # a header cannot turn a share of the travel, but it can an angle
             why, unit = f"{why} (100 % as 90 degrees)", "-0.9 deg"
         else:

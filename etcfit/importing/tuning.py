@@ -195,21 +195,16 @@ def _speed(logs: Sequence[Measurement]) -> float:
 
 
 def _supply(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> float:
-    """As said, else the logged one's median, else as assumed."""
+    """Supply as the user said, else the median logged, else the assumed one, V."""
     if known.supply is not None:
         return known.supply
     logged = [log.channels["supply"].value for log in logs if "supply" in log.channels]
     return float(np.median(np.concatenate(logged))) if logged else settings.supply
 
 
-def _rate(log: Measurement) -> float:
-    """Rows a second."""
-    return 1.0 / float(np.median(np.diff(log.time)))
-
-
 def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> tuple[str, str, LogCheck]:
     """What drives the model, why, and whether the log is fast enough for it."""
-    rate = min(map(_rate, logs))
+    rate = 1.0 / max(float(np.median(np.diff(log.time))) for log in logs)  # rows a second
     rows = rate * known.ecu.period
     slow = next((finding for finding in rig.findings if finding.kind == SLOW_LOG), None)
     fast_enough = rows >= settings.a_tick if known.clock_known else slow is None
@@ -370,7 +365,7 @@ def _cuts(log: Measurement, end: int, length: float) -> list[int]:
 
 
 def _most_telling(parts: Sequence[tuple[Measurement, int, int]], most: int) -> list[tuple[Measurement, int, int]]:
-    """As many of the pieces as there is room for, those in which the plate travels most a row; in their order."""
+    """The pieces in which the plate travels most a row, as many as there is room for, in their order."""
     way = {id(log): _way(log) for log, _, _ in parts}
     telling = sorted(parts, key=lambda part: (way[id(part[0])][part[1]] - way[id(part[0])][part[2] - 1])
                      / (part[2] - part[1]))  # fmt: skip

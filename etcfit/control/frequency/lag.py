@@ -193,7 +193,7 @@ class _Factors(NamedTuple):
         return [*out, *([-self.last * s / (1.0 + self.last * s)] if order % 2 else [])]
 
     def corners(self) -> np.ndarray:
-        """Of each factor, the one of first order last; all but endless where one has vanished."""
+        """Corner of each factor, the one of first order last; nearly infinite where a factor has vanished."""
         return 1.0 / np.maximum(np.append(np.sqrt(self.pairs[:, 1]), self.last), 1e-12)
 
     def damping(self) -> np.ndarray:
@@ -267,7 +267,7 @@ def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, 
 
 
 def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> np.ndarray:
-    """By the delta method; nan where a factor or the delay has vanished."""
+    """Standard errors by the delta method; NaN where a factor or the delay has vanished."""
     if np.any(x[1:] < _VANISHED):
         return np.full(2 + order, np.nan)
     sd = np.sqrt(problem.variance + tau**2)

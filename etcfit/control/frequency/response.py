@@ -23,7 +23,7 @@ from ...problem.problem import EstimationProblem
 from ...problem.trace import prepare
 from ...rig.base import Measurement, RigConfig
 from ...rig.signals import drive_voltage
-from ..linearise import reduce, stops
+from ..linearise import reduce
 from ..settings import FrequencySettings
 from .lag import Order, order_of
 from .wave import NEARLY, Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
@@ -54,7 +54,7 @@ class Point:
 
     @property
     def amplitude(self) -> float:
-        """Of the position, rad."""
+        """Amplitude of the position, rad."""
         return float(abs(self.waves.amplitudes[POSITION][0]))
 
     @property
@@ -200,7 +200,7 @@ def frequency_response(
         except MeasurementError as error:
             warnings.append(str(error))
     points = tuple(sorted(found, key=lambda point: point.frequency))
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     middle = float(np.median([point.waves.offsets[POSITION] for point in points])) if points else lower
     share = float(np.clip((middle - lower) / (upper - lower), 0.0, 1.0))
     driven = [(point.frequency, ratio) for point in points if (ratio := point.plant) is not None]

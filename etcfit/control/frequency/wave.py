@@ -187,12 +187,12 @@ def _settled(
     reach = 0.25 / max(np.ptp(signal.time) for signal in signals.values())
     parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
     for _ in range(_ROUNDS):
-        guide_stiffness = power = 0.0
+        pull = power = 0.0
         for part in parts.values():
             own = part.slope - part.columns @ _least_squares(part.columns, part.slope)
-            guide_stiffness += float(own @ part.residual) / part.sd**2
+            pull += float(own @ part.residual) / part.sd**2
             power += float(own @ own) / part.sd**2
-        step = float(np.clip(guide_stiffness / power, -reach, reach)) if power > 0.0 else 0.0
+        step = float(np.clip(pull / power, -reach, reach)) if power > 0.0 else 0.0
         frequency += step
         parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
         if abs(step) < _SETTLED * frequency:
@@ -227,7 +227,7 @@ def _drifting(columns: np.ndarray, t: np.ndarray, span: float) -> np.ndarray:
 
 
 def _least_squares(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """By the normal equations: over whole cycles the columns are all but orthogonal, and a log may be long."""
+    """Least squares by the normal equations: over whole cycles the columns are nearly orthogonal."""
     return np.linalg.solve(columns.T @ columns, columns.T @ y)
 
 
@@ -282,7 +282,7 @@ def _covariances(
 
 
 def _shares(part: _Part) -> tuple[float, np.ndarray]:
-    """Of the power about offset and drift: what is not in the fundamental, and what is in each higher harmonic."""
+    """Shares of the power about offset and drift: outside the fundamental, and in each higher harmonic."""
     count = 2 * part.amplitudes.size
     waves, coefficients = part.columns[:, -count:], part.coefficients[-count:]
     rest = waves[:, 2:] @ coefficients[2:] + part.residual

@@ -39,13 +39,14 @@ class Bias:
     opening: np.ndarray
 
     def volts(self, setpoint: np.ndarray) -> np.ndarray:
-        """At setpoints (rad), shape (K,); V."""
+        """Feed-forward at setpoints (rad), shape (K,), V."""
         return np.interp(setpoint, self.angles, self.hold)
 
 
 @jax.jit
-def _holds(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
-    return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper)[1])(angles)
+def held(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
+    """Currents (A) and voltages (V) that hold a plate at these angles against a share of its dry friction."""
+    return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper))(angles)
 
 
 class HoldingVoltages(NamedTuple):
@@ -66,7 +67,7 @@ def hold_curve(
     throttle: Throttle, angles: np.ndarray, gear_ratio: float, lower: float, upper: float
 ) -> HoldingVoltages:
     """Voltages that hold a plate at these angles (rad), shape (K,), between stops (rad)."""
-    down, middle, up = (np.asarray(_holds(throttle, np.asarray(angles), share, gear_ratio, lower, upper))
+    down, middle, up = (np.asarray(held(throttle, np.asarray(angles), share, gear_ratio, lower, upper)[1])
                         for share in (-1.0, 0.0, 1.0))  # fmt: skip
     return HoldingVoltages(down, middle, up)
 
@@ -136,7 +137,7 @@ class Sliding:
     slope: float
 
     def volts(self, rate: np.ndarray) -> np.ndarray:
-        """At rates of the setpoint (rad/s), shape (K,); V."""
+        """Feed-forward at rates of the setpoint (rad/s), shape (K,), V."""
         share = rate / self.full
         friction = self.opening * np.clip(share, 0.0, 1.0) - self.closing * np.clip(-share, 0.0, 1.0)
         return friction + self.slope * rate

@@ -236,7 +236,7 @@ class OpenLoop(NamedTuple):
 
     @classmethod
     def of_plants(cls, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE) -> OpenLoop:
-        """Of plants whose numbers have one shape."""
+        """Prepare plants whose numbers have one shape."""
         z = np.exp(1j * grid.frequencies(ecu.period) * ecu.period)
         z[-1] = -1.0  # where every loop is real
         under, spring = sampled(plants, ecu), np.asarray(plants.a0, dtype=float)
@@ -285,5 +285,5 @@ def _least(value: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:
-    """In -pi to pi, rad."""
+    """An angle brought into -pi to pi, rad."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -280,11 +280,11 @@ class Loop:
         return replace(self, ecu=ecu)
 
     def angle(self, share: Any) -> Any:
-        """rad, of a share of the travel."""
+        """Angle at a share of the travel, rad."""
         return self.body.lower + share * (self.body.upper - self.body.lower)
 
     def share(self, angle: Any) -> Any:
-        """Of the travel, of an angle in rad."""
+        """Share of the travel at an angle, rad."""
         return (angle - self.body.lower) / (self.body.upper - self.body.lower)
 
     def holds(self, angles: np.ndarray) -> HoldingVoltages:

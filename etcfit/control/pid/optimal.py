@@ -144,7 +144,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures
     start = _about(np.log(np.maximum(begin, settings.lowest)), rng, settings)
     best, _ = cross_entropy(score, start, rounds, rng, settings)
     gains = Gains(*np.exp(best).tolist())
-    figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
+    figures = task.loop.first(1).figures(Gains.stacked(gains), task.setpoint)
     return gains, figures.each(lambda figure: float(figure[0, 0])), float(score(best[None]).missed[0])
 
 
@@ -226,7 +226,7 @@ def _scorer(task: Task, draws: int, spare: float) -> Score:
 def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float) -> Scores:
     """Figures of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: share of limits kept in hand."""
     asked, figures = task.requirements, loop.figures(gains, task.setpoint)
-    gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
+    gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(gains))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
     settled = replace(figures, settling_s=np.minimum(figures.settling_s, 2.0 * longest))
     settings = task.settings.optimum

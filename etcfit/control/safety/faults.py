@@ -221,7 +221,7 @@ def sags(loop: Loop, task: Task, seen: Seen, check: JamCheck | None) -> tuple[Sa
 
 
 def _sag(loop: Loop, task: Task, seen: Seen, name: str, over: float, opening: float, check: JamCheck | None) -> Sag:
-    """Of one trial on every model, shape (D, K)."""
+    """What became of one trial on every model, shape (D, K)."""
     period = task.ecu.period
     begin, end = (math.ceil(instant / period - 1e-9) for instant in (FAILS_AT, over))
     off = loop.share(seen.position) - loop.share(seen.position[:, begin])[:, None]

@@ -7,17 +7,16 @@ is simulated by `control.motion`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
 
 from ...model.effects.winding_heating import WindingHeating
-from ...model.linear import holding_against
 from ...model.throttle import Throttle
 from ..motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..pid.base import Task
 from ..pid.conditions import default_position
+from ..pid.feedforward import held
 from ..pid.loop import Body, Loop
 
 RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
@@ -112,17 +111,13 @@ class Holding:
     longest: float | None
 
 
-@jax.jit
-def _currents(throttle: Throttle, angles: Any, share: Any, body: Any) -> Any:
-    return jax.vmap(lambda theta: holding_against(throttle, theta, share, *body)[0])(angles)
-
-
 def holding_currents(loop: Loop, task: Task) -> Holding:
     """What holding takes over the whole travel, and what the ECU's largest duty does to a plate at its stop."""
     settings, throttle = task.settings.safety, loop.nominal
     shares = np.linspace(0.0, 1.0, settings.places)
     angles = loop.angle(shares)
-    closing, current, opening = (np.asarray(_currents(throttle, angles, side, loop.body)) for side in (-1.0, 0.0, 1.0))
+    closing, current, opening = (np.asarray(held(throttle, angles, side, *loop.body)[0])
+                                 for side in (-1.0, 0.0, 1.0))  # fmt: skip
     ohm, volts = float(np.asarray(throttle.parameter("R_a"))), float(task.ecu.limit)
     heating = next((each for each in throttle.effects if isinstance(each, WindingHeating)), None)
     stall = volts / ohm

@@ -77,7 +77,7 @@ class Crew:
         return str(page or scheduler["address"])
 
     def renew(self) -> None:
-        """As many workers of ours anew, where all are gone: Dask's nannies have been seen not to bring theirs back."""
+        """Start as many new workers of ours, where all are gone: Dask's nannies do not always bring theirs back."""
         if self.local:
             cluster: Any = self.client.cluster
             cluster.scale(len(cluster.worker_spec) + self.workers)
@@ -104,7 +104,7 @@ def crew(place: LocalWorkers | ExistingScheduler) -> Iterator[Crew]:
 
 
 def cores() -> int:
-    """That this process may use."""
+    """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -30,7 +30,7 @@ from scipy import stats
 
 from ..settings import DEFAULT
 from .distances import holm
-from .stack import MEDIAN_CHI2
+from .stack import sd_between
 
 WIDTH = 3.0  # w: of the control limits, standard deviations on either side
 ALLOWANCE = 0.5  # k of the CUSUM, standard deviations: half the shift that it is to find
@@ -81,15 +81,7 @@ def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[
 
 def short_term_sd(value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> float:
     """Standard deviation between neighbours, their own uncertainty taken off; 0 where it explains all."""
-    square, noise = np.diff(value) ** 2, stderr[1:] ** 2 + stderr[:-1] ** 2
-    low, high = 0.0, 2.0 * float(np.max(np.abs(np.diff(value)))) + 1e-150
-    if np.median(square) <= 0.0:
-        return 0.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        under = np.median(square / (2.0 * middle**2 + noise)) > MEDIAN_CHI2
-        low, high = (middle, high) if under else (low, middle)
-    return 0.0 if high < 1e-12 * np.max(np.abs(np.diff(value))) else 0.5 * (low + high)
+    return sd_between(0.5 * np.diff(value) ** 2, 0.5 * (stderr[1:] ** 2 + stderr[:-1] ** 2))
 
 
 def weighed_median(value: Float[np.ndarray, " N"], weight: Float[np.ndarray, " N"]) -> float:

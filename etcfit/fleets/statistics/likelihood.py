@@ -7,7 +7,7 @@
 
 The last term makes it restricted (REML): the spread is not estimated low because the mean was taken from the same few
 units. A prior of nu uncorrelated units' worth, -nu log|R| of the correlation matrix R, keeps correlations off +-1 where
-units are few, and is lost in the data where they are many. What standard deviations take of it says `View`.
+units are few, and is lost in the data where they are many. `View` says how far it moves standard deviations.
 
 Source: Laird and Ware 1982 (Biometrics 38), eqs. 3.2-3.5; Harville 1977 (JASA 72). Differs from source: information
 instead of design matrices; the prior is that of Lewandowski, Kurowicka and Joe 2009; Fisher scoring instead of EM,
@@ -58,7 +58,7 @@ class Spread:
         return np.concatenate([self.d, self.a])
 
     def at(self, vector: Float[np.ndarray, " K"]) -> Spread:
-        """Of the same symbols."""
+        """The spread of the same symbols with other numbers."""
         return Spread(self.own, vector[: len(self.d)], vector[len(self.d) :])
 
     @property
@@ -75,7 +75,7 @@ class Spread:
 
     @property
     def squared_lengths(self) -> Float[np.ndarray, " A"]:
-        """Of the row of each entry of a, before it was scaled: its last entry was 1."""
+        """Squared length of the row of each entry of a before scaling, when its last entry was 1."""
         row, _ = np.tril_indices(len(self.d), -1)
         return np.diag(self.rows)[row] ** -2
 
@@ -152,7 +152,7 @@ def weigh(data: Scaled, spread: Spread, prior: float) -> Weighed:
 
 
 def gradient(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, " K"]:
-    """Of -2 log L in (d, a): sum tr[(W - r r^T - W C W) dOmega],   C = (sum W)^-1."""
+    """Gradient of -2 log L in (d, a): sum tr[(W - r r^T - W C W) dOmega],   C = (sum W)^-1."""
     own, size = spread.own, int(spread.own.sum())
     all_symbols = at.pull.shape[1]
     lifted = at.weight @ at.mean_covariance
@@ -165,7 +165,7 @@ def gradient(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, " K
 
 
 def expected_hessian(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, "K K"]:
-    """Of -2 log L in (d, a): sum tr(W E_k W E_l),   E_k = dOmega / d(d, a)_k."""
+    """Expected Hessian of -2 log L in (d, a): sum tr(W E_k W E_l),   E_k = dOmega / d(d, a)_k."""
     own, size, e = spread.own, int(spread.own.sum()), spread.slopes
     flat = at.weight[:, own][:, :, own].reshape(len(at.weight), size * size)
     four = (flat.T @ flat).reshape(size, size, size, size)  # sum W_ab W_cd

@@ -27,7 +27,7 @@ from ...errors import first_names
 from ...model.effects import EFFECT_BY_NAME
 from ..settings import DEFAULT
 from ..unit import UnitResult
-from .distances import LEAST, MANY, TAIL, adjusted, distances, rejected
+from .distances import LEAST, MANY, TAIL, distances, rejected
 from .population import Population
 from .stack import Scaled, Stack, scaled
 
@@ -104,7 +104,8 @@ def odd_units(
     far = distances(data, mean, omega, c, inside)
     left = misfits(results) if results else None
     p = np.minimum(1.0, 2.0 * np.minimum(far.p, left.p)) if left else far.p
-    rates, odd = adjusted(p), rejected(p, rate)
+    rates = stats.false_discovery_control(p)
+    odd = rates <= rate
     level = float(np.max(p[odd])) if np.any(odd) else 0.0
     out = []
     for u in sorted(np.flatnonzero(odd), key=lambda u: (p[u], -far.squared[u])):

@@ -12,9 +12,9 @@ from ..unit import UnitEstimate, UnitResult
 
 MEDIAN_CHI2 = 0.4549364231195724  # of one degree of freedom
 NULL = 1e-11  # share of a unit's largest eigenvalue of information (scaled) below which a direction has none
-# by how much a unit's standard errors are widened at most by what its own traces say, times that of the middle unit:
-# where it tells of the population one that is too sure harms it, and where the population tells of the unit one that is
-# not sure enough of itself is drawn to the mean and away from its own value
+# Largest widening of a unit's standard errors by its own traces, over that of the median unit: 3 where the unit
+# informs the population, which a unit with too small errors distorts; 2 where the population informs the unit, which
+# is pulled to the mean when its errors are too large
 MOST_WIDENED, MOST_WIDENED_TO_SHRINK = 3.0, 2.0
 
 
@@ -154,7 +154,7 @@ def scaled(stack: Stack) -> Scaled:
         noise = own[p] ** 2 * np.where(tells[seen, p], variance[seen, p], 1.0)
         # the half whose own estimates are best says where the middle is
         centre[p] = np.median(value[noise <= np.median(noise)])
-        spread[p] = _sd_between(value - np.median(value), noise)
+        spread[p] = sd_between((value - np.median(value)) ** 2, noise)
         wide[p] = np.hypot(spread[p], np.sqrt(np.median(noise)))
     ratio = wide / own
     return Scaled(stack, centre, wide, root * ratio, (stack.estimate - centre) / wide, rank, tells,
@@ -175,13 +175,13 @@ def _roots(f: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     return root, good.sum(axis=1).astype(float), tells, variance
 
 
-def _sd_between(error: np.ndarray, noise: np.ndarray) -> float:
-    """The sd for which median(error^2 / (sd^2 + noise)) is that of chi2 with one degree of freedom; 0 where below."""
-    high = 10.0 * float(np.max(np.abs(error))) + 1e-300
-    if np.median(error**2 / noise) <= MEDIAN_CHI2:
-        return 0.0
-    low = 0.0
-    for _ in range(60):
+def sd_between(square: Float[np.ndarray, " n"], noise: Float[np.ndarray, " n"]) -> float:
+    """The sd for which median(square / (sd^2 + noise)) is that of chi2 with one degree of freedom; 0 where below."""
+    low, high = 0.0, 10.0 * float(np.sqrt(np.max(square))) + 1e-300
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if not np.median(np.where(square > 0.0, square / noise, 0.0)) > MEDIAN_CHI2:
+            return 0.0
+    for _ in range(80):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if np.median(error**2 / (middle**2 + noise)) > MEDIAN_CHI2 else (low, middle)
+        low, high = (middle, high) if np.median(square / (middle**2 + noise)) > MEDIAN_CHI2 else (low, middle)
     return 0.5 * (low + high)
