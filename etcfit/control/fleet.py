@@ -24,19 +24,12 @@ AT_ONCE = 200  # units whose responses are in memory together
 
 @dataclass(eq=False)
 class SearchOverUnits:
-    """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything.
+    """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything."""
 
-    Args:
-        plants: all units, parameters of shape (U,).
-        units: their names.
-        asked: of them.
-        made: searches so far.
-    """
-
-    plants: Throttle
-    units: tuple[str, ...]
-    asked: FleetDesignSettings
-    made: int = field(default=0)
+    plants: Throttle  # all units, parameters of shape (U,)
+    units: tuple[str, ...]  # their names
+    asked: FleetDesignSettings  # of them
+    made: int = field(default=0)  # searches so far
 
     def __call__(self, task: Task) -> Gains | Refusal:
         """min mean RMSE, subject to requirements met by enough units; else the gains that most units meet them with."""
@@ -111,19 +104,12 @@ _ALIKE = 1e-3  # relative, within which two gear ratios are the same
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The parts of one design, as a fleet found them: measured units, and the population that they are from.
+    """The parts of one design, as a fleet found them: measured units, and the population that they are from."""
 
-    Args:
-        where: run folder of the fleet.
-        name: of the fleet.
-        model: the measured units that can be trusted, with the law of their population.
-        left_out: the others, by name, with why.
-    """
-
-    where: str
-    name: str
-    model: FleetModel
-    left_out: Mapping[str, str]
+    where: str  # run folder of the fleet
+    name: str  # of the fleet
+    model: FleetModel  # the measured units that can be trusted, with the law of their population
+    left_out: Mapping[str, str]  # the others, by name, with why
 
     def of_run(self, fitted: Fitted) -> tuple[str, ...]:
         """Parameters of a model that the fleet does not tell."""

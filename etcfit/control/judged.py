@@ -141,15 +141,10 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
 
 
 class OverDraws(NamedTuple):
-    """How gains fare over models; of one rule's gains without the axis G.
+    """How gains fare over models; of one rule's gains without the axis G."""
 
-    Args:
-        figures: of the responses, and margins of the linear loops, shape (D, G) each.
-        share: position at each tick, share of the travel, shape (D, G, K).
-    """
-
-    figures: LoopFigures
-    share: np.ndarray
+    figures: LoopFigures  # of the responses, and margins of the linear loops, shape (D, G) each
+    share: np.ndarray  # position at each tick, share of the travel, shape (D, G, K)
 
     def of_rule(self, k: int) -> OverDraws:
         """Figures of one rule's gains."""

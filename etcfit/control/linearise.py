@@ -26,30 +26,19 @@ OUTPUTS = ("rad", "deg", "%")
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """The linear plant of a fitted model.
+    """The linear plant of a fitted model."""
 
-    Args:
-        plant: transfer function, with delay and sensor lag beside it.
-        stderr: of b0, a2, a1, a0, shape (4,).
-        covariance: of b0, a2, a1, a0, shape (4, 4).
-        input_unit: "V" or "%" (of duty).
-        output_unit: "rad", "deg" or "%" (of travel).
-        theta: operating point, rad.
-        current, volts: that hold the plate there in the middle of its dry friction.
-        share: of the travel at the operating point.
-        constants: kS, kV and kA beside it; None where nobody asked for them.
-    """
-
-    plant: TransferFunction
-    stderr: np.ndarray
-    covariance: np.ndarray
-    input_unit: str
-    output_unit: str
-    theta: float
+    plant: TransferFunction  # transfer function, with delay and sensor lag beside it
+    stderr: np.ndarray  # of b0, a2, a1, a0, shape (4,)
+    covariance: np.ndarray  # of b0, a2, a1, a0, shape (4, 4)
+    input_unit: str  # "V" or "%" (of duty)
+    output_unit: str  # "rad", "deg" or "%" (of travel)
+    theta: float  # operating point, rad
+    # current, volts: that hold the plate there in the middle of its dry friction
     current: float
     volts: float
-    share: float
-    constants: MotorConstants | None = None
+    share: float  # of the travel at the operating point
+    constants: MotorConstants | None = None  # kS, kV and kA beside it; None where nobody asked for them
 
     def to_control(self, pade_order: int = 0) -> Any:
         """A python-control TransferFunction; with delay and sensor lag where a Pade order is given."""
@@ -121,14 +110,10 @@ class MotorConstants:
 
     Springs and preload have no place in it. Source: WPILib, SimpleMotorFeedforward and its characterization by SysId.
     Differs from source: read off a model whose parameters were fitted, not off a regression of these three.
-
-    Args:
-        values: kS (V), kV (V s/rad), kA (V s^2/rad), shape (3,).
-        stderr: of these, by the delta method, shape (3,).
     """
 
-    values: np.ndarray
-    stderr: np.ndarray
+    values: np.ndarray  # kS (V), kV (V s/rad), kA (V s^2/rad), shape (3,)
+    stderr: np.ndarray  # of these, by the delta method, shape (3,)
 
 
 def motor_constants(

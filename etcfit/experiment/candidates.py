@@ -67,21 +67,15 @@ def _ramps(time: np.ndarray, band: float) -> np.ndarray:
 class Shape:
     """A voltage about the one that balances the spring, as a share of its amplitude.
 
-        v(t) = v_centre + A wave(t),    |wave| <= 1
-
-    Args:
-        name: of it.
-        bands: Hz, the fastest that is in it; each a candidate.
-        wave: of time, evenly spaced from 0, s, shape (n,), and band; dimensionless, shape (n,).
-        says: what it is with this band, in a few words for whoever plays it.
-        test: rig test whose folder takes the record.
+    v(t) = v_centre + A wave(t),    |wave| <= 1
     """
 
     name: str
-    bands: tuple[float, ...]
+    bands: tuple[float, ...]  # Hz, the fastest that is in it; each a candidate
+    # of time, evenly spaced from 0, s, shape (n,), and band; dimensionless, shape (n,)
     wave: Callable[[np.ndarray, float], np.ndarray]
-    says: Callable[[float], str]
-    test: str = "response"
+    says: Callable[[float], str]  # what it is with this band, in a few words for whoever plays it
+    test: str = "response"  # rig test whose folder takes the record
 
 
 SHAPES = (
@@ -100,17 +94,11 @@ SHAPES = (
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """What is put out, sample and hold.
+    """What is put out, sample and hold."""
 
-    Args:
-        time: evenly spaced from 0, s, shape (n,).
-        counts: duty of the supply, whole ten-thousandths, -10,000 to 10,000, shape (n,).
-        supply: voltage that a duty of 1 is, V.
-    """
-
-    time: np.ndarray
-    counts: np.ndarray
-    supply: float
+    time: np.ndarray  # evenly spaced from 0, s, shape (n,)
+    counts: np.ndarray  # duty of the supply, whole ten-thousandths, -10,000 to 10,000, shape (n,)
+    supply: float  # voltage that a duty of 1 is, V
 
     @property
     def volts(self) -> np.ndarray:
@@ -125,21 +113,14 @@ def _played(time: np.ndarray, volts: np.ndarray, supply: float) -> Played:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A trace that may be made next.
+    """A trace that may be made next."""
 
-    Args:
-        kind: name of its shape, or of its rig test where it is one that was not made yet.
-        plan: what is driven and logged.
-        played: what is put out; None with open terminals.
-        window: between which instants the plate must keep off the stops, s; None where it need not.
-        group: candidates of one group differ in amplitude alone.
-    """
-
-    kind: str
-    plan: Plan
-    played: Played | None
+    kind: str  # name of its shape, or of its rig test where it is one that was not made yet
+    plan: Plan  # what is driven and logged
+    played: Played | None  # what is put out; None with open terminals
+    # between which instants the plate must keep off the stops, s; None where it need not
     window: tuple[float, float] | None
-    group: tuple[str, float, float]
+    group: tuple[str, float, float]  # candidates of one group differ in amplitude alone
 
     @property
     def seconds(self) -> float:

@@ -23,32 +23,20 @@ _ANYWHERE = frozenset({"current", "position"})  # seen whatever is done to the r
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A rig as a planner sees it.
+    """A rig as a planner sees it."""
 
-    Args:
-        config: the rig.
-        values: of all parameters, SI, by symbol.
-        supply: V.
-        noise: standard deviation of one sample by channel, SI.
-        assumed: channels whose noise is not the rig's own.
-        rest: where the plate rests without a drive, rad.
-        rate: at which driven plates are logged, Hz.
-        duration: of such a log, s.
-        logged: by rig test, the channels that this rig logs in it: those seen in a trace of the same boundary, for a
-            shaft's speed is seen with the gear apart only, and an EMF at open terminals.
-        settings: of the plans.
-    """
-
-    config: RigConfig
-    values: Mapping[str, float]
-    supply: float
-    noise: Mapping[str, float]
-    assumed: frozenset[str]
-    rest: float
-    rate: float
-    duration: float
+    config: RigConfig  # the rig
+    values: Mapping[str, float]  # of all parameters, SI, by symbol
+    supply: float  # V
+    noise: Mapping[str, float]  # standard deviation of one sample by channel, SI
+    assumed: frozenset[str]  # channels whose noise is not the rig's own
+    rest: float  # where the plate rests without a drive, rad
+    rate: float  # at which driven plates are logged, Hz
+    duration: float  # of such a log, s
+    # by rig test, the channels that this rig logs in it: those seen in a trace of the same boundary, for a shaft's
+    # speed is seen with the gear apart only, and an EMF at open terminals
     logged: Mapping[str, frozenset[str]]
-    settings: PlanSettings = PlanSettings()
+    settings: PlanSettings = PlanSettings()  # of the plans
 
     @classmethod
     def of_rig(cls, rig: Rig, values: Mapping[str, float], settings: PlanSettings = PlanSettings()) -> Setting:
@@ -108,23 +96,14 @@ def _logged(test: AbstractRigTest, rig: Rig) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A trace that does not exist yet.
+    """A trace that does not exist yet."""
 
-    Args:
-        test: name of its rig test.
-        says: how it is made, for whoever makes it.
-        time: s, shape (n,).
-        volts: V, shape (n,); None with open terminals.
-        angle: where the plate is at first, rad.
-        release: when a held plate is let go, s; None where nobody holds it.
-    """
-
-    test: str
-    says: str
-    time: np.ndarray
-    volts: np.ndarray | None
-    angle: float
-    release: float | None = None
+    test: str  # name of its rig test
+    says: str  # how it is made, for whoever makes it
+    time: np.ndarray  # s, shape (n,)
+    volts: np.ndarray | None  # V, shape (n,); None with open terminals
+    angle: float  # where the plate is at first, rad
+    release: float | None = None  # when a held plate is let go, s; None where nobody holds it
 
 
 def resistance(s: Setting) -> Plan:

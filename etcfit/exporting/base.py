@@ -47,23 +47,14 @@ class ExportSettings:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A model to be exported.
+    """A model to be exported."""
 
-    Args:
-        fitted: the model at its optimum.
-        settings: step and operating point.
-        pid: the object of pid.json; None where no gains were designed.
-        designing: the command that designs them, for messages.
-        into: the user's own file of that format, of which a copy is changed; None for a new file.
-        anyway: write what is typed into an ECU even where the model behind it is no estimate.
-    """
-
-    fitted: Fitted
-    settings: ExportSettings = field(default_factory=ExportSettings)
-    pid: Mapping[str, Any] | None = None
-    designing: str = "etcfit design RUN"
-    into: Path | None = None
-    anyway: bool = False
+    fitted: Fitted  # the model at its optimum
+    settings: ExportSettings = field(default_factory=ExportSettings)  # step and operating point
+    pid: Mapping[str, Any] | None = None  # the object of pid.json; None where no gains were designed
+    designing: str = "etcfit design RUN"  # the command that designs them, for messages
+    into: Path | None = None  # the user's own file of that format, of which a copy is changed; None for a new file
+    anyway: bool = False  # write what is typed into an ECU even where the model behind it is no estimate
 
     @property
     def designed(self) -> Gains | None:
@@ -159,21 +150,13 @@ class Export:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name in one tuple, `FORMATS`.
+    """A format: its name in one tuple, `FORMATS`."""
 
-    Args:
-        name: of `--to`.
-        title: what it is for, one line.
-        make: makes it; imports what is heavy when it is called.
-        changes: whether it can change a copy of the user's own file (`Source.into`).
-        tools: raises what this machine lacks to make it.
-    """
-
-    name: str
-    title: str
-    make: Callable[[Source], Export]
-    changes: bool = False
-    tools: Callable[[], object] = lambda: None
+    name: str  # of `--to`
+    title: str  # what it is for, one line
+    make: Callable[[Source], Export]  # makes it; imports what is heavy when it is called
+    changes: bool = False  # whether it can change a copy of the user's own file (`Source.into`)
+    tools: Callable[[], object] = lambda: None  # raises what this machine lacks to make it
 
     def require(self, into: Path | None) -> None:
         """What can be known before there is a model.

@@ -29,29 +29,17 @@ _ISAAC_LACKS = (
 
 @dataclass(frozen=True)
 class Joint:
-    """Constants of a hinge with a DC motor, at the plate where nothing else is said.
+    """Constants of a hinge with a DC motor, at the plate where nothing else is said."""
 
-    Args:
-        armature: inertia of the motor, N^2 J_m, kg m2.
-        inertia: of the plate, J_L, kg m2.
-        damping: N^2 B_m + B_L, N m s/rad.
-        friction: T_f, N m.
-        stiffness: K_s, N m/rad.
-        rest: angle at which the spring is relaxed, -T_PL/K_s, rad.
-        gear: N.
-        per_volt: torque of the motor's own shaft, K_m/R_a, N m/V.
-        back_emf: K_m K_b/R_a, N m s/rad, at the motor's own shaft.
-    """
-
-    armature: float
-    inertia: float
-    damping: float
-    friction: float
-    stiffness: float
-    rest: float
-    gear: float
-    per_volt: float
-    back_emf: float
+    armature: float  # inertia of the motor, N^2 J_m, kg m2
+    inertia: float  # of the plate, J_L, kg m2
+    damping: float  # N^2 B_m + B_L, N m s/rad
+    friction: float  # T_f, N m
+    stiffness: float  # K_s, N m/rad
+    rest: float  # angle at which the spring is relaxed, -T_PL/K_s, rad
+    gear: float  # N
+    per_volt: float  # torque of the motor's own shaft, K_m/R_a, N m/V
+    back_emf: float  # K_m K_b/R_a, N m s/rad, at the motor's own shaft
 
 
 def _joint(source: Source) -> Joint:

@@ -54,40 +54,24 @@ class Memory(NamedTuple):
 
 
 class Late(NamedTuple):
-    """Delays, in steps.
+    """Delays, in steps."""
 
-    Args:
-        program: of the delays of voltage, sensed angle and sensed current.
-        lines: which of these three there are.
-        room: samples that a delay line keeps.
-    """
-
-    program: Program
-    lines: tuple[bool, bool, bool]
-    room: int
+    program: Program  # of the delays of voltage, sensed angle and sensed current
+    lines: tuple[bool, bool, bool]  # which of these three there are
+    room: int  # samples that a delay line keeps
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A fitted model as straight-line C.
+    """A fitted model as straight-line C."""
 
-    Args:
-        step: s.
-        quantities: parameters, those of the rig at the end.
-        memories: of the effects.
-        advance: state and memories after a step, in the order of `names`.
-        read: sensed angle (rad) and sensed current (A).
-        late: delays; None where the model has none.
-        sensor: whether the position sensor's volts are known.
-    """
-
-    step: float
-    quantities: tuple[Quantity, ...]
-    memories: tuple[Memory, ...]
-    advance: Program
-    read: Program
-    late: Late | None
-    sensor: bool
+    step: float  # s
+    quantities: tuple[Quantity, ...]  # parameters, those of the rig at the end
+    memories: tuple[Memory, ...]  # of the effects
+    advance: Program  # state and memories after a step, in the order of `names`
+    read: Program  # sensed angle (rad) and sensed current (A)
+    late: Late | None  # delays; None where the model has none
+    sensor: bool  # whether the position sensor's volts are known
 
     @property
     def names(self) -> tuple[str, ...]:

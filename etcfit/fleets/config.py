@@ -27,23 +27,16 @@ _OF_TPS = ("tps", "noise", "accuracy")  # cannot be checked before a unit has sa
 
 @dataclass(frozen=True)
 class Member:
-    """A unit's row; what an empty cell or a missing column does not tell is None.
+    """A unit's row; what an empty cell or a missing column does not tell is None."""
 
-    Args:
-        serial: of the unit.
-        date: when it was measured; in UTC where the file says an offset.
-        batch, rig, operator: where it comes from, on what and by whom it was measured.
-        temperature: of the room, K.
-        part: the physical throttle; units that share it are repeats.
-    """
-
-    serial: str | None = None
-    date: datetime.datetime | None = None
+    serial: str | None = None  # of the unit
+    date: datetime.datetime | None = None  # when it was measured; in UTC where the file says an offset
+    # batch, rig, operator: where it comes from, on what and by whom it was measured
     batch: str | None = None
     rig: str | None = None
     operator: str | None = None
-    temperature: float | None = None
-    part: str | None = None
+    temperature: float | None = None  # of the room, K
+    part: str | None = None  # the physical throttle; units that share it are repeats
 
 
 COLUMNS = {"unit": "unit", **{each.name: each.name for each in fields(Member)}, "temperature": "temperature_C"}
@@ -51,38 +44,26 @@ COLUMNS = {"unit": "unit", **{each.name: each.name for each in fields(Member)}, 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a specification allows.
+    """What a specification allows."""
 
-    Args:
-        low, high: SI; -inf and inf where a side is open.
-        unit, given: SI, as pint writes it, and as the file has it.
-    """
-
+    # low, high: SI; -inf and inf where a side is open
     low: float
     high: float
+    # unit, given: SI, as pint writes it, and as the file has it
     unit: str
     given: str
 
 
 @dataclass(frozen=True)
 class FleetConfig:
-    """What is written down about a fleet.
+    """What is written down about a fleet."""
 
-    Args:
-        name: of the fleet.
-        location: its folder or address, as given.
-        shared: symbols that have one value for all units.
-        limits: by symbol, or by figure of the line.
-        members: by unit, all of them, in the order of units.csv, else by name.
-        common: what their rigs have in common: the tables of a rig.toml.
-    """
-
-    name: str
-    location: str
-    shared: tuple[str, ...]
-    limits: Mapping[str, Limit]
-    members: Mapping[str, Member]
-    common: Toml
+    name: str  # of the fleet
+    location: str  # its folder or address, as given
+    shared: tuple[str, ...]  # symbols that have one value for all units
+    limits: Mapping[str, Limit]  # by symbol, or by figure of the line
+    members: Mapping[str, Member]  # by unit, all of them, in the order of units.csv, else by name
+    common: Toml  # what their rigs have in common: the tables of a rig.toml
 
     @property
     def units(self) -> tuple[str, ...]:

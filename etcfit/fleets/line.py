@@ -54,19 +54,12 @@ _ENDS = (0.025, 0.975)
 
 @dataclass(frozen=True)
 class Condition:
-    """Of all units alike.
+    """Of all units alike."""
 
-    Args:
-        name: such as "hot, 9 V".
-        supply: V.
-        winding: its temperature, and that of the magnets, degrees Celsius.
-        friction: dry friction over that of the bench.
-    """
-
-    name: str
-    supply: float
-    winding: float
-    friction: float = 1.0
+    name: str  # such as "hot, 9 V"
+    supply: float  # V
+    winding: float  # its temperature, and that of the magnets, degrees Celsius
+    friction: float = 1.0  # dry friction over that of the bench
 
     def acting_on(self, throttles: Throttle) -> Throttle:
         """The units there.
@@ -202,36 +195,22 @@ def _currents(throttles: Throttle, angles: Any, body: Body) -> Any:
 
 
 class FigureResult(NamedTuple):
-    """A figure of every unit.
+    """A figure of every unit."""
 
-    Args:
-        value: SI, shape (U,); NaN where it cannot be told.
-        why: of the NaN; "" where there is none.
-    """
-
-    value: PerUnit
-    why: str = ""
+    value: PerUnit  # SI, shape (U,); NaN where it cannot be told
+    why: str = ""  # of the NaN; "" where there is none
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a line: a number a unit, computed from its fitted model.
+    """One figure of a line: a number a unit, computed from its fitted model."""
 
-    Args:
-        name: what fleet.json and the limits of fleet.toml call it.
-        unit: SI.
-        meaning: one line.
-        source: of its definition.
-        values: of all units at a station, SI, shape (U,); not finite where a unit has none.
-        why: a unit has none.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    source: str
-    values: Callable[[Station], PerUnit]
-    why: str
+    name: str  # what fleet.json and the limits of fleet.toml call it
+    unit: str  # SI
+    meaning: str  # one line
+    source: str  # of its definition
+    values: Callable[[Station], PerUnit]  # of all units at a station, SI, shape (U,); not finite where a unit has none
+    why: str  # a unit has none
 
     def measure(self, station: Station) -> FigureResult:
         """The figure of every unit at a station."""
@@ -310,23 +289,17 @@ def measured(model: FleetModel, condition: Condition = AS_MEASURED) -> dict[str,
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the units of a fleet.
+    """A figure over the units of a fleet."""
 
-    Args:
-        mean, sd: of the units that it can be told of, SI; None where it can be told of none, or of one alone.
-        low, high: 2.5 and 97.5 % of them.
-        unit: SI.
-        told: units that it can be told of.
-        why: it cannot be told of the others.
-    """
-
+    # mean, sd: of the units that it can be told of, SI; None where it can be told of none, or of one alone
     mean: float | None
     sd: float | None
+    # low, high: 2.5 and 97.5 % of them
     low: float | None
     high: float | None
-    unit: str
-    told: int
-    why: str
+    unit: str  # SI
+    told: int  # units that it can be told of
+    why: str  # it cannot be told of the others
 
     @classmethod
     def over_units(cls, figure: FigureResult, unit: str) -> Spread:

@@ -52,15 +52,10 @@ _NAMES = (
 
 
 class Vote(NamedTuple):
-    """What one record says of one quantity.
+    """What one record says of one quantity."""
 
-    Args:
-        label: of the column; its other records are turned with it.
-        strength: -1, turned round for sure, to 1, right for sure.
-    """
-
-    label: str
-    strength: float
+    label: str  # of the column; its other records are turned with it
+    strength: float  # -1, turned round for sure, to 1, right for sure
 
 
 def turned(records: Sequence[Record]) -> list[Record]:

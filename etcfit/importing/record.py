@@ -28,19 +28,12 @@ _OPEN_END = 0.1  # part of the range below the top from which a plate is let go
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What will be one trace.
+    """What will be one trace."""
 
-    Args:
-        sheet: whose rows these are.
-        rows: which.
-        takes: of the sheet's columns, time among them.
-        cut: why the sheet was cut here; "" where it was not.
-    """
-
-    sheet: Sheet
-    rows: slice
-    takes: tuple[Take, ...]
-    cut: str = ""
+    sheet: Sheet  # whose rows these are
+    rows: slice  # which
+    takes: tuple[Take, ...]  # of the sheet's columns, time among them
+    cut: str = ""  # why the sheet was cut here; "" where it was not
 
     @property
     def time(self) -> np.ndarray:

@@ -40,23 +40,14 @@ _RANGES: dict[str, tuple[tuple[float, str, str, bool], ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """One column, named.
+    """One column, named."""
 
-    Args:
-        column: as its file has it.
-        quantity: of a measurement folder's CSV; LEFT_OUT where it is none.
-        unit: as that CSV will have it, a number before it where the sign is turned; "" if not yet known.
-        reason: in words.
-        sure: False where somebody should be asked.
-        said: by the user, so that no guess changes it.
-    """
-
-    column: Column
-    quantity: str
-    unit: str
-    reason: str
-    sure: bool = True
-    said: bool = False
+    column: Column  # as its file has it
+    quantity: str  # of a measurement folder's CSV; LEFT_OUT where it is none
+    unit: str  # as that CSV will have it, a number before it where the sign is turned; "" if not yet known
+    reason: str  # in words
+    sure: bool = True  # False where somebody should be asked
+    said: bool = False  # by the user, so that no guess changes it
 
     @property
     def header(self) -> str:

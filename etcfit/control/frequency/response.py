@@ -33,19 +33,12 @@ SETPOINT, POSITION, DRIVE = "setpoint", "position", "drive"
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The response at one frequency.
+    """The response at one frequency."""
 
-    Args:
-        measurement: the trace.
-        window: the part of it that counts.
-        waves: of setpoint and position (rad), and of the drive (V) where one was logged.
-        noise: share of the position's power that its sensor's noise has.
-    """
-
-    measurement: Measurement
-    window: Window
-    waves: Waves
-    noise: float
+    measurement: Measurement  # the trace
+    window: Window  # the part of it that counts
+    waves: Waves  # of setpoint and position (rad), and of the drive (V) where one was logged
+    noise: float  # share of the position's power that its sensor's noise has
 
     @property
     def frequency(self) -> float:
@@ -140,27 +133,17 @@ _LEAD = np.pi / 2.0  # rad: what leads by more than this at the lowest frequency
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Sine traces, measured and modelled.
+    """Sine traces, measured and modelled."""
 
-    Args:
-        points: in order of frequency.
-        order: of lag from setpoint to position.
-        plant_order: of lag from drive to position; None where no drive was logged.
-        nonlinear: position over drive of the fitted model, run free on each point's drive, rad/V; None without one.
-        linear: the linear plant about the middle of the sines, rad/V.
-        share: of the travel at that operating point.
-        warnings: which traces say nothing, and why.
-        settings: what it was decided by.
-    """
-
-    points: tuple[Point, ...]
-    order: Order
-    plant_order: Order | None
+    points: tuple[Point, ...]  # in order of frequency
+    order: Order  # of lag from setpoint to position
+    plant_order: Order | None  # of lag from drive to position; None where no drive was logged
+    # position over drive of the fitted model, run free on each point's drive, rad/V; None without one
     nonlinear: tuple[complex | None, ...]
-    linear: TransferFunction
-    share: float
-    warnings: tuple[str, ...]
-    settings: FrequencySettings = FrequencySettings()
+    linear: TransferFunction  # the linear plant about the middle of the sines, rad/V
+    share: float  # of the travel at that operating point
+    warnings: tuple[str, ...]  # which traces say nothing, and why
+    settings: FrequencySettings = FrequencySettings()  # what it was decided by
 
     @property
     def frequencies(self) -> np.ndarray:

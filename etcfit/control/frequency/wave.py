@@ -45,15 +45,10 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Ratio:
-    """One complex amplitude over another.
+    """One complex amplitude over another."""
 
-    Args:
-        value: complex.
-        covariance: of ln magnitude and phase (rad), shape (2, 2).
-    """
-
-    value: complex
-    covariance: np.ndarray
+    value: complex  # complex
+    covariance: np.ndarray  # of ln magnitude and phase (rad), shape (2, 2)
 
     @property
     def magnitude(self) -> float:
@@ -73,27 +68,17 @@ class Ratio:
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """What was fitted.
+    """What was fitted."""
 
-    Args:
-        frequency: Hz.
-        middle: time to which phases refer, s.
-        harmonics: H.
-        amplitudes: of each signal, complex, shape (H,), in its unit.
-        offsets: o of each signal.
-        outside: share of each signal's power about offset and drift that is not in the fundamental.
-        in_harmonics: share that is in the 2nd to the Hth.
-        covariances: of real part and minus imaginary part of the fundamentals, in the order of `amplitudes`, shape
-            (2 C, 2 C) each: from rows, and from whole cycles.
-    """
-
-    frequency: float
-    middle: float
-    harmonics: int
-    amplitudes: Mapping[str, np.ndarray]
-    offsets: Mapping[str, float]
-    outside: Mapping[str, float]
-    in_harmonics: Mapping[str, np.ndarray]
+    frequency: float  # Hz
+    middle: float  # time to which phases refer, s
+    harmonics: int  # H
+    amplitudes: Mapping[str, np.ndarray]  # of each signal, complex, shape (H,), in its unit
+    offsets: Mapping[str, float]  # o of each signal
+    outside: Mapping[str, float]  # share of each signal's power about offset and drift that is not in the fundamental
+    in_harmonics: Mapping[str, np.ndarray]  # share that is in the 2nd to the Hth
+    # of real part and minus imaginary part of the fundamentals, in the order of `amplitudes`, shape (2 C, 2 C) each:
+    # from rows, and from whole cycles
     covariances: tuple[np.ndarray, np.ndarray]
 
     def ratio(self, over: Mapping[str, float], under: Mapping[str, float]) -> Ratio:
@@ -295,18 +280,13 @@ _FEWEST = 4  # samples that a cycle is fitted to
 
 
 class Window(NamedTuple):
-    """Part of a trace.
+    """Part of a trace."""
 
-    Args:
-        begin, end: s.
-        cycles: whole ones in it.
-        skipped: cycles before it that were left out.
-    """
-
+    # begin, end: s
     begin: float
     end: float
-    cycles: int
-    skipped: float
+    cycles: int  # whole ones in it
+    skipped: float  # cycles before it that were left out
 
 
 def moving(setpoint: Signal) -> Signal:

@@ -20,17 +20,11 @@ from .loop import Loop
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """How gains (G) fare over draws (D).
+    """How gains (G) fare over draws (D)."""
 
-    Args:
-        rmse: mean over draws, %, shape (G,).
-        excess: by how much the requirement missed worst is missed, relative, 0 if none, shape (D, G).
-        settings: `certain`.
-    """
-
-    rmse: np.ndarray
-    excess: np.ndarray
-    settings: OptimumSettings = OptimumSettings()
+    rmse: np.ndarray  # mean over draws, %, shape (G,)
+    excess: np.ndarray  # by how much the requirement missed worst is missed, relative, 0 if none, shape (D, G)
+    settings: OptimumSettings = OptimumSettings()  # `certain`
 
     @property
     def missed(self) -> np.ndarray:
@@ -240,21 +234,13 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
 
 @dataclass(frozen=True)
 class FrontPoint:
-    """The best gains within a limit of the duty's activity.
+    """The best gains within a limit of the duty's activity."""
 
-    Args:
-        limit: of the activity, %; infinite for none.
-        gains: them.
-        activity: theirs, %.
-        rmse: tracking error, % of the travel.
-        meets: whether they meet everything else that is asked for.
-    """
-
-    limit: float
+    limit: float  # of the activity, %; infinite for none
     gains: Gains
-    activity: float
-    rmse: float
-    meets: bool
+    activity: float  # theirs, %
+    rmse: float  # tracking error, % of the travel
+    meets: bool  # whether they meet everything else that is asked for
 
 
 def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:

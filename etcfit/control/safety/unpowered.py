@@ -26,20 +26,14 @@ _FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 @dataclass(frozen=True)
 class Return:
-    """How the plate returns from one opening; the worst of all models.
+    """How the plate returns from one opening; the worst of all models."""
 
-    Args:
-        opening: at which the current is cut, share of the travel.
-        cut_s: s until the plate stays near its limp-home position, or the closed stop where it has none, terminals
-            open; None for not while watched.
-        shorted_s: likewise with shorted terminals, which brake it.
-        rests: where it comes to rest on open terminals, share of the travel: least and largest.
-    """
-
-    opening: float
+    opening: float  # at which the current is cut, share of the travel
+    # s until the plate stays near its limp-home position, or the closed stop where it has none, terminals open; None
+    # for not while watched
     cut_s: float | None
-    shorted_s: float | None
-    rests: tuple[float, float]
+    shorted_s: float | None  # likewise with shorted terminals, which brake it
+    rests: tuple[float, float]  # where it comes to rest on open terminals, share of the travel: least and largest
 
 
 def release_plates(
@@ -87,27 +81,21 @@ def _known(seconds: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """What it takes to hold a plate still, by the nominal model at the temperature of the bench.
+    """What it takes to hold a plate still, by the nominal model at the temperature of the bench."""
 
-    Args:
-        shares: of the travel, shape (S,).
-        current: A in the middle of the dry friction, shape (S,).
-        closing, opening: A at which it is about to close and to open, shape (S,).
-        watts: heat of the winding in the middle of the dry friction, shape (S,).
-        rise: K by which the winding is warmer in the long run, shape (S,); None where its heating is not known.
-        stall_A, stall_W: current and heat at the full duty against a stop.
-        longest: s at a stop from the bench's temperature to what the winding may reach; infinite where it never does;
-            None where its heating is not known.
-    """
-
-    shares: np.ndarray
-    current: np.ndarray
+    shares: np.ndarray  # of the travel, shape (S,)
+    current: np.ndarray  # A in the middle of the dry friction, shape (S,)
+    # closing, opening: A at which it is about to close and to open, shape (S,)
     closing: np.ndarray
     opening: np.ndarray
-    watts: np.ndarray
+    watts: np.ndarray  # heat of the winding in the middle of the dry friction, shape (S,)
+    # K by which the winding is warmer in the long run, shape (S,); None where its heating is not known
     rise: np.ndarray | None
+    # stall_A, stall_W: current and heat at the full duty against a stop
     stall_A: float
     stall_W: float
+    # s at a stop from the bench's temperature to what the winding may reach; infinite where it never does; None where
+    # its heating is not known
     longest: float | None
 
 

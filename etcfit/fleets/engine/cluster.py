@@ -37,15 +37,10 @@ _DASK = {
 
 @dataclass(frozen=True)
 class LocalWorkers:
-    """Worker processes on this machine, one core each.
+    """Worker processes on this machine, one core each."""
 
-    Args:
-        workers: how many.
-        memory: of each, bytes; a process that grows beyond is ended, and its unit tried once more.
-    """
-
-    workers: int
-    memory: int = 2 * 1024**3
+    workers: int  # how many
+    memory: int = 2 * 1024**3  # of each, bytes; a process that grows beyond is ended, and its unit tried once more
 
 
 @dataclass(frozen=True)
@@ -57,17 +52,11 @@ class ExistingScheduler:
 
 @dataclass(frozen=True)
 class Crew:
-    """Workers that wait for work.
+    """Workers that wait for work."""
 
-    Args:
-        client: Dask's.
-        local: whether their processes are ours.
-        workers: processes of ours that were asked for.
-    """
-
-    client: Client
-    local: bool
-    workers: int = 0
+    client: Client  # Dask's
+    local: bool  # whether their processes are ours
+    workers: int = 0  # processes of ours that were asked for
 
     @property
     def address(self) -> str:

@@ -41,24 +41,18 @@ FEWEST = 8  # units without which no drift is sought
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The control chart of one parameter, N units in order, SI.
+    """The control chart of one parameter, N units in order, SI."""
 
-    Args:
-        units: their names.
-        value, stderr: their own, shape (N,).
-        centre: weighed median.
-        sd: short-term, between units, own uncertainty taken off.
-        lower, upper: limits of each unit, shape (N,).
-        cusum_high, cusum_low: in standard deviations, shape (N,); an alarm where one exceeds `DECISION`.
-    """
-
-    units: tuple[str, ...]
+    units: tuple[str, ...]  # their names
+    # value, stderr: their own, shape (N,)
     value: Float[np.ndarray, " N"]
     stderr: Float[np.ndarray, " N"]
-    centre: float
-    sd: float
+    centre: float  # weighed median
+    sd: float  # short-term, between units, own uncertainty taken off
+    # lower, upper: limits of each unit, shape (N,)
     lower: Float[np.ndarray, " N"]
     upper: Float[np.ndarray, " N"]
+    # cusum_high, cusum_low: in standard deviations, shape (N,); an alarm where one exceeds `DECISION`
     cusum_high: Float[np.ndarray, " N"]
     cusum_low: Float[np.ndarray, " N"]
 
@@ -105,23 +99,14 @@ def _sums(z: np.ndarray, k: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drift:
-    """A change of the line in one parameter.
+    """A change of the line in one parameter."""
 
-    Args:
-        symbol: its name.
-        since: place in the order of the first unit after the change; of a trend the first unit of all.
-        size: SI: after less before; of a trend over all units.
-        size_sd: the same in short-term standard deviations between units; infinite where units do not differ.
-        p: of no change, for all symbols at once.
-        kind: "step" or "trend".
-    """
-
-    symbol: str
-    since: int
-    size: float
-    size_sd: float
-    p: float
-    kind: str
+    symbol: str  # its name
+    since: int  # place in the order of the first unit after the change; of a trend the first unit of all
+    size: float  # SI: after less before; of a trend over all units
+    size_sd: float  # the same in short-term standard deviations between units; infinite where units do not differ
+    p: float  # of no change, for all symbols at once
+    kind: str  # "step" or "trend"
 
 
 class _Change(NamedTuple):

@@ -26,19 +26,13 @@ FEWEST = 4  # units that tell a symbol; of fewer none can be called far
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Of N units.
+    """Of N units."""
 
-    Args:
-        squared: d^2, shape (N,).
-        rank: directions the unit informs, shape (N,).
-        scale: of the null, see `null_scale`.
-        p: that an ordinary unit is as far, in all symbols together or in any one alone, shape (N,); 1 where a unit
-            informs nothing.
-    """
-
-    squared: Float[np.ndarray, " N"]
-    rank: Float[np.ndarray, " N"]
-    scale: float
+    squared: Float[np.ndarray, " N"]  # d^2, shape (N,)
+    rank: Float[np.ndarray, " N"]  # directions the unit informs, shape (N,)
+    scale: float  # of the null, see `null_scale`
+    # that an ordinary unit is as far, in all symbols together or in any one alone, shape (N,); 1 where a unit informs
+    # nothing
     p: Float[np.ndarray, " N"]
 
 

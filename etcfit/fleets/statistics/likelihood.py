@@ -41,16 +41,11 @@ class Spread:
     |d_j| is a standard deviation and C C^T the correlation matrix, whatever a is: no bound is ever hit, d_j = 0 is an
     ordinary point, and a profile over one standard deviation is an ordinary fit with d_j held. Shared symbols have no
     d.
-
-    Args:
-        own: whether a symbol differs between units, shape (P,).
-        d: of those Q that do, shape (Q,).
-        a: the strictly lower triangle, row by row, shape (Q (Q - 1) / 2,).
     """
 
-    own: Bool[np.ndarray, " P"]
-    d: Float[np.ndarray, " Q"]
-    a: Float[np.ndarray, " A"]
+    own: Bool[np.ndarray, " P"]  # whether a symbol differs between units, shape (P,)
+    d: Float[np.ndarray, " Q"]  # of those Q that do, shape (Q,)
+    a: Float[np.ndarray, " A"]  # the strictly lower triangle, row by row, shape (Q (Q - 1) / 2,)
 
     @property
     def vector(self) -> Float[np.ndarray, " K"]:
@@ -110,21 +105,13 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Units under one covariance between them.
+    """Units under one covariance between them."""
 
-    Args:
-        value: -2 log L, restricted, prior included.
-        mean: mu, shape (P,).
-        mean_covariance: (sum W)^-1, shape (P, P).
-        weight: W, shape (N, P, P).
-        pull: W (x - mu), shape (N, P).
-    """
-
-    value: float
-    mean: Float[np.ndarray, " P"]
-    mean_covariance: Float[np.ndarray, "P P"]
-    weight: Float[np.ndarray, "N P P"]
-    pull: Float[np.ndarray, "N P"]
+    value: float  # -2 log L, restricted, prior included
+    mean: Float[np.ndarray, " P"]  # mu, shape (P,)
+    mean_covariance: Float[np.ndarray, "P P"]  # (sum W)^-1, shape (P, P)
+    weight: Float[np.ndarray, "N P P"]  # W, shape (N, P, P)
+    pull: Float[np.ndarray, "N P"]  # W (x - mu), shape (N, P)
 
 
 def weights(data: Scaled, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -221,18 +208,12 @@ class View(NamedTuple):
     correlations are to be told besides. Few units tell none, and a prior that keeps them off +-1 draws the standard
     deviations with it: where units are fewer than `ENOUGH` a symbol each symbol is taken for itself, with its marginal
     errors. Where they are more, one unit's worth of prior will do, and draws by a unit's share.
-
-    Args:
-        data: units as they are looked at.
-        start: where the search starts.
-        held: entries of (d, a) that it leaves alone.
-        prior: of the correlations, units' worth.
     """
 
-    data: Scaled
-    start: Spread
-    held: Bool[np.ndarray, " K"]
-    prior: float
+    data: Scaled  # units as they are looked at
+    start: Spread  # where the search starts
+    held: Bool[np.ndarray, " K"]  # entries of (d, a) that it leaves alone
+    prior: float  # of the correlations, units' worth
 
 
 def spread_view(data: Scaled, start: Spread, settings: PopulationSettings) -> View:

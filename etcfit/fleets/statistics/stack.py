@@ -20,19 +20,12 @@ MOST_WIDENED, MOST_WIDENED_TO_SHRINK = 3.0, 2.0
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Estimates of N units in the union of their symbols; what a unit does not have is without information.
+    """Estimates of N units in the union of their symbols; what a unit does not have is without information."""
 
-    Args:
-        units: their names.
-        symbols: in the order in which the units bring them.
-        estimate: SI, shape (N, P).
-        information: 1/SI^2, shape (N, P, P).
-    """
-
-    units: tuple[str, ...]
-    symbols: tuple[str, ...]
-    estimate: Float[np.ndarray, "N P"]
-    information: Float[np.ndarray, "N P P"]
+    units: tuple[str, ...]  # their names
+    symbols: tuple[str, ...]  # in the order in which the units bring them
+    estimate: Float[np.ndarray, "N P"]  # SI, shape (N, P)
+    information: Float[np.ndarray, "N P P"]  # 1/SI^2, shape (N, P, P)
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Stack:
         """Those units alone."""
@@ -105,28 +98,18 @@ class Scaled:
 
     H_u has a zero row for every direction that the unit does not inform. All statistics are written with H and x, so
     that a direction without information takes part with weight nought, and a strong one loses no digits.
-
-    Args:
-        stack: what it is made from.
-        centre: robust, SI, shape (P,).
-        scale: SI, shape (P,).
-        root: H, shape (N, P, P).
-        x: shape (N, P).
-        rank: directions that each unit informs, shape (N,).
-        tells: whether a unit's data alone tell a symbol, shape (N, P).
-        variance: of its own estimate then, marginal, infinite where it tells nothing, shape (N, P).
-        spread: robust standard deviation between units, symbol by symbol, shape (P,).
     """
 
-    stack: Stack
-    centre: Float[np.ndarray, " P"]
-    scale: Float[np.ndarray, " P"]
-    root: Float[np.ndarray, "N P P"]
-    x: Float[np.ndarray, "N P"]
-    rank: Float[np.ndarray, " N"]
-    tells: Bool[np.ndarray, "N P"]
+    stack: Stack  # what it is made from
+    centre: Float[np.ndarray, " P"]  # robust, SI, shape (P,)
+    scale: Float[np.ndarray, " P"]  # SI, shape (P,)
+    root: Float[np.ndarray, "N P P"]  # H, shape (N, P, P)
+    x: Float[np.ndarray, "N P"]  # shape (N, P)
+    rank: Float[np.ndarray, " N"]  # directions that each unit informs, shape (N,)
+    tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone tell a symbol, shape (N, P)
+    # of its own estimate then, marginal, infinite where it tells nothing, shape (N, P)
     variance: Float[np.ndarray, "N P"]
-    spread: Float[np.ndarray, " P"]
+    spread: Float[np.ndarray, " P"]  # robust standard deviation between units, symbol by symbol, shape (P,)
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Scaled:
         """Those units alone, in the same scale."""
