@@ -45,7 +45,7 @@ class Foretold:
     overshoot: Range  # % of the step, the larger of up and back
     settling: Range  # s, likewise
     error: Range  # rms of target - position over both, % of the travel
-    # the same with the gains that were in the ECU before; None where these are not known, or made the log
+    # error with the gains that were in the ECU before; None where these are not known, or made the log
     before: Range | None = None
     # rms error of the model on motion that was not fitted, % of the travel; None where nothing was held out
     off: float | None = None

@@ -40,9 +40,7 @@ class LimitCycle:
 
     amplitude: float  # half of what the plate moves to and fro, per cent of travel; median over the rests with one
     period: float  # s
-    # of the time at rest that was looked at in which there is one, 0 to 1; a rest with one counts from where the answer
-    # to the step before it is over
-    share: float
+    share: float  # of the time at rest in which the plate oscillates, 0 to 1, from where the answer to a step is over
     kind: Kind  # "stick-slip", "instability", or "unknown" where the log is too slow or too coarse to tell
     still: float  # share of the period in which the plate is nearly still; 0.16 for a sine
     where: tuple[float, float]  # setpoints with an oscillation, least and largest, per cent

@@ -44,8 +44,7 @@ class Tracking:
     # the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: of second order,
     # critically damped
     within_reach: float = 0.0
-    # the same by parts of the travel, those in which the setpoint was for half a second at least
-    ranges: tuple[InRange, ...] = ()
+    ranges: tuple[InRange, ...] = ()  # parts of the travel in which the setpoint was for half a second or more
 
 
 def tracking(position: Series, setpoint: Series) -> Tracking:

@@ -172,8 +172,7 @@ class PartsVerdict:
     of_run: tuple[str, ...]  # parameters that the fleet does not tell, taken from the run
     left_out: Mapping[str, str]  # units that are none of the parts, with why
     rules: Mapping[str, OnParts]  # by name, those that have gains
-    # of supply, winding and friction, the proposed gains on every measured unit at each of them; a unit's corners one
-    # after another
+    # the proposed gains on each measured unit at each corner of supply, winding and friction, unit by unit
     corners: OneByOne
     anywhere: OneByOne  # the proposed gains on the drawn units, each under conditions drawn for it
 

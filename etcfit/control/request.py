@@ -18,10 +18,8 @@ class DesignRequest:
     rule: str = "optimal"  # whose gains are proposed
     adc_bits: int = 12  # of the position sensor, over its travel
     feed_forward: Asked = False  # terms ahead of the PID, see `model.feed_forward`
-    # what a response must stay below, by field of `Requirements`; the rest as there
-    limits: Mapping[str, float] = field(default_factory=dict)
-    # what is given of the ECU, by field; see `control.design.ecu_of` for the rest
-    ecu: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)  # by field of `Requirements`; the others stay
+    ecu: Mapping[str, float] = field(default_factory=dict)  # given fields of the ECU; see `control.design.ecu_of`
     profile: str | None = None  # name of the make of ECU, see `model.ecus`; None for none in particular
     log: Path | str | None = None  # from the car, whose setpoint is one scenario more; None for none
     # run folder of a fleet, on whose units the gains are to hold; None for the one model alone

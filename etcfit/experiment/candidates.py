@@ -72,8 +72,7 @@ class Shape:
 
     name: str
     bands: tuple[float, ...]  # Hz, the fastest that is in it; each a candidate
-    # of time, evenly spaced from 0, s, shape (n,), and band; dimensionless, shape (n,)
-    wave: Callable[[np.ndarray, float], np.ndarray]
+    wave: Callable[[np.ndarray, float], np.ndarray]  # of evenly spaced times from 0, s, shape (n,), and band
     says: Callable[[float], str]  # what it is with this band, in a few words for whoever plays it
     test: str = "response"  # rig test whose folder takes the record
 

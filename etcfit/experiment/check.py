@@ -82,8 +82,7 @@ class CheckResult:
     readings: Readings | None  # the paper's graphs; None where they could not be read either
     warnings: tuple[str, ...]  # what a reader must know, `why_not` included
     why_not: str = ""  # why there is no verdict, or ""
-    # what knowing a gain of the ECU would tell besides, a sentence each; () where no such gain is sought
-    gains: tuple[str, ...] = ()
+    gains: tuple[str, ...] = ()  # sentences: what knowing a gain of the ECU would tell; () where none is sought
     settings: CheckSettings = CheckSettings()  # what it was decided by
     follows: tuple[Study, ...] = ()  # traces with a setpoint, as `drive` judges a log, by the same thresholds
 

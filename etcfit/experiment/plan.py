@@ -33,8 +33,8 @@ class Setting:
     rest: float  # where the plate rests without a drive, rad
     rate: float  # at which driven plates are logged, Hz
     duration: float  # of such a log, s
-    # by rig test, the channels that this rig logs in it: those seen in a trace of the same boundary, for a shaft's
-    # speed is seen with the gear apart only, and an EMF at open terminals
+    # channels that this rig logs, by rig test: those seen in a trace of the same boundary, for a shaft's speed is seen
+    # with the gear apart only, and an EMF at open terminals
     logged: Mapping[str, frozenset[str]]
     settings: PlanSettings = PlanSettings()  # of the plans
 

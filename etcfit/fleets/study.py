@@ -42,10 +42,8 @@ class FleetStudy:
     # the units as models, by their shrunk values; None where the common model has a parameter of which no unit has a
     # value
     model: FleetModel
-    # what a line measures, by name, unit by unit in the order of `model.units`, odd ones among them
-    figures: Mapping[str, FigureResult]
-    # of the ordinary units, the same hot and cold, on a weak battery and a charged one
-    predictions: tuple[Prediction, ...]
+    figures: Mapping[str, FigureResult]  # what a line measures, by name, in the order of `model.units`, odd ones too
+    predictions: tuple[Prediction, ...]  # figures of the ordinary units hot and cold, on a weak and a charged battery
     settings: FleetSettings  # that all of it was decided by
 
     @property

@@ -65,8 +65,8 @@ class UnitResult:
     digest: str  # SHA-256 of its inputs, the settings and the version that it was fitted with
     seconds: float  # that the fit took
     warnings: tuple[str, ...] = ()  # what a reader must know
-    # by symbol of `own`, how many times wider the standard error is that its fit states for itself, where residuals are
-    # correlated or traces disagree; `own` is without: see `statistics.stack.robust`
+    # widening of the standard error that the fit states, by symbol of `own`, where residuals are correlated or traces
+    # disagree; `own` is without it: see `statistics.stack.robust`
     widening: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -81,5 +81,5 @@ class FailedUnit:
 
     unit: str  # its name
     why: str  # the message, as a person must read it
-    # of what was tried; "" where it was never read. Data that are wrong stay wrong, and are not tried again.
+    # digest of what was tried; "" where it was never read. Data that are wrong stay wrong, and are not tried again
     digest: str = ""

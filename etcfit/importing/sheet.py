@@ -80,7 +80,7 @@ class Sheet:
     columns: tuple[Column, ...]  # each of shape (n,)
     remarks: tuple[str, ...] = ()  # what the reader had to decide
     losses: tuple[str, ...] = ()  # rows or columns that were left out because they are damaged, each in a sentence
-    # what the file itself says it holds and does not, or what cannot be read; somebody must accept that
+    # sentences: what the file says it holds and does not, and what cannot be read; somebody must accept that
     missing: tuple[str, ...] = ()
 
     @property

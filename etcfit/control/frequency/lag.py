@@ -51,7 +51,7 @@ class Lag:
     corners: tuple[float, ...]  # rad/s, of each factor of second order, then of that of first order
     damping: tuple[float, ...]  # zeta of each factor of second order
     delay: float  # s; 0 where it has none
-    # of (ln K, d, (ln w, zeta) for each factor of second order, ln w of the first); nan where one vanished
+    # standard errors of ln K, d, ln w and zeta of each factor of second order, ln w of the first; NaN if one vanished
     stderr: np.ndarray
     tau: float  # what it fails to explain, relative (and rad)
     aicc: float  # see the module's head

@@ -77,8 +77,7 @@ class Waves:
     offsets: Mapping[str, float]  # o of each signal
     outside: Mapping[str, float]  # share of each signal's power about offset and drift that is not in the fundamental
     in_harmonics: Mapping[str, np.ndarray]  # share that is in the 2nd to the Hth
-    # of real part and minus imaginary part of the fundamentals, in the order of `amplitudes`, shape (2 C, 2 C) each:
-    # from rows, and from whole cycles
+    # covariances of the fundamentals' real and minus imaginary parts, shape (2 C, 2 C): from rows, from whole cycles
     covariances: tuple[np.ndarray, np.ndarray]
 
     def ratio(self, over: Mapping[str, float], under: Mapping[str, float]) -> Ratio:

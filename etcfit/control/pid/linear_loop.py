@@ -30,8 +30,8 @@ _QUICKEST = 1e-4  # ticks: the lag that a sensor without one is given beside pla
 class SampledPlant(NamedTuple):
     """See the module; its state is the output as the ECU reads it, what lags behind it, its derivatives by the tick."""
 
-    phi: Float[np.ndarray, "*plants n n"]  # Phi, shape (..., n, n)
-    gamma: Float[np.ndarray, "*plants M n"]  # Gamma_j, newest voltage first, shape (..., M, n)
+    phi: Float[np.ndarray, "*plants n n"]  # Phi
+    gamma: Float[np.ndarray, "*plants M n"]  # Gamma_j, newest voltage first
     period: float  # T, s
 
     def __call__(self, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*plants W"]:
@@ -119,8 +119,8 @@ class ClosedLoop(NamedTuple):
     (rad/s) and what it last differenced, c r - y (rad).
     """
 
-    flow: Float[np.ndarray, "*loops S S"]  # F, shape (..., S, S)
-    entry: Float[np.ndarray, "*loops S"]  # g, shape (..., S)
+    flow: Float[np.ndarray, "*loops S S"]  # F
+    entry: Float[np.ndarray, "*loops S"]  # g
 
     @property
     def spectral_radius(self) -> Float[np.ndarray, "*loops"]:
@@ -201,9 +201,9 @@ class OpenLoop(NamedTuple):
     """Plants under an ECU, prepared once for the margins of any gains."""
 
     plants: SampledPlant  # as its clock sees them, shape (...)
-    response: Complex[np.ndarray, "*plants W"]  # G at each z, rad/V, shape (..., W)
-    at_rest: Float[np.ndarray, "*plants"]  # G(1), rad/V, shape (...); infinite without a spring
-    z: Complex[np.ndarray, " W"]  # on the unit circle, the last -1, shape (W,)
+    response: Complex[np.ndarray, "*plants W"]  # G at each z, rad/V
+    at_rest: Float[np.ndarray, "*plants"]  # G(1), rad/V; infinite without a spring
+    z: Complex[np.ndarray, " W"]  # on the unit circle, the last -1
     ecu: Ecu  # the controller
 
     @classmethod

@@ -31,8 +31,7 @@ class JamCheck:
     timeout: float  # after which it does, s
     longest: float  # for how long a sound throttle is further off, s
     sustained: float  # error that a sound throttle keeps up for the timeout, share of the travel
-    # by scenario, s from a change of the setpoint until a plate that is held where it is is told; None where the
-    # setpoint does not ask for enough
+    # detection time of a held plate by scenario, s from a change of the setpoint; None where that asks for too little
     tells: dict[str, float | None]
 
 

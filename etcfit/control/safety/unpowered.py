@@ -29,8 +29,7 @@ class Return:
     """How the plate returns from one opening; the worst of all models."""
 
     opening: float  # at which the current is cut, share of the travel
-    # s until the plate stays near its limp-home position, or the closed stop where it has none, terminals open; None
-    # for not while watched
+    # s until the plate stays near its limp-home position, else the closed stop, terminals open; None: not while watched
     cut_s: float | None
     shorted_s: float | None  # likewise with shorted terminals, which brake it
     rests: tuple[float, float]  # where it comes to rest on open terminals, share of the travel: least and largest

@@ -58,8 +58,8 @@ class Portion(NamedTuple):
 
     worker: str  # address of who did it
     seconds: float  # that it took
-    # of the first orders, one each; None where the stored result still holds. Orders without an end were not begun,
-    # because those before took longer than expected.
+    # ends of the first orders; None where the stored result still holds. The other orders were not begun, because
+    # these took longer than expected
     ends: tuple[UnitResult | FailedUnit | Trouble | None, ...]
 
 

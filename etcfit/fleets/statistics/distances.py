@@ -28,11 +28,10 @@ FEWEST = 4  # units that tell a symbol; of fewer none can be called far
 class Distances:
     """Of N units."""
 
-    squared: Float[np.ndarray, " N"]  # d^2, shape (N,)
-    rank: Float[np.ndarray, " N"]  # directions the unit informs, shape (N,)
+    squared: Float[np.ndarray, " N"]  # d^2
+    rank: Float[np.ndarray, " N"]  # directions the unit informs
     scale: float  # of the null, see `null_scale`
-    # that an ordinary unit is as far, in all symbols together or in any one alone, shape (N,); 1 where a unit informs
-    # nothing
+    # chance that an ordinary unit is as far, in all symbols or in any one, shape (N,); 1 where a unit informs nothing
     p: Float[np.ndarray, " N"]
 
 

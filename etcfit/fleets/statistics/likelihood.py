@@ -43,9 +43,9 @@ class Spread:
     d.
     """
 
-    own: Bool[np.ndarray, " P"]  # whether a symbol differs between units, shape (P,)
-    d: Float[np.ndarray, " Q"]  # of those Q that do, shape (Q,)
-    a: Float[np.ndarray, " A"]  # the strictly lower triangle, row by row, shape (Q (Q - 1) / 2,)
+    own: Bool[np.ndarray, " P"]  # whether a symbol differs between units
+    d: Float[np.ndarray, " Q"]  # of those Q that do
+    a: Float[np.ndarray, " A"]  # the strictly lower triangle, row by row, Q (Q - 1) / 2 entries
 
     @property
     def vector(self) -> Float[np.ndarray, " K"]:
@@ -108,10 +108,10 @@ class Weighed:
     """Units under one covariance between them."""
 
     value: float  # -2 log L, restricted, prior included
-    mean: Float[np.ndarray, " P"]  # mu, shape (P,)
-    mean_covariance: Float[np.ndarray, "P P"]  # (sum W)^-1, shape (P, P)
-    weight: Float[np.ndarray, "N P P"]  # W, shape (N, P, P)
-    pull: Float[np.ndarray, "N P"]  # W (x - mu), shape (N, P)
+    mean: Float[np.ndarray, " P"]  # mu
+    mean_covariance: Float[np.ndarray, "P P"]  # (sum W)^-1
+    weight: Float[np.ndarray, "N P P"]  # W
+    pull: Float[np.ndarray, "N P"]  # W (x - mu)
 
 
 def weights(data: Scaled, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -138,9 +138,9 @@ def _why(
 class Misfits:
     """N units."""
 
-    whole: Float[np.ndarray, " N"]  # z of chi2 per degree of freedom, shape (N,)
+    whole: Float[np.ndarray, " N"]  # z of chi2 per degree of freedom
     traces: tuple[tuple[TraceScore, ...], ...]  # of each unit, worst first
-    p: Float[np.ndarray, " N"]  # that an ordinary unit is as badly explained, shape (N,)
+    p: Float[np.ndarray, " N"]  # that an ordinary unit is as badly explained
 
 
 def misfits(results: Sequence[UnitResult]) -> Misfits:

@@ -37,17 +37,15 @@ class Population:
     """The design and its spread, SI."""
 
     symbols: tuple[str, ...]  # told by the fleet's data, P of them
-    mean: Float[np.ndarray, " P"]  # mu, shape (P,)
-    covariance: Float[np.ndarray, "P P"]  # Omega, zero for shared symbols, shape (P, P)
-    mean_covariance: Float[np.ndarray, "P P"]  # of mu if Omega were known, shape (P, P)
-    # of mu, from the scatter of the units, shape (P,); NaN where one unit alone tells it
-    mean_stderr: Float[np.ndarray, " P"]
-    degrees: Float[np.ndarray, " P"]  # of freedom of `mean_stderr`, shape (P,)
-    mean_interval: Float[np.ndarray, "P 2"]  # lower and upper bound, shape (P, 2); NaN where there is none
-    # of the standard deviation between units, shape (P, 2); NaN for shared symbols
-    sd_interval: Float[np.ndarray, "P 2"]
-    shared: Bool[np.ndarray, " P"]  # whether one value holds for all units, shape (P,)
-    informed: Int[np.ndarray, " P"]  # number of units whose own data alone tell it, shape (P,)
+    mean: Float[np.ndarray, " P"]  # mu
+    covariance: Float[np.ndarray, "P P"]  # Omega, zero for shared symbols
+    mean_covariance: Float[np.ndarray, "P P"]  # of mu if Omega were known
+    mean_stderr: Float[np.ndarray, " P"]  # by the scatter of the units; NaN where one unit alone tells the symbol
+    degrees: Float[np.ndarray, " P"]  # of freedom of `mean_stderr`
+    mean_interval: Float[np.ndarray, "P 2"]  # lower and upper bound; NaN where there is none
+    sd_interval: Float[np.ndarray, "P 2"]  # of the standard deviation between units; NaN for shared symbols
+    shared: Bool[np.ndarray, " P"]  # whether one value holds for all units
+    informed: Int[np.ndarray, " P"]  # number of units whose own data alone tell it
     uninformed: tuple[str, ...]  # symbols that the fleet's data do not tell
     units: tuple[str, ...]  # that the population is estimated from
     left_out: tuple[str, ...]  # those too far from it
@@ -181,9 +179,9 @@ class Shrunk:
 
     units: tuple[str, ...]  # their names
     symbols: tuple[str, ...]  # of the population
-    estimate: Float[np.ndarray, "N P"]  # posterior means, shape (N, P)
-    covariance: Float[np.ndarray, "N P P"]  # given the population, shape (N, P, P)
-    stderr: Float[np.ndarray, "N P"]  # that of the population's mean included, shape (N, P)
+    estimate: Float[np.ndarray, "N P"]  # posterior means
+    covariance: Float[np.ndarray, "N P P"]  # given the population
+    stderr: Float[np.ndarray, "N P"]  # that of the population's mean included
 
 
 def shrink(stack: Stack, of: Population) -> Shrunk:

@@ -24,8 +24,8 @@ class Stack:
 
     units: tuple[str, ...]  # their names
     symbols: tuple[str, ...]  # in the order in which the units bring them
-    estimate: Float[np.ndarray, "N P"]  # SI, shape (N, P)
-    information: Float[np.ndarray, "N P P"]  # 1/SI^2, shape (N, P, P)
+    estimate: Float[np.ndarray, "N P"]  # SI
+    information: Float[np.ndarray, "N P P"]  # 1/SI^2
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Stack:
         """Those units alone."""
@@ -101,15 +101,14 @@ class Scaled:
     """
 
     stack: Stack  # what it is made from
-    centre: Float[np.ndarray, " P"]  # robust, SI, shape (P,)
-    scale: Float[np.ndarray, " P"]  # SI, shape (P,)
-    root: Float[np.ndarray, "N P P"]  # H, shape (N, P, P)
-    x: Float[np.ndarray, "N P"]  # shape (N, P)
-    rank: Float[np.ndarray, " N"]  # directions that each unit informs, shape (N,)
-    tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone tell a symbol, shape (N, P)
-    # of its own estimate then, marginal, infinite where it tells nothing, shape (N, P)
-    variance: Float[np.ndarray, "N P"]
-    spread: Float[np.ndarray, " P"]  # robust standard deviation between units, symbol by symbol, shape (P,)
+    centre: Float[np.ndarray, " P"]  # robust, SI
+    scale: Float[np.ndarray, " P"]  # SI
+    root: Float[np.ndarray, "N P P"]  # H
+    x: Float[np.ndarray, "N P"]
+    rank: Float[np.ndarray, " N"]  # directions that each unit informs
+    tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone tell a symbol
+    variance: Float[np.ndarray, "N P"]  # of the unit's own estimate, marginal; infinite where it tells nothing
+    spread: Float[np.ndarray, " P"]  # robust standard deviation between units, symbol by symbol
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Scaled:
         """Those units alone, in the same scale."""
