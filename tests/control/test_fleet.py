@@ -133,7 +133,8 @@ def designed() -> Design:
     model = fleets.of(fleets.truths(60, 11, spread=SPREAD), position_noise=NOISE)
     rules = {name: RULES[name] for name in ("optimal", "simc")}
     future = future_units(model, asked=FleetDesignSettings(future=400))
-    return design_for_fleet(model, ecu_of(model.nominal), future=future, settings=QUICK, rules=rules)
+    with results.limits_unsought():
+        return design_for_fleet(model, ecu_of(model.nominal), future=future, settings=QUICK, rules=rules)
 
 
 @pytest.mark.slow
@@ -181,7 +182,8 @@ def test_what_no_gains_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     rules = {"optimal": RULES["optimal"]}
     monkeypatch.setattr(fleet, "REFINEMENTS", 1)
     settings = replace(results.BRIEF, draws=40)
-    found = design_for_fleet(model, ecu_of(model.nominal), settings=settings, rules=rules).fleet
+    with results.limits_unsought():
+        found = design_for_fleet(model, ecu_of(model.nominal), settings=settings, rules=rules).fleet
     assert found is not None
     assert not found.reached
     assert found.future is None
@@ -263,7 +265,8 @@ def compared() -> Compared:
     units = fleets.truths(24, 11, spread=SPREAD)
     fitted, parts = run_of(units[0]), parts_of(units)
     rules = {name: RULES[name] for name in ("optimal", "simc", "as_found")}
-    found = design(fitted, ecu_of(fitted), settings=QUICK, rules=rules, parts=parts)
+    with results.limits_unsought():
+        found = design(fitted, ecu_of(fitted), settings=QUICK, rules=rules, parts=parts)
     alone = RULES["optimal"](task_of(fitted, ecu_of(fitted), settings=QUICK))
     assert isinstance(alone, Gains)
     return Compared(found, parts, alone)
