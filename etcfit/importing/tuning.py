@@ -51,7 +51,7 @@ _MOVES = 6  # of the plate by 5 % of the travel, at least
 _SATURATED = 0.2  # share of the rows with the duty at its limit above which the log is doubtful
 _BLIND = 0.6  # the same, above which it tells nothing
 _AT_LIMIT = 0.98  # share of the largest duty of the ECU that counts as its limit
-_PIECE = 2.5  # length of what is fitted as one trace, about, s
+PIECE = 2.5  # length of what is fitted as one trace, about, s
 
 
 @dataclass(frozen=True)
@@ -298,7 +298,7 @@ def _texts(
             files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
         # under an ECU in the model feedback keeps the plate near, and each piece would have an integral to be found
         most = settings.most_samples
-        cuts = _cuts(log, end, _PIECE) if model == DUTY else list(_busiest(log, 0, end, most))
+        cuts = _cuts(log, end, PIECE) if model == DUTY else list(_busiest(log, 0, end, most))
         parts += [(log, a, b) for a, b in pairwise(cuts)]
     for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
         files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)

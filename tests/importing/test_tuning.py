@@ -127,7 +127,7 @@ def test_the_folder_is_one_and_its_end_is_held_out(tmp_path: Path) -> None:
 
 
 def test_of_a_long_log_the_busiest_stretch_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tuning, "_PIECE", 0.5)
+    monkeypatch.setattr(tuning, "PIECE", 0.5)
     rig = log(500.0)
     found = made(rig, settings=TuneSettings(most_samples=1000))
     rows = [len(text.splitlines()) - 2 for file, text in found.files.items() if file.endswith(".csv")]
