@@ -106,12 +106,8 @@ def draw_parameters(picture: ParameterPicture) -> Figure:
     """
     free = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable", "compromise")}
     shown = {s: i for s, i in free.items() if not is_share(s, picture.units[s])}
-    title = style.wrapped(f"{picture.rig}  ·  parameters of {picture.model}", 11.0, 13)
-    head = 0.75 + 0.24 * title.count("\n")
-    tall = 0.75 + head + 0.42 * max(1, len(shown))
-    fig = style.figure(11.0, tall, picture.synthetic)
-    panel = fig.subplots(1, 1)
-    fig.subplots_adjust(left=0.2, right=0.64, top=1.0 - head / tall, bottom=0.62 / tall)
+    title = f"{picture.rig}  ·  parameters of {picture.model}"
+    fig, panel = style.titled(title, 1.6 + 0.42 * max(1, len(shown)), (0.2, 0.64), picture.synthetic)
     panel.axvline(0.0, color="black", lw=0.8)
     others = [(picture.table_2, _TABLE_2), (picture.readings, _READING)]
     for row, (symbol, interval) in enumerate(shown.items()):
@@ -121,12 +117,11 @@ def draw_parameters(picture: ParameterPicture) -> Figure:
         text = _words(interval, picture.units[symbol])
         panel.text(1.02, row, text, transform=panel.get_yaxis_transform(), va="center", fontsize=10)
     _axes(panel, list(shown))
-    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     known = {symbol for symbol, interval in shown.items() if interval.low is not None}
     for values, mark in reversed(others):
         if values.keys() & known:
             panel.plot([], [], ls="none", **vars(mark))
-    style.legend(fig, [panel], 0.2, 1.0 - (head - 0.37) / tall, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 

@@ -222,7 +222,7 @@ def draw_tune(path: Path, found: Any) -> None:
         _steps(fig.add_subplot(grid[1, 0]), found)
         title = f"{found.profile.title}  ·  " + ("NOT FROM THIS LOG: the model is no estimate" if found.why_not else
                                                  "from the log to gains")  # fmt: skip
-        fig.suptitle(title, x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+        style.title(fig, title)
         style.save(fig, path)
 
 

@@ -37,7 +37,7 @@ def draw(each: Study, synthetic: bool) -> Figure:
     _histogram(left, each)
     _tones(right, each)
     _stretch(panel, each.log)
-    fig.suptitle(f"{each.log.name}  ·  {_says(each)}", x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{each.log.name}  ·  {_says(each)}")
     return fig
 
 
@@ -103,7 +103,7 @@ def draw_answers(each: Study, synthetic: bool) -> Figure | None:
     word = {"good": "good enough", "not good": "not good enough"}.get(
         each.verdict.word, "not enough in the log to judge"
     )
-    fig.suptitle(f"{each.log.name}  ·  {word}", x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{each.log.name}  ·  {word}")
     return fig
 
 

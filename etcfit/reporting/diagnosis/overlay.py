@@ -108,7 +108,7 @@ def draw(picture: Overlay) -> Figure:
         for panel in grid[:, 0]:  # where the zoom lies in the whole
             panel.axvspan(*picture.trace.instants[span][[0, -1]], color="#fff3c4", lw=0, zorder=0)
     _label(grid, picture)
-    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
+    style.title(fig, title, bold=True)
     style.legend(fig, list(grid.ravel()), 0.085, 1.0 - (head - 0.36) / tall, "upper left")
     return fig
 

@@ -38,7 +38,7 @@ def frame(content: Content, rest: str, size: tuple[float, float], grid: tuple[in
     head = style.wrapped(f"{title(content)}  ·  {rest}", wide, 13)
     top = 0.55 + 0.24 * head.count("\n")
     fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - top / tall), h_pad=0.08, w_pad=0.08)
-    fig.suptitle(head, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, head)
     return fig, list(fig.subplots(*grid, squeeze=False).ravel())
 
 

@@ -148,7 +148,7 @@ def draw_profiles(rig: str, profiles: Sequence[Profile], units: Mapping[str, str
         _panel(panel, profile, units[profile.symbol])
     for panel in grid.flat[len(profiles) :]:
         panel.set_visible(False)
-    fig.suptitle(f"{rig}  ·  profile likelihood", x=0.015, y=1.0 - 0.08 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{rig}  ·  profile likelihood")
     fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.4 / tall))
     return fig
 
@@ -203,10 +203,7 @@ class Spread:
 
 def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
     """A row a parameter; 95 % intervals about the fitted value, see `Spread.scale`."""
-    tall = 1.6 + 0.46 * max(1, len(spreads))
-    fig = style.figure(11.0, tall, synthetic)
-    panel = fig.subplots(1, 1)
-    fig.subplots_adjust(left=0.2, right=0.62, top=1.0 - 0.8 / tall, bottom=0.62 / tall)
+    fig, panel = style.titled(f"{rig}  ·  how sure", 1.6 + 0.46 * max(1, len(spreads)), (0.2, 0.62), synthetic)
     panel.axvline(0.0, color="black", lw=0.8)
     if any(spread.reading is not None for spread in spreads):
         panel.plot([], [], "o", color=style.MEASURED, label="graph reading")  # one beyond the edge is an arrow
@@ -218,8 +215,7 @@ def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure
     panel.set_xlim(-_EDGE, _EDGE)
     unit = "standard errors of the fit" if all(s.stderr is not None for s in spreads) else "standard deviations"
     panel.set_xlabel(f"distance from the fitted value [{unit}]")
-    fig.suptitle(f"{rig}  ·  how sure", x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
-    style.legend(fig, [panel], 0.015, 1.0 - 0.42 / tall, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 
