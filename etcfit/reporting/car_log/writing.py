@@ -152,7 +152,7 @@ def write_page(
     path: Path, config: RigConfig, studies: Sequence[Study], lacks: Sequence[Lack], drawn: Sequence[Sequence[Path]]
 ) -> None:
     """Write drive.html: a section a log with its pictures, and what to record next."""
-    made = environment(("etcfit.reporting.car_log", "template"), ("etcfit.reporting.page", "template"))
+    made = environment(("etcfit.reporting.car_log", "template"))
     logs = [
         {
             "name": each.log.name,

@@ -10,7 +10,7 @@ from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ..control.gains import design_parts
 from ..control.plant import plant_tables, sine_parts
 from ..control.sentence import cautions, why_withheld, withheld
-from ..html import environment, polynomial, symbol
+from ..html import environment, polynomial
 from ..pool import entries, errors_table
 from ..posterior import posterior_parts
 from ..table import Column, Table
@@ -72,7 +72,6 @@ def to_record(logs: Mapping[str, Any]) -> list[str]:
 def render(contents: Contents, budget: int = BUDGET) -> str:
     """The whole page, HTML; its pictures may take so many bytes."""
     made = environment(("etcfit.reporting.page", "template"))
-    made.filters["symbol"] = symbol
     return made.get_template("page.html").render(**_parts(contents, budget))
 
 

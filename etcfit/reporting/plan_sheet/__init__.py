@@ -173,8 +173,7 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
 
 
 def _render(campaign: Campaign, steps: list[Step]) -> str:
-    rooms = ("etcfit.reporting.plan_sheet", "etcfit.reporting.page")  # style and tables are the report's
-    made, current = environment(*((room, "template") for room in rooms)), campaign.settings.current
+    made, current = environment(("etcfit.reporting.plan_sheet", "template")), campaign.settings.current
     return made.get_template("sheet.html").render(
         rig=campaign.rig.config.name,
         synthetic=campaign.rig.config.synthetic,
