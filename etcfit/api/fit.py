@@ -18,7 +18,7 @@ from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
 from ..reporting.table import Table
 from ..reporting.tables import LOST, parameter_rows, parameters_table
-from ..run_folder.fit import keys_of_fit
+from ..run_folder.fit import fit_json
 from . import views
 from .progress import Report, silent
 from .trace import FittedTrace, named, traces_of
@@ -45,7 +45,7 @@ class Fit(View):
 
     @cached_property
     def _parameters(self) -> dict[str, dict[str, Any]]:
-        return keys_of_fit(self.result, "parameters")["parameters"]
+        return fit_json(self.result, "parameters")["parameters"]
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -78,7 +78,7 @@ class Fit(View):
     @property
     def combinations(self) -> pd.DataFrame:
         """What the plate feels of several parameters together (J_eq, B_eq, ...): columns as in `parameters`."""
-        return frame(parameter_rows(keys_of_fit(self.result, "lumped")["lumped"]), "symbol", _KEYS)
+        return frame(parameter_rows(fit_json(self.result, "lumped")["lumped"]), "symbol", _KEYS)
 
     @property
     def influence(self) -> pd.DataFrame:

@@ -41,9 +41,9 @@ class Record:
         """Its keys, for a record of which it is a part: taken from that attribute, dotted, of what the other is of."""
         return {name: each.taken_from(_beyond(path, each.source)) for name, each in self.keys.items()}
 
-    def written(self, source: Any) -> dict[str, Any]:
-        """The object of what it is taken from; a mapping that lacks a key leaves it out."""
-        every = {name: each.value(source) for name, each in self.keys.items()}
+    def written(self, source: Any, *names: str) -> dict[str, Any]:
+        """The object of what it is taken from, or these keys of it; a mapping that lacks a key leaves it out."""
+        every = {name: self.keys[name].value(source) for name in names or self.keys}
         return {name: value for name, value in every.items() if value is not _ABSENT}
 
     def schema(self) -> dict[str, Any]:

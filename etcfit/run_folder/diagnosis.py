@@ -22,11 +22,11 @@ from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
 from .shared import CONVERGED, FILES, FOLDER, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS, effects_of
 
 
-def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The object of diagnosis.json. Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers
+def diagnosis_json(diagnosis: Diagnosis, *keys: str) -> dict[str, Any]:
+    """The object of diagnosis.json, or some keys of it. Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers
     are in the unit that stands beside them.
     """
-    return plain(DIAGNOSIS.written(diagnosis))
+    return plain(DIAGNOSIS.written(diagnosis, *keys))
 
 
 def _rounds(found: Diagnosis) -> list[dict[str, Any]]:

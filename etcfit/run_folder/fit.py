@@ -23,14 +23,9 @@ _STATISTICAL, _STATED = "statistical only", "statistical and stated accuracy"
 _LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
 
 
-def fit_json(result: FitResult) -> dict[str, Any]:
-    """The object of fit.json."""
-    return plain(FIT.written(result))
-
-
-def keys_of_fit(result: FitResult, *keys: str) -> dict[str, Any]:
-    """Some keys of fit.json."""
-    return plain(Record("", "", **{name: FIT.keys[name] for name in keys}).written(result))
+def fit_json(result: FitResult, *keys: str) -> dict[str, Any]:
+    """The object of fit.json, or some keys of it."""
+    return plain(FIT.written(result, *keys))
 
 
 def ends(interval: Interval) -> list[float] | None:
