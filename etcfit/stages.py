@@ -143,7 +143,7 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
 
     result = fit(rig, part_of(report, 0.0, 0.98))
     keep_fit(run, result, part_of(report, 0.98, 1.0))
-    return Done(fit_table(result), failure(result), closing=of_run(run.path))
+    return Done(fit_table(result), _failure(result), closing=of_run(run.path))
 
 
 @_alone("diagnose")
@@ -170,7 +170,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(rounds.when_interrupted()) from None
     keep_diagnosis(run, found, part_of(report, 0.98, 1.0))
-    return Done(diagnosis_table(found), failure(found.after), rounds.remark, of_run(run.path))
+    return Done(diagnosis_table(found), _failure(found.after), rounds.remark, of_run(run.path))
 
 
 @_alone("sample")
@@ -199,7 +199,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     table = cautioned(posterior_table(posterior, profiled), result.state)
-    return Done(table, why or failure(result), posterior.remark, of_posterior(posterior, run.path))
+    return Done(table, why or _failure(result), posterior.remark, of_posterior(posterior, run.path))
 
 
 def _can_sample() -> None:
@@ -230,7 +230,7 @@ def reduce_run(
     keep_reduction(run, result, reduction, response, pade_order, report)
     table = reduction_table(result.fitted(), reduction, pade_order)
     shown = table if response is None else Group(table, sine_table(result.fitted(), response))
-    return Done(shown, failure(result), closing=of_plant(reduction, result.state, run.path))
+    return Done(shown, _failure(result), closing=of_plant(reduction, result.state, run.path))
 
 
 @_alone("design")
@@ -251,7 +251,7 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
     found = design_of(fitted, asked, drawn, part_of(report, 0.0, 0.95))
     keep_design(run, result, found, asked.recorded(), part_of(report, 0.95, 1.0))
-    return Done(design_table(found), failure(result), closing=of_design(found, result.state, run.path))
+    return Done(design_table(found), _failure(result), closing=of_design(found, result.state, run.path))
 
 
 def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: TuneRequest) -> Done:
@@ -263,7 +263,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     from .reporting.tune import tune_table
 
     found = tune(files, run, asked, report)
-    unfinished = "" if found.result is None else failure(found.result)
+    unfinished = "" if found.result is None else _failure(found.result)
     shown, closing = tune_table(tuned_json(found)), of_tune(found, run.path, files)
     return Done(shown, unfinished, closing=closing, stopped=found.why_not)
 
@@ -361,7 +361,7 @@ def export_run(
     done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into,
                     anyway)  # fmt: skip
     closing = of_export(done.files, done.cannot_hold, format_.title, result.state, run.path)
-    return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold), closing)
+    return Done("\n".join(map(str, done.files)), _failure(result), "\n".join(done.cannot_hold), closing)
 
 
 @_alone()
@@ -395,9 +395,10 @@ def write_interactive(run: RunFolder, report: Report) -> Done:
     return Done(None, page.failure, closing=of_run(run.path, page.path))
 
 
-def failure(result: FitResult) -> str:
-    """Why a model that is shown did not converge, or ""."""
-    return "" if result.converged else f"the fit of the model that is shown did not converge: {result.reason}"
+def _failure(result: FitResult) -> str:
+    from .run_folder.manifest import failure_of
+
+    return failure_of(result.converged, result.reason)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import pandas as pd
 from ..errors import UsageError
 from ..estimation.result import FitResult
 from ..problem.trace import Trace
+from ..reporting.table import role
 from ..rig.base import Channel
 
 
@@ -81,8 +82,7 @@ class FittedTrace:
         return what if len(self.channels) == 1 else f"{name}_{what}"
 
     def __repr__(self) -> str:
-        role = "held out" if self.held_out else "fitted"
-        return f"FittedTrace({self.file!r}, {role}, {', '.join(self.channels)}, {self.trace.instants.size} samples)"
+        return f"FittedTrace({self.file!r}, {role(self.held_out)}, {', '.join(self.channels)}, {self.trace.instants.size} samples)"
 
 
 def traces_of(result: FitResult) -> dict[str, FittedTrace]:

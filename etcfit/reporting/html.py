@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
-from .numbers import short
+from .numbers import SUPERSCRIPT, short
 from .table import Cell
 
 if TYPE_CHECKING:
@@ -103,7 +103,6 @@ def as_text(data: dict[str, Any]) -> str:
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"ohm": "Ω", "1": "", "deg": "°"}
 _GREEK = {"delta": "δ", "mu": "μ", "omega": "ω", "tau": "τ", "theta": "θ"}
 
@@ -130,14 +129,14 @@ def unit(text: str | None) -> str:
     if not text or text in _UNITS:
         return _UNITS.get(text or "1", "")
     text = re.sub(r"\bohm\b", "Ω", text).replace("**", "")
-    text = re.sub(r"(?<=[a-zA-Z])-?\d", lambda power: power[0].translate(_SUPERSCRIPT), text)
+    text = re.sub(r"(?<=[a-zA-Z])-?\d", lambda power: power[0].translate(SUPERSCRIPT), text)
     return text.replace("*", " · ") if "*" in text else text.replace(" ", " ")
 
 
 def figure(text: str) -> str:
     """1.2e-06 with a power of ten, a true minus sign."""
     mantissa, e, exponent = text.partition("e")
-    power = f" × 10{str(int(exponent)).translate(_SUPERSCRIPT)}" if e else ""
+    power = f" × 10{str(int(exponent)).translate(SUPERSCRIPT)}" if e else ""
     return mantissa.replace("-", "−") + power if mantissa != "-" else "–"
 
 

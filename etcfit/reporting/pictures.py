@@ -25,7 +25,7 @@ from ..rig.paper_readings import known
 from ..run_folder.fit import readings_of
 from . import style, traces
 from .drawing import Job
-from .numbers import Digits, is_share, short
+from .numbers import counted, is_share, short, with_error
 from .tables import model_words
 
 _AT_THE_MOTOR = {"K_b": 1, "K_m": 1, "B_m": 2}  # symbol -> power of N that takes it to the plate
@@ -151,11 +151,9 @@ def _relative(value: float, fitted: float) -> float:
 def _words(interval: Interval, unit: str) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of_value(interval.value, interval.spread)
-    spread = "" if interval.stderr is None else f" ± {digits(interval.stderr)}"
     remarks = [interval.remark] if interval.remark else []
     remarks += ["compromise"] if interval.status == "compromise" else []
-    return ", ".join([f"{digits(interval.value)}{spread} {unit}", *remarks])
+    return ", ".join([f"{with_error(interval.value, interval.stderr, interval.spread)} {unit}", *remarks])
 
 
 def _axes(panel: Axes, symbols: list[str]) -> None:
@@ -200,12 +198,7 @@ def briefly(result: FitResult) -> str:
     whole = model_words(result)
     first, *others = whole.split(" + ")
     of_throttle = " + ".join([first, *(name for name in others if name in EFFECT_BY_NAME)])
-    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), f"{first} + {counted(others)}")
-
-
-def counted(effects: Sequence[str]) -> str:
-    """ "2 effects"."""
-    return f"{len(effects)} effect{'s' if len(effects) > 1 else ''}"
+    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), f"{first} + {counted(len(others), 'effect')}")
 
 
 def file_name(trace: Trace) -> str:
@@ -249,8 +242,7 @@ def _lines(result: FitResult, test: str) -> tuple[str, ...]:
 def _fitted(interval: Interval) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of_value(interval.value, interval.spread)
-    return digits(interval.value) + ("" if interval.stderr is None else f" ± {digits(interval.stderr)}")
+    return with_error(interval.value, interval.stderr, interval.spread)
 
 
 def _units(result: FitResult) -> dict[str, str]:

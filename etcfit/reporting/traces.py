@@ -21,6 +21,7 @@ from ..problem.trace import Trace
 from ..rig.base import AbstractRigTest, Channel, Graph, Measurement, RigConfig
 from . import style
 from .numbers import short
+from .table import role
 
 _LEFT, _RIGHT = 0.105, 0.985  # edges of the panels, shares of the width
 
@@ -65,8 +66,7 @@ def _align_labels(fig: Figure, panels: Sequence[Axes]) -> None:
 
 def name_of(trace: Trace) -> str:
     """Its file, and whether it was fitted."""
-    role = "held out" if trace.measurement.held_out else "fitted"
-    return f"{trace.measurement.file}  ·  {role}"
+    return f"{trace.measurement.file}  ·  {role(trace.measurement.held_out)}"
 
 
 def source(trace: Trace, name: str) -> Channel:

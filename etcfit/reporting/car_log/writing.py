@@ -14,7 +14,7 @@ from ...car_log.coverage import Lack
 from ...car_log.others import SECOND, VOLTS_1, VOLTS_2
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
-from ...files import held, whole, write_json
+from ...files import held, write_json, write_text
 from ...rig.base import RigConfig
 from ...run_folder.drive import drive_json
 from .. import style
@@ -173,8 +173,7 @@ def write_page(
         changed=verdict(*studies) if len(studies) == 2 else "",
         to_record=[f"{lack.record}. It tells {lack.why}." for lack in lacks],
     )  # fmt: skip
-    with whole(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def write_drive(

@@ -14,7 +14,7 @@ from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run, tuned_of
 from ..page.verdict import left_unexplained, residuals
-from . import NEXT_LOG, Closing, counted, mended
+from . import NEXT_LOG, Closing, first_few, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line
@@ -106,8 +106,8 @@ def _known(contents: Contents) -> str:
     if why := final.get("compromise"):
         return f"Parameters are ranges, not estimates: {why}. An effect is missing, or the rig has a mistake."
     known, lost = _with_status(contents, "estimated"), _with_status(contents, "not identifiable")
-    said = f"{counted(known)} {'is' if len(known) == 1 else 'are'} known" if known else "No parameter is known"
-    said += f"; these data cannot tell {counted(lost)}" if lost else ""
+    said = f"{first_few(known)} {'is' if len(known) == 1 else 'are'} known" if known else "No parameter is known"
+    said += f"; these data cannot tell {first_few(lost)}" if lost else ""
     if contents.score.get("chi2_per_dof") is None:
         return f"{said}; the model cannot be simulated over all of the data."
     return f"{said}; the model leaves {residuals(contents.score).partition(';')[0]}."  # the page has the rest

@@ -14,8 +14,9 @@ from ...estimation.identifiability import listed
 from ...problem.prediction_error import PredictionError, rows
 from ...problem.trace import Trace
 from .. import style
-from ..numbers import short
-from ..pictures import briefly, counted
+from ..numbers import counted, short
+from ..pictures import briefly
+from ..table import role
 from ..traces import drive
 from .ledger import Shown, in_degrees, scales
 
@@ -61,9 +62,8 @@ class Overlay:
             _rows(d, [row for row in (*result.score_fit, *result.score_holdout) if row.file == file])
             for result in (d.before, d.after)
         )
-        role = "held out" if trace.measurement.held_out else "fitted"
         models = f"before: {briefly(d.before)}", _after(d)
-        return cls(trace, before, after, was, now, synthetic, models, role)
+        return cls(trace, before, after, was, now, synthetic, models, role(trace.measurement.held_out))
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -77,7 +77,7 @@ def _after(d: Diagnosis) -> str:
     if not d.added:
         return "after"
     names = listed(d.added)
-    return f"after: + {names if len(names) <= _ROOM else counted(d.added)}"
+    return f"after: + {names if len(names) <= _ROOM else counted(len(d.added), 'effect')}"
 
 
 def _rows(d: Diagnosis, errors: Sequence[PredictionError]) -> tuple[PredictionError, ...]:

@@ -16,7 +16,7 @@ from rich.text import Text
 from ...errors import first_names
 from ...ranges import check_ranges, real, whole
 from ..blocks import all_shown, headline, stacked
-from ..numbers import Digits, short
+from ..numbers import Digits, counted, mean_digits, short
 from ..table import Cell, Column, Kind, Notes, Table, of_texts
 
 Content = Mapping[str, Any]  # fleet.json
@@ -63,11 +63,6 @@ def verdict(content: Content, judgement: Judgement = JUDGEMENT) -> tuple[Sentenc
 def title(content: Content) -> str:
     """The fleet's name; one without is called so."""
     return content.get("name") or "Fleet without a name"
-
-
-def counted(count: int, thing: str) -> str:
-    """ "1 unit", "2,000 units"."""
-    return f"{count:,} {thing}{'' if count == 1 else 's'}"
 
 
 def _units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
@@ -221,13 +216,9 @@ def _named(content: Content, kind: str, name: str) -> list[dict[str, Any]]:
     return [{name: key, **each} for key, each in (content.get(kind) or {}).items()]
 
 
-def _digits(row: Mapping[str, Any]) -> Digits:
-    return Digits.of_value(row["mean"] or 0.0, row["sd"])
-
-
 _MEAN = (
-    Column("mean", lambda row: _digits(row)(row["mean"])),
-    Column("spread, 1 sd", lambda row: _digits(row)(row["sd"]), spare=3),
+    Column("mean", lambda row: mean_digits(row)(row["mean"])),
+    Column("spread, 1 sd", lambda row: mean_digits(row)(row["sd"]), spare=3),
 )
 
 
@@ -275,7 +266,7 @@ def figures_table(content: Content) -> Table:
     return Table("What the line measures", (
         Column("figure", lambda row: row["figure"].replace("_", " "), "word"),
         Column("meaning", "meaning", "prose", spare=1), _MEAN[0], _MEAN[1]._replace(spare=0),
-        Column("95 % of units", lambda row: _digits(row).span(row["low"], row["high"])),
+        Column("95 % of units", lambda row: mean_digits(row).span(row["low"], row["high"])),
         Column("unit", "unit", "word")), _named(content, "figures", "figure"), file=_FILE)  # fmt: skip
 
 

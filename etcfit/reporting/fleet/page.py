@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...files import plain, whole
+from ...files import plain, write_text
 from ...fleets.config import ZERO_CELSIUS
 from .. import html, packed
 from ..html import Parts, scripted
@@ -216,11 +216,8 @@ part = Parts((("etcfit.reporting.fleet", "template"),))
 
 def write_fleet_page(run: Path, content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> Path:
     """Write RUN/fleet.html from fleet.json and units.parquet, whole or not at all; where it is."""
-    page = render(content, units, judgement)
-    path = run / NAME
-    with whole(path) as draft:
-        draft.write_text(page, encoding="utf-8")
-    return path
+    write_text(run / NAME, render(content, units, judgement))
+    return run / NAME
 
 
 def render(content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> str:

@@ -10,9 +10,9 @@ from typing import Any
 from ... import __version__
 from ...estimation.goodness import STRAYS
 from ...estimation.settings import ContradictionSettings
-from ...files import plain, whole
+from ...files import plain, write_text
 from ...run_folder.folder import RunFolder
-from ...run_folder.manifest import require
+from ...run_folder.manifest import failure_of, require
 from ..html import Parts, scripted
 from ..page import Page
 from ..page.contents import read_run
@@ -77,7 +77,5 @@ def write_interactive(run: RunFolder) -> Page:
     simulated = simulation(final)
     page = render(content(run, simulated), simulated.script)
     path = run.path / NAME
-    with whole(path) as draft:
-        draft.write_text(page, encoding="utf-8")
-    why = "" if final.converged else f"the fit of the model that is shown did not converge: {final.reason}"
-    return Page(path, why)
+    write_text(path, page)
+    return Page(path, failure_of(final.converged, final.reason))

@@ -14,7 +14,7 @@ from rich.console import RenderableType
 
 from ...experiment.campaign import Campaign, PlannedTest, band, logger
 from ...experiment.plan import channels
-from ...files import whole
+from ...files import write_text
 from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
 from .. import style
@@ -167,8 +167,7 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
     """Draw PLAN/pictures and write PLAN/procedure.html; where the page is."""
     steps = [_step(folder, campaign, number, test) for number, test in enumerate(campaign.tests, 1)]
     path = folder / "procedure.html"
-    with whole(path) as draft:
-        draft.write_text(_render(campaign, steps), encoding="utf-8")
+    write_text(path, _render(campaign, steps))
     return path
 
 

@@ -21,7 +21,7 @@ from ...run_folder.fit import readings_of
 from ...run_folder.posterior import disagree
 from .. import style
 from ..drawing import Job
-from ..numbers import Digits
+from ..numbers import with_error
 from ..pictures import file_name
 from ..traces import headed, name_of, signal, source, stack
 
@@ -129,8 +129,7 @@ def _means(picture: CornerPicture) -> str:
     lines = [f"{picture.rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
     lines += ["orange: what the data were made from"] if picture.truths else []
     for s, d in picture.draws.items():
-        digits = Digits.of_value(float(np.mean(d)), float(np.std(d)))
-        lines.append(f"{s} = {digits(float(np.mean(d)))} ± {digits(float(np.std(d)))} {picture.units[s]}")
+        lines.append(f"{s} = {with_error(float(np.mean(d)), float(np.std(d)))} {picture.units[s]}")
     return "\n".join(lines)
 
 
@@ -243,9 +242,8 @@ def _row(panel: Axes, row: int, spread: Spread) -> None:
 
 
 def _words(spread: Spread) -> str:
-    digits = Digits.of_value(spread.mean, spread.sd)
     flag = "   > 20 % apart" if spread.apart else ""
-    return f"{digits(spread.mean)} ± {digits(spread.sd)} {spread.unit}{flag}"
+    return f"{with_error(spread.mean, spread.sd)} {spread.unit}{flag}"
 
 
 def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> list[Job]:
