@@ -65,7 +65,7 @@ class Figure:
     Args:
         name, unit: of it.
         low, high: foretold; infinite for never.
-        least, most: that still are as foretold.
+        least, most: that still are as foretold; infinite where there is no such limit.
         found: in the log; infinite for never.
     """
 

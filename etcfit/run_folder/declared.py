@@ -8,8 +8,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from inspect import cleandoc
+from types import NoneType
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from ..model.figure import figures_of
 
@@ -175,6 +181,64 @@ def figures(result: Any, meaning: str, symbols: Iterable[str] | None = None, ref
     declared = figures_of(result)
     shown = list(declared if symbols is None else symbols)
     return Record(meaning, ref, **{s: key("number?", f"{declared[s].meaning} In {declared[s].unit}.") for s in shown})
+
+
+def record_of(
+    result: Any,
+    null: Collection[str] = (),
+    optional: Collection[str] = (),
+    without: Collection[str] = (),
+    ref: str = "",
+    **others: Key,
+) -> Record:
+    """The fields of a dataclass, each with its type and what the docstring of the class says of it.
+
+    Args:
+        result: the class.
+        null: fields that may be infinite or NaN, or hold such numbers, which JSON has as null.
+        optional: that may be absent, see `key`.
+        without: that are not written.
+        ref: see `Record`.
+        others: keys in place of a field's, or behind them.
+    """
+    said, hints, keys = _said_of_fields(result), get_type_hints(result), {}
+    for name in (each.name for each in fields(result) if each.name not in without):
+        kind, more = _kind(hints[name])
+        if name in null and isinstance(kind, str) and not kind.endswith("?"):
+            kind = kind.replace("number", "number?") if kind[0] in "[{" else f"{kind}?"
+        keys[name] = others.get(name) or key(kind, said.get(name, ""), optional=name in optional, **more)
+    return Record(cleandoc(result.__doc__).partition("\n")[0], ref, **keys | others)
+
+
+def _said_of_fields(result: Any) -> dict[str, str]:
+    """The section Args of its docstring; what is infinite or None there is null in JSON."""
+    section = cleandoc(result.__doc__).partition("Args:\n")[2]
+    entries = re.findall(r"^    (\S[^:\n]*): (.*(?:\n {8}.*)*)", section, re.MULTILINE)
+    sentences = {names: re.sub(r"\b(None|infinite)\b", "null", " ".join(text.split())) for names, text in entries}
+    return {name: (text if re.match(r"s\b", text) else text[0].upper() + text[1:]).removesuffix(".") + "."
+            for names, text in sentences.items() for name in names.split(", ")}  # fmt: skip
+
+
+_KINDS = {float: "number", int: "whole", bool: "flag", str: "text", np.ndarray: "[number]"}
+
+
+def _kind(hint: Any) -> tuple[str | Record | Many, dict[str, Any]]:
+    """What `key` calls a type, and further keywords for it."""
+    inner = [each for each in get_args(hint) if each not in (NoneType, Ellipsis)]
+    if hint in _KINDS:
+        return _KINDS[hint], {}
+    if get_origin(hint) is Literal:
+        return "text", {"enum": inner}
+    if NoneType in get_args(hint):
+        kind, more = _kind(inner[0])
+        return (f"{kind}?", more) if isinstance(kind, str) else (kind, {"null": True})
+    if is_dataclass(hint):
+        return record_of(hint), {}
+    kind, _ = _kind(inner[-1])
+    listed = get_origin(hint) is tuple
+    if isinstance(kind, Record):
+        return (list_of if listed else by_name)(kind), {}
+    return f"[{kind}]" if listed else f"{{{kind}}}", {}
 
 
 def schema_of_file(kind: str, record: Record) -> dict[str, Any]:
