@@ -103,7 +103,6 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
     """The run folder, for the stages below.
 
     Args:
-        run: the folder.
         out: where files will be written; RUN itself where None.
         folder: the measurements, where they will be fitted.
     Raises:
@@ -291,10 +290,8 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
 
     Args:
         location: of the fleet, a folder or an address that fsspec opens.
-        run: the run folder.
         workers: processes of this machine; None for one a core.
         scheduler: address of one that is there already; None for processes of this machine.
-        report: progress.
         watch: told where the workers can be watched.
     """
     keep_compiled()
@@ -473,8 +470,6 @@ def run_all(
     """Run every stage that is not done yet, in order; one that was made with options before, with the same ones.
 
     Args:
-        folder: the measurements.
-        path: the run folder; made if absent.
         progress: opened for each stage in turn, with how long it will take; None where nothing is known of that.
         show: called after each stage with its name and what came of it, None where it was done before this run.
         stages: in order; the same one may come again, and runs where what it shows has changed.
@@ -572,11 +567,9 @@ def run(
     """Everything from a measurement folder to RUN/report.html, in order; what is done already is not done again.
 
     Args:
-        folder: the measurements.
         out: the run folder; made if absent.
         profile: name of the make of ECU that gains are designed for; None for what they were before, else for none.
         until: the last stage: fit, diagnose, reduce, design or sample; the page is written all the same.
-        quiet: show no progress.
     Returns:
         The last model in it, as `etcfit.load` gives it.
     Raises:

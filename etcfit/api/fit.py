@@ -35,11 +35,7 @@ _KEYS = ("value", "stderr", "low", "high", "unit", "status")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(View):
-    """The joint fit of a rig: `etcfit.fit(rig)`.
-
-    Args:
-        result: the fit in full.
-    """
+    """The joint fit of a rig: `etcfit.fit(rig)`."""
 
     result: FitResult
 
@@ -141,8 +137,6 @@ class Fit(View):
     def trace(self, file: str) -> FittedTrace:
         """One trace beside its simulation.
 
-        Args:
-            file: as in `traces`.
         Raises:
             UsageError: there is no such trace.
         """
@@ -161,11 +155,7 @@ class Fit(View):
         return fit_table(self.result)
 
     def save(self, run: str | Path) -> Path:
-        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit.
-
-        Args:
-            run: made if absent.
-        """
+        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit."""
         from ..run_folder.folder import RunFolder
         from .work import keep_fit
 

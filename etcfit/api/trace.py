@@ -20,7 +20,6 @@ class FittedTrace:
     """One measured trace beside what the model says of it.
 
     Args:
-        trace: as measured.
         predicted: free-running simulation, SI, shape (n, M).
         whitened: what the fit minimised, independent of sample to sample where the model is right, sigma, shape (n, M);
             None where the trace was held out.

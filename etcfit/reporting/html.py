@@ -51,11 +51,7 @@ _VENDOR: Room = ("etcfit.reporting.interactive", "page")  # the package's list o
 
 @dataclass(frozen=True)
 class Parts:
-    """Files of a page, by name.
-
-    Args:
-        own: rooms where they are looked for before those that every page shares.
-    """
+    """Files of a page, by name."""
 
     own: tuple[Room, ...]
 
@@ -82,8 +78,6 @@ def scripted(
     """A page to work with, whole, from `page.html` of its own room.
 
     Args:
-        part: its files.
-        carried: data that its scripts read.
         style, scripts: names of files beyond those that all such pages have.
         before: scripts that are in no file.
         given: what else the template shows.

@@ -80,7 +80,6 @@ class ParameterPicture:
     """What the picture of the parameters shows.
 
     Args:
-        rig: its name.
         model: in words.
         intervals: by symbol.
         units: SI, by symbol.

@@ -107,7 +107,6 @@ class TracePicture:
     """What a trace's picture shows.
 
     Args:
-        trace: as measured.
         predicted: free-run simulation, SI, shape (n, M).
         residual: in sigma, shape (n, M).
         residual_label: what the residual is.

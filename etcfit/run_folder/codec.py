@@ -44,8 +44,6 @@ def save(path: Path, value: Any, known: Mapping[str, Any] | None = None) -> None
     """Write an object, whole or not at all.
 
     Args:
-        path: of the file.
-        value: what to write.
         known: objects that are saved elsewhere, by name; where one of them is met its name is written.
     Raises:
         TypeError: part of it is of a kind that cannot be written.
@@ -58,7 +56,6 @@ def load(path: Path, known: Mapping[str, Any] | None = None) -> Any:
     """Read an object that `save` wrote.
 
     Args:
-        path: of the file.
         known: objects that were saved elsewhere, by the names given to `save`.
     Raises:
         Unreadable: no such file, not whole, or written by another version.

@@ -192,7 +192,6 @@ class KeptRounds:
 
     Args:
         run: the run folder, which holds the fit.
-        result: that fit.
     """
 
     remark = ""  # that rounds which were there could not be taken up, and where they lie now

@@ -33,8 +33,6 @@ def drive_json(
     """The object of drive.json; what is infinite becomes null, as a settling that never comes.
 
     Args:
-        config: of the rig.
-        studies: a log each.
         lacks: what to record next.
         beside: the log beside what was foretold for it, see `reporting.car_log.foretold.Held`; None where nobody asked.
     """

@@ -43,7 +43,6 @@ class FleetFiles:
     """What lies in the run folder of a fleet.
 
     Args:
-        content: fleet.json.
         units: units.parquet, one row a unit and symbol.
     """
 
@@ -55,8 +54,6 @@ def save_fleet(run: Path, study: FleetStudy, rig: Toml, pages: Mapping[str, str]
     """Write both files, each whole or not at all.
 
     Args:
-        run: the run folder.
-        study: what is known.
         rig: tables of one unit's rig.toml, for whoever designs for the fleet.
         pages: odd unit -> its page, below the run folder.
     """
@@ -212,7 +209,6 @@ def figures_over(
     """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
 
     Args:
-        units: their names.
         measured: what `fleets.line.measured` gave.
         odd: names of units that do not count in mean and spread.
     """

@@ -23,7 +23,6 @@ class Source:
     """A file to be read.
 
     Args:
-        path: of the file.
         where: what messages call it, as the user gave it.
         buses: DBC files that say what the frames of a bus log mean.
         most: bytes that its numbers may take in memory.

@@ -32,7 +32,6 @@ class BodePicture:
     """What the plot shows.
 
     Args:
-        rig: its name.
         plant: transfer function.
         draws: coefficients b0, a2, a1, a0 from their covariance, shape (D, 4).
         unit: output over input.

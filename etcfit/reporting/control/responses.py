@@ -139,7 +139,6 @@ def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> N
     """What the draws of the nonlinear model do, or the units of a fleet: quantiles of `Tuned.band`.
 
     Args:
-        panel: to draw in.
         time: s, shape (K,).
         band: at these instants, shape (3, K).
         models: "draws" or "units".

@@ -75,12 +75,7 @@ UNSTABLE = "UNSTABLE"
 
 
 class Place(NamedTuple):
-    """The scenario in which a response comes nearest to a limit, or misses it by most.
-
-    Args:
-        scenario: its name.
-        hardest: the requirement on the response.
-    """
+    """The scenario in which a response comes nearest to a limit, or misses it by most."""
 
     scenario: str
     hardest: Hardest

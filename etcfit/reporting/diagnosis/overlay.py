@@ -32,7 +32,6 @@ class Overlay:
     """What the picture shows.
 
     Args:
-        trace: as measured.
         before, after: free-run simulations of the first and of the final model, SI, shape (n, M) each.
         rows_before, rows_after: their scores, a channel each.
         synthetic: the data were made up.

@@ -34,11 +34,7 @@ _WORD = {
 
 @dataclass(frozen=True)
 class Light:
-    """The verdict on one trace.
-
-    Args:
-        channels: what is left in each.
-    """
+    """The verdict on one trace."""
 
     channels: tuple[Goodness, ...]
 

@@ -18,7 +18,6 @@ class Page:
     """What came of writing it.
 
     Args:
-        path: where the page is.
         failure: why the model that it shows did not converge, or "".
         missing: why pictures are missing from it, or "".
     """

@@ -70,7 +70,6 @@ class CornerPicture:
     """What a corner plot shows.
 
     Args:
-        rig: its name.
         draws: SI by symbol, shape (D,) each.
         units: by symbol.
         truths: SI by symbol, where known.
