@@ -81,7 +81,8 @@ class FittedTrace:
         return what if len(self.channels) == 1 else f"{name}_{what}"
 
     def __repr__(self) -> str:
-        return f"FittedTrace({self.file!r}, {role(self.held_out)}, {', '.join(self.channels)}, {self.trace.instants.size} samples)"
+        what = f"{role(self.held_out)}, {', '.join(self.channels)}, {self.trace.instants.size} samples"
+        return f"FittedTrace({self.file!r}, {what})"
 
 
 def traces_of(result: FitResult) -> dict[str, FittedTrace]:

@@ -82,7 +82,8 @@ def scripted(
         before: scripts that are in no file.
         given: what else the template shows.
     """
-    return environment(*part.own).get_template("page.html").render(
+    template = environment(*part.own).get_template("page.html")
+    return template.render(
         text=as_text(carried),
         styles=part.every((LIBRARY_STYLE, "base.css", style)),
         scripts=[*before, *part.every((LIBRARY, *scripts))],

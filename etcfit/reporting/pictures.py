@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -197,7 +197,8 @@ def briefly(result: FitResult) -> str:
     whole = model_words(result)
     first, *others = whole.split(" + ")
     of_throttle = " + ".join([first, *(name for name in others if name in EFFECT_BY_NAME)])
-    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), f"{first} + {counted(len(others), 'effect')}")
+    brief = f"{first} + {counted(len(others), 'effect')}"
+    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), brief)
 
 
 def file_name(trace: Trace) -> str:

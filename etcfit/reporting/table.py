@@ -141,4 +141,3 @@ def text_of(value: Any, digits: int = 3) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return str(value) if isinstance(value, int) else short(value, digits)
-

@@ -253,4 +253,3 @@ def _refuse_circles(toml: Toml, known: Mapping[str, Knowledge]) -> None:
                                  "One of them must be free or have a value.", "Untie one.")  # fmt: skip
             seen.append(knowledge.to)
             knowledge = known.get(knowledge.to, Start(0.0))
-

@@ -23,8 +23,10 @@ from .shared import CONVERGED, FILES, FOLDER, REASON, RIG, SYMBOL, SYNTHETIC, VE
 
 
 def diagnosis_json(diagnosis: Diagnosis, *keys: str) -> dict[str, Any]:
-    """The object of diagnosis.json, or some keys of it. Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers
-    are in the unit that stands beside them.
+    """The object of diagnosis.json, or some keys of it.
+
+    Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that
+    stands beside them.
     """
     return plain(DIAGNOSIS.written(diagnosis, *keys))
 

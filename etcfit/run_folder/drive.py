@@ -57,8 +57,8 @@ LOG = Record(
     seconds=key("number", "Its length.", lambda study: np.ptp(study.log.position.time)),
     columns=key("{text}", "Header in the file of each quantity that was taken.", "log.columns", optional=True),
     usage=key(record_of(Usage), "Where the plate spends its time."),
-    spectrum=key(record_of(Spectrum, null=("amplitude", "dominant", "half")), "How fast it is moved; null of a log that is too "
-        "short.", null=True),
+    spectrum=key(record_of(Spectrum, null=("amplitude", "dominant", "half")),
+        "How fast it is moved; null of a log that is too short.", null=True),
     tracking=key(TRACKING, "How closely it follows; null without a setpoint.", null=True),
     steps=key(list_of(record_of(Step, null=("settling",))), "Every step of the setpoint, in the order of time.",
         optional=True),
@@ -91,7 +91,7 @@ DRIVE = Record(
     rig=RIG.taken_from("config.name"),
     synthetic=SYNTHETIC.taken_from("config.synthetic"),
     logs=key(list_of(LOG), "One for each log, in the order studied."),
-    record_next=key(list_of(record_of(Lack)), "What these logs lack for gains to be told from them, what wins most first.",
-        optional=True),
+    record_next=key(list_of(record_of(Lack)), 
+        "What these logs lack for gains to be told from them, what wins most first.", optional=True),
     foretold=key(FORETOLD, "The log beside what `etcfit tune` foretold; there with --foretold.", optional=True),
 )  # fmt: skip

@@ -52,11 +52,13 @@ class Held:
 def foretold_table(held: Held) -> RenderableType:
     """A row a figure: foretold, what still is as foretold, found."""
     levels = held.told["large_steps"]
-    rows = [(f"{figure.name}, {figure.unit}", between(figure.low, figure.high), _allowed(figure), or_never(figure.found),
+    rows = [(f"{figure.name}, {figure.unit}", between(figure.low, figure.high), _allowed(figure),
+             or_never(figure.found),
              "as foretold" if figure.as_foretold else Cell("NOT as foretold", "bad"))
             for figure in held.found.figures]  # fmt: skip
+    gains = f"the {held.made_with.replace('_', '-')} gains"
     title = (f"{held.log}: {held.found.steps} steps from {levels['low_pct']:g} to {levels['high_pct']:g} % of the "
-             f"travel and back, beside what {held.run} foretold for the {held.made_with.replace('_', '-')} gains")  # fmt: skip
+             f"travel and back, beside what {held.run} foretold for {gains}")  # fmt: skip
     heads = ("figure", "foretold", "as foretold", "in this log", "verdict")
     return shown(of_texts(title, heads, rows, 1, {"verdict": "word"}))
 

@@ -104,7 +104,8 @@ def _candidates(k: int, each: Mapping[str, Any]) -> Table:
     return Table(title, (
         Column("effect", "effect", "word"), Column("outcome", mark, "word"),
         Column("screened gain", lambda row: row.get("screened"), spare=1), Column("fit ratio", "fit_rms_ratio"),
-        Column("held-out ratio", "holdout_rms_ratio"), Column("BIC", bic)), every[:_SHOWN], keys=2, file=_FILE)  # fmt: skip
+        Column("held-out ratio", "holdout_rms_ratio"), Column("BIC", bic)),
+        every[:_SHOWN], keys=2, file=_FILE)  # fmt: skip
 
 
 def _parameters(before: FitResult, after: FitResult) -> RenderableType:

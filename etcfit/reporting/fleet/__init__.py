@@ -277,7 +277,9 @@ def gauge_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
         share = row["rr_percent"]
         return Cell("-") if share is None else Cell(f"{short(share)} %", "bad" if share > judgement.gauge else "")
 
-    title = f"Gauge R&R, standard deviations of the same units measured again; more than {judgement.gauge:g} % is marked"
+    title = (
+        f"Gauge R&R, standard deviations of the same units measured again; more than {judgement.gauge:g} % is marked"
+    )
     return Table(title, (
         Column("gauge of", "symbol", "symbol"), Column("repeatability", "repeatability"),
         Column("rig", "rig", spare=4), Column("operator", "operator", spare=3),

@@ -51,7 +51,6 @@ def power_of(values: np.ndarray | Sequence[float]) -> int:
     return 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
 
 
-
 def unit_of(unit: str, power: int) -> str:
     """ "10⁻⁶ kg m²", as an axis has it in brackets."""
     plain = "1" if unit in ("", "1") else unit.replace("**2", "²").replace("*", " ")
