@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -57,7 +58,7 @@ class Sensors:
         apart_rms: root mean square of the difference, likewise.
     """
 
-    unit: str
+    unit: Literal["V", "%"]
     first: Ends
     second: Ends
     stops: float
@@ -133,7 +134,7 @@ class Setting:
 
 
 def two_sensors(
-    first: Series, second: Series, unit: str, opens: float, tps: tuple[float, float] | None = None
+    first: Series, second: Series, unit: Literal["V", "%"], opens: float, tps: tuple[float, float] | None = None
 ) -> Sensors | None:
     """Study a pair; None where the first one hardly moves.
 

@@ -22,7 +22,7 @@ class Usage:
         shares: of the time in each bin, shape (n,), sums to 1.
         bounds: two positions, per cent.
         between: share of the time between them.
-        shortest: the shortest interval that holds `SHARE` of the time, per cent.
+        shortest: the shortest interval that holds 77 % of the time, per cent.
     """
 
     edges: np.ndarray

@@ -188,6 +188,7 @@ def record_of(
     null: Collection[str] = (),
     optional: Collection[str] = (),
     without: Collection[str] = (),
+    shares: Collection[str] = (),
     ref: str = "",
     **others: Key,
 ) -> Record:
@@ -198,23 +199,29 @@ def record_of(
         null: fields that may be infinite or NaN, or hold such numbers, which JSON has as null.
         optional: that may be absent, see `key`.
         without: that are not written.
+        shares: that lie from 0 to 1, or hold such numbers.
         ref: see `Record`.
         others: keys in place of a field's, or behind them.
     """
     said, hints, keys = _said_of_fields(result), get_type_hints(result), {}
     for name in (each.name for each in fields(result) if each.name not in without):
         kind, more = _kind(hints[name])
-        if name in null and isinstance(kind, str) and not kind.endswith("?"):
-            kind = kind.replace("number", "number?") if kind[0] in "[{" else f"{kind}?"
+        if name in null and isinstance(kind, str):
+            kind = (
+                re.sub(r"number(?!\?)(?=[\]}])", "number?", kind) if kind[0] in "[{" else f"{kind.removesuffix('?')}?"
+            )
+        if name in shares:
+            within = {"minimum": 0, "maximum": 1}
+            more |= {"each": within} if isinstance(kind, str) and kind[0] in "[{" else within
         keys[name] = others.get(name) or key(kind, said.get(name, ""), optional=name in optional, **more)
     return Record(cleandoc(result.__doc__).partition("\n")[0], ref, **keys | others)
 
 
 def _said_of_fields(result: Any) -> dict[str, str]:
-    """The section Args of its docstring; what is infinite or None there is null in JSON."""
+    """The section Args of its docstring; what is None, NaN or infinite there is null in JSON."""
     section = cleandoc(result.__doc__).partition("Args:\n")[2]
     entries = re.findall(r"^    (\S[^:\n]*): (.*(?:\n {8}.*)*)", section, re.MULTILINE)
-    sentences = {names: re.sub(r"\b(None|infinite)\b", "null", " ".join(text.split())) for names, text in entries}
+    sentences = {names: re.sub(r"\b(None|NaN|infinite)\b", "null", " ".join(text.split())) for names, text in entries}
     return {name: (text if re.match(r"s\b", text) else text[0].upper() + text[1:]).removesuffix(".") + "."
             for names, text in sentences.items() for name in names.split(", ")}  # fmt: skip
 
@@ -238,7 +245,8 @@ def _kind(hint: Any) -> tuple[str | Record | Many, dict[str, Any]]:
     listed = get_origin(hint) is tuple
     if isinstance(kind, Record):
         return (list_of if listed else by_name)(kind), {}
-    return f"[{kind}]" if listed else f"{{{kind}}}", {}
+    pair = {} if not listed or Ellipsis in get_args(hint) else {"minItems": len(inner), "maxItems": len(inner)}
+    return f"[{kind}]" if listed else f"{{{kind}}}", pair
 
 
 def schema_of_file(kind: str, record: Record) -> dict[str, Any]:

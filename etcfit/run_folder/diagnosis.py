@@ -92,8 +92,12 @@ UNEXPLAINED = Record(
     doubts=key("[text]", "Named effects that it replaces as well as they explain the data: they are not proven.",
         optional=True),
 )  # fmt: skip
-STATEMENT = record_of(Statement)
-QUESTION = record_of(Question)
+STATEMENT = record_of(
+    Statement,
+    shares=("probability",),
+    certainty=key("text", "found from 0.90, probably from 0.70, may be below.", enum=["found", "probably", "may be"]),
+)
+QUESTION = record_of(Question, shares=("answers",))
 DISCREPANCY = Record(
     "One curve.",
     enters=key("text", '"torque", "friction", "voltage" or "position".'),

@@ -131,7 +131,9 @@ PARAMETER = Record(
         "nothing to say.", lambda each: each["remark"] or None, optional=True),
 )  # fmt: skip
 PULL = record_of(Pull, without=("moved",))
-CONTRADICTION = record_of(Contradiction, without=("moved",), unit=key("text", "SI unit of value and without."))
+CONTRADICTION = record_of(
+    Contradiction, without=("moved",), shares=("p", "share"), unit=key("text", "SI unit of value and without.")
+)
 BUDGET = Record(
     "One parameter.",
     stderr_statistical=key("number?", "Standard error without the instruments' accuracy, SI."),
