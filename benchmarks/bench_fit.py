@@ -134,7 +134,7 @@ def _median(runs: Iterable[Any], of: Callable[[Any], float]) -> float:
 def needed(fitted_run: Path, stages: dict[str, Any]) -> dict[str, int]:
     """How many Jacobians etcfit computed, by what for."""
     starts = [start["steps"] for start in json.loads((fitted_run / "fit.json").read_text())["starts"]]
-    besides = {"beside its steps": stages["jacobians"]["besides"]}
+    besides = {"beside its steps": stages["jacobians"].get("besides", 0)}
     rounds = stages["jacobians"]["steps"] - sum(starts)
     return {"from the reading": starts[0], "other starts": sum(starts[1:]), "rounds of whitening": rounds} | besides
 

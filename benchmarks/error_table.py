@@ -72,7 +72,7 @@ def with_table(task: Task, far: Gains, share: float) -> Task:
 def fares(task: Task, gains: Gains) -> Scores:
     """Over all draws, nothing kept in hand."""
     linear = OpenLoop.of_plants(task.loop.linear(), task.loop.ecu, COARSE)
-    return scores(task, Gains(*(np.array([gain]) for gain in gains)), task.loop, linear, 0.0)
+    return scores(task, Gains.stacked(gains), task.loop, linear, 0.0)
 
 
 def main() -> None:

@@ -72,7 +72,7 @@ def tuned(task: Task, rule: str) -> Gains:
 def row(task: Task, gains: Gains) -> str:
     """Figures of our simulation, and the generator's tracking error and overshoot."""
     loop, time = task.loop, task.setpoint.instants(ECU.period)
-    ours = loop.tried(Gains(*(np.array([g]) for g in gains)), task.setpoint).figures
+    ours = loop.tried(Gains.stacked(gains), task.setpoint).figures
     asked = np.asarray(loop.angle(task.setpoint.at(time)))
     computer = Computer(*(float(g) for g in gains), period=ECU.period, supply=ECU.limit, filter=ECU.filter,
                         grain=ECU.resolution)  # fmt: skip

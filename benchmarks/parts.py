@@ -113,7 +113,7 @@ def of_truth(fitted: Fitted, units: tuple[UnitTruth, ...]) -> Throttle:
 
 def met_on(task: Task, gains: Gains) -> np.ndarray:
     """Whether the models of a task, but for the nominal one, meet everything."""
-    return over_models(task, task.loop, Gains(*(np.array([g]) for g in gains))).of_rule(0).met(task.requirements)[1:]
+    return over_models(task, task.loop, Gains.stacked(gains)).of_rule(0).met(task.requirements)[1:]
 
 
 def main() -> None:

@@ -14,6 +14,7 @@ import os
 import sys
 import time
 from collections import Counter, defaultdict
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
@@ -56,20 +57,28 @@ class Clock:
             self.spans.append((EVENTS[event], now - duration_secs, now))
             self.programs[str(kwargs.get("fun_name", "?")).removeprefix("jit(").removesuffix(")")] += duration_secs
 
-    def count(self, descent: Any, problem: Any) -> None:
-        """Have Jacobians counted: one a step of Levenberg-Marquardt, and one a linearisation."""
-        minimise, linearise = descent.minimise, problem.EstimationProblem.linearise
+    def count(self, descent: Any, others: Iterable[Any]) -> None:
+        """Have Jacobians counted: one a step of Levenberg-Marquardt, and one a linearisation.
 
-        def minimised(*args: Any) -> Any:
-            x, steps = minimise(*args)
+        Args:
+            descent: the module of the solver.
+            others: modules that have imported its functions by name.
+        """
+        minimise, linearise_at = descent.minimise, descent.linearise_at
+
+        def minimised(*args: Any, **kwargs: Any) -> Any:
+            x, steps = minimise(*args, **kwargs)
             self.jacobians["steps"] += steps
             return x, steps
 
-        def linearised(*args: Any) -> Any:
+        def linearised(*args: Any, **kwargs: Any) -> Any:
             self.jacobians["besides"] += 1
-            return linearise(*args)
+            return linearise_at(*args, **kwargs)
 
-        descent.minimise, problem.EstimationProblem.linearise = minimised, linearised
+        for module in (descent, *others):
+            for name, counted in (("minimise", minimised), ("linearise_at", linearised)):
+                if hasattr(module, name):
+                    setattr(module, name, counted)
 
 
 def shares(spans: list[Span], begin: float, end: float) -> dict[str, float]:
@@ -87,11 +96,10 @@ def measure(command: list[str], begin: float) -> dict[str, Any]:
     import jax
 
     import etcfit.estimation.joint_fit
-    import etcfit.estimation.levenberg_marquardt
     import etcfit.reporting.pictures  # so that importing it counts as such
     from etcfit import reporting
     from etcfit.cli import app
-    from etcfit.problem import problem
+    from etcfit.estimation import edges, free_run, levenberg_marquardt, rounds
     from etcfit.rig import reader
 
     clock = Clock()
@@ -99,7 +107,7 @@ def measure(command: list[str], begin: float) -> dict[str, Any]:
     clock.around(reader, "read_folder", "read")
     clock.around(etcfit.estimation.joint_fit, "fit", "run")
     clock.around(reporting, "draw_fit", "pictures")
-    clock.count(etcfit.estimation.levenberg_marquardt, problem)
+    clock.count(levenberg_marquardt, (edges, free_run, rounds))
     app(command, standalone_mode=False)
     seconds = shares(clock.spans, begin, time.time())
     largest = sorted(clock.programs.items(), key=lambda item: -item[1])[:12]

@@ -425,7 +425,7 @@ def drive(
             refuse_among_measurements(logs, out)
         from .api.foretold import one_held_against
         from .car_log import study
-        from .car_log.place import logs_at
+        from .car_log.read import logs_at
         from .car_log.study import chosen
         from .reporting.car_log import compared_table, drive_table
         from .reporting.car_log.writing import write_drive

@@ -39,4 +39,4 @@ def plant(of: Loop) -> TransferFunction:
 
 def one(*gains: float) -> Gains:
     """Gains of shape (1,)."""
-    return Gains(*(np.array([g]) for g in gains))
+    return Gains.stacked(Gains(*gains))

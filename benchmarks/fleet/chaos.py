@@ -42,17 +42,11 @@ class Check:
 
 def stored(run: Path) -> dict[str, float | None]:
     """Unit -> seconds of the fit that the store holds last; None for one that failed."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+    from etcfit.fleets.engine.store import Store
+    from etcfit.fleets.unit import UnitResult
 
-    out: dict[str, float | None] = {}
-    for file in sorted((run / "parts").glob("[0-9]*.parquet")):
-        try:
-            table = pq.read_table(file, columns=["unit", "seconds"])
-        except (FileNotFoundError, pa.ArrowInvalid):  # made part of another since, or not yet whole
-            continue
-        out.update(zip(table["unit"].to_pylist(), table["seconds"].to_pylist(), strict=True))
-    return out
+    ends = Store(run / "parts").ends() if (run / "parts").is_dir() else ()
+    return {end.unit: end.seconds if isinstance(end, UnitResult) else None for end in ends}
 
 
 def until(holds: Callable[[], bool], running: Watched, limit: float) -> None:

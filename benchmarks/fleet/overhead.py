@@ -31,7 +31,6 @@ class Cost:
         read: s to read all results back.
         before, peak: resident set of the client, MiB.
         store: of RUN/parts, MiB.
-        files: in it.
     """
 
     units: int
@@ -42,7 +41,6 @@ class Cost:
     before: float
     peak: float
     store: float
-    files: int
 
 
 class Peak:
@@ -99,9 +97,7 @@ def cost(piece: tuple[int, int]) -> Cost:
                 read = time.perf_counter() - start
             if back != count:
                 raise AssertionError(f"{back} results of {count} units")
-        files = list(parts.glob("*.parquet"))
-        size = sum(file.stat().st_size for file in files) / 2**20
-        return Cost(count, begin, walls[0], walls[1], read, before, peak.rss, size, len(files))
+        return Cost(count, begin, walls[0], walls[1], read, before, peak.rss, store.path.stat().st_size / 2**20)
 
 
 def _silent(what: str, share: float) -> None:
@@ -110,12 +106,12 @@ def _silent(what: str, share: float) -> None:
 
 def table(costs: list[Cost]) -> str:
     heads = ("units", "start s", "first s", "ms a unit", "again s", "ms a unit again", "read back s",
-             "client MiB before", "client MiB largest", "store MiB", "files")  # fmt: skip
+             "client MiB before", "client MiB largest", "store MiB")  # fmt: skip
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for c in sorted(costs, key=lambda c: c.units):
         cells = (f"{c.units}", f"{c.begin:.1f}", f"{c.first:.1f}", f"{1e3 * c.first / c.units:.3f}", f"{c.again:.1f}",
                  f"{1e3 * c.again / c.units:.3f}", f"{c.read:.1f}", f"{c.before:.0f}", f"{c.peak:.0f}",
-                 f"{c.store:.1f}", f"{c.files}")  # fmt: skip
+                 f"{c.store:.1f}")  # fmt: skip
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

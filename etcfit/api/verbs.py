@@ -430,7 +430,7 @@ def drive(
     with working(quiet) as report:
         report("reading the logs", 0.0)
         from ..car_log import study
-        from ..car_log.place import logs_at
+        from ..car_log.read import logs_at
         from ..car_log.study import chosen
         from .foretold import one_held_against
         from .measurements import Driven

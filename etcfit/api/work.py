@@ -64,14 +64,14 @@ def plant_of(
         settings: which sine traces count; the defaults where None.
     """
     from ..control.frequency import frequency_response
-    from ..control.linearise import motor_constants, reduce, stops
+    from ..control.linearise import motor_constants, reduce
     from ..control.settings import FrequencySettings
     from ..rig.driven import Sine
 
     report("linearising", 0.3)
     fitted, sines = result.fitted(), tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)
     reduction = reduce(fitted, input_unit, output_unit, share)
-    reduction = replace(reduction, constants=motor_constants(fitted, *stops(fitted), share))
+    reduction = replace(reduction, constants=motor_constants(fitted, *fitted.config.stops, share))
     if not sines:
         return Plant(reduction, None)
     report("fitting sines", 0.6)
@@ -145,7 +145,6 @@ def fleet_design_of(
 def _computer(fitted: Fitted, asked: DesignRequest) -> tuple[Ecu, EcuProfile | None]:
     """The ECU by what is given of it and what its make fixes."""
     from ..control.design import ecu_of
-    from ..control.linearise import stops
     from ..model.ecus import named
 
     make, ecu = None if asked.profile is None else named(asked.profile), asked.ecu
@@ -153,7 +152,7 @@ def _computer(fitted: Fitted, asked: DesignRequest) -> tuple[Ecu, EcuProfile | N
         if clash := make.clashes(ecu):
             raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
         ecu = make.completed(ecu)
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     return ecu_of(fitted, **({"resolution": (upper - lower) / 2**asked.adc_bits} | dict(ecu))), make
 
 

@@ -2,7 +2,7 @@
 
 Source: the paper, Sections 2 and 4.3.
 
-What reads files (`place`, `read`) loads every format of `importing`, so it is imported by its own name: each fit looks
+What reads files (`read`) loads every format of `importing`, so it is imported by its own name: each fit looks
 at the thresholds here.
 """
 

@@ -20,17 +20,11 @@ _DEFAULT = 3.0, 20.0  # per cent: between which a limp-home position lies
 
 @dataclass(frozen=True)
 class Moves:
-    """What some logs ask for.
+    """What some logs ask for."""
 
-    Args:
-        steps: setpoint before and after each quick change between two rests, per cent, shape (n, 2).
-        rests: duration of each rest, s.
-        reach: least and largest setpoint, per cent; nothing where no log has a setpoint.
-    """
-
-    steps: np.ndarray
-    rests: np.ndarray
-    reach: tuple[float, float] | None
+    steps: np.ndarray  # setpoint before and after each quick change between two rests, per cent, shape (n, 2)
+    rests: np.ndarray  # duration of each rest, s
+    reach: tuple[float, float] | None  # least and largest setpoint, per cent; nothing where no log has a setpoint
 
     def between(self, low: float, high: float, sign: int) -> int:
         """Steps of a size (per cent) between two, one way."""
@@ -40,43 +34,27 @@ class Moves:
 
 @dataclass(frozen=True)
 class Wanted:
-    """One kind of moves.
+    """One kind of moves."""
 
-    Args:
-        name: in words.
-        record: what to do.
-        why: what it tells.
-        needed: how much of it, in the unit of `there`.
-        there: how much of it some moves hold.
-        unit: of it.
-    """
-
-    name: str
-    record: str
-    why: str
-    needed: float
-    there: Callable[[Moves], float]
+    name: str  # in words
+    record: str  # what to do
+    why: str  # what it tells
+    needed: float  # how much of it, in the unit of `there`
+    there: Callable[[Moves], float]  # how much of it some moves hold
     unit: str
 
 
 @dataclass(frozen=True)
 class Lack:
-    """A log to record next.
+    """A log to record next."""
 
-    Args:
-        name: of the moves that lack.
-        found, needed: how much of them.
-        unit: of both.
-        record: what to do.
-        why: what it tells.
-    """
-
-    name: str
+    name: str  # of the moves that lack
+    # found, needed: how much of them
     found: float
     needed: float
-    unit: str
-    record: str
-    why: str
+    unit: str  # of both
+    record: str  # what to do
+    why: str  # what it tells
 
 
 def _both_ways(low: float, high: float) -> Callable[[Moves], float]:

@@ -15,23 +15,14 @@ _PAPER = "the paper, section 4.1"
 
 @dataclass(frozen=True)
 class Criterion:
-    """value <= limit is good; where `at_least`, value >= limit.
+    """value <= limit is good; where `at_least`, value >= limit."""
 
-    Args:
-        name: what is judged, in words.
-        limit: threshold, in `unit`.
-        unit: of value and limit.
-        meaning: how the value is worked out.
-        source: of the threshold.
-        at_least: the value must not be below the limit.
-    """
-
-    name: str
-    limit: float
-    unit: str
-    meaning: str
-    source: str
-    at_least: bool = False
+    name: str  # what is judged, in words
+    limit: float  # threshold, in `unit`
+    unit: str  # of value and limit
+    meaning: str  # how the value is worked out
+    source: str  # of the threshold
+    at_least: bool = False  # the value must not be below the limit
 
     def judged(self, value: float | None, where: str = "", without: str = "", limit: float | None = None) -> Judgement:
         """A value held against the threshold.
@@ -52,27 +43,16 @@ class Criterion:
 
 @dataclass(frozen=True)
 class Judgement:
-    """One value held against its threshold.
+    """One value held against its threshold."""
 
-    Args:
-        name: what is judged.
-        value: in `unit`; None where it could not be worked out.
-        limit: threshold.
-        unit: of both.
-        word: "good", "not good" or "cannot be said".
-        where: at which step or range the value was found; why there is none.
-        source: of the threshold.
-        at_least: the value must not be below the limit.
-    """
-
-    name: str
-    value: float | None
-    limit: float
-    unit: str
-    word: Word
-    where: str
-    source: str
-    at_least: bool = False
+    name: str  # what is judged
+    value: float | None  # in `unit`; None where it could not be worked out
+    limit: float  # threshold
+    unit: str  # of both
+    word: Word  # "good", "not good" or "cannot be said"
+    where: str  # at which step or range the value was found; why there is none
+    source: str  # of the threshold
+    at_least: bool = False  # the value must not be below the limit
 
     @property
     def says(self) -> str:
@@ -120,13 +100,10 @@ EXPLAINED = Criterion("motion explained", 95.0, "%", "1 - sum (y - y_hat)^2 / su
 class Verdict:
     """All judgements of one log.
 
-    Args:
-        judgements: what was looked at, in the order of `criteria`.
-
     Without a tracking error nothing is said of the loop, however well its sensors agree.
     """
 
-    judgements: tuple[Judgement, ...]
+    judgements: tuple[Judgement, ...]  # what was looked at, in the order of `criteria`
 
     @property
     def word(self) -> Word:

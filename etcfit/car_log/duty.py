@@ -18,26 +18,17 @@ _HIGH = 40.0  # per cent: a limit of the duty is not lower
 
 @dataclass(frozen=True)
 class DutyUse:
-    """The duty of a log.
+    """The duty of a log."""
 
-    Args:
-        lowest, highest: per cent.
-        activity: standard deviation while the setpoint rests, per cent; None without a rest.
-        jitter: from sample to sample at rest, standard deviation over sqrt 2, per cent; None without a rest.
-        limit: |duty| at which it stands again and again, per cent; None where it has none in this log.
-        saturated: share of the whole time at the limit, 0 to 1.
-        saturated_at_rest: share of the time at rest, 0 to 1; None without a rest.
-        longest: s at the limit without a break.
-    """
-
+    # lowest, highest: per cent
     lowest: float
     highest: float
-    activity: float | None
-    jitter: float | None
-    limit: float | None
-    saturated: float
-    saturated_at_rest: float | None
-    longest: float
+    activity: float | None  # standard deviation while the setpoint rests, per cent; None without a rest
+    jitter: float | None  # from sample to sample at rest, standard deviation over sqrt 2, per cent; None without a rest
+    limit: float | None  # |duty| at which it stands again and again, per cent; None where it has none in this log
+    saturated: float  # share of the whole time at the limit, 0 to 1
+    saturated_at_rest: float | None  # share of the time at rest, 0 to 1; None without a rest
+    longest: float  # s at the limit without a break
 
 
 def duty_use(duty: Series, setpoint: Series | None) -> DutyUse:

@@ -36,46 +36,35 @@ Range = tuple[float, float, float]  # 2.5, 50 and 97.5 % of the models that fit;
 
 @dataclass(frozen=True)
 class Foretold:
-    """What a model says of steps.
+    """What a model says of steps."""
 
-    Args:
-        low, high: their levels, % of the travel.
-        hold: s that each is held.
-        overshoot: % of the step, the larger of up and back.
-        settling: s, likewise.
-        error: rms of target - position over both, % of the travel.
-        before: the same with the gains that were in the ECU before; None where these are not known, or made the log.
-        off: rms error of the model on motion that was not fitted, % of the travel; None where nothing was held out.
-    """
-
+    # low, high: their levels, % of the travel
     low: float
     high: float
-    hold: float
-    overshoot: Range
-    settling: Range
-    error: Range
+    hold: float  # s that each is held
+    overshoot: Range  # % of the step, the larger of up and back
+    settling: Range  # s, likewise
+    error: Range  # rms of target - position over both, % of the travel
+    # error with the gains that were in the ECU before; None where these are not known, or made the log
     before: Range | None = None
+    # rms error of the model on motion that was not fitted, % of the travel; None where nothing was held out
     off: float | None = None
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a log beside what was foretold.
+    """One figure of a log beside what was foretold."""
 
-    Args:
-        name, unit: of it.
-        low, high: foretold; infinite for never.
-        least, most: that still are as foretold; infinite where there is no such limit.
-        found: in the log; infinite for never.
-    """
-
+    # name, unit: of it
     name: str
     unit: str
+    # low, high: foretold; infinite for never
     low: float
     high: float
+    # least, most: that still are as foretold; infinite where there is no such limit
     least: float
     most: float
-    found: float
+    found: float  # in the log; infinite for never
 
     @property
     def as_foretold(self) -> bool:
@@ -85,19 +74,12 @@ class Figure:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A log beside what was foretold.
+    """A log beside what was foretold."""
 
-    Args:
-        steps: how many steps of the log count.
-        figures: overshoot, settling, error.
-        better: whether the error is less than with the gains before; None where nobody knows that one.
-        unchanged: the error is not that of the new gains but that of those before.
-    """
-
-    steps: int
-    figures: tuple[Figure, ...]
-    better: bool | None
-    unchanged: bool
+    steps: int  # how many steps of the log count
+    figures: tuple[Figure, ...]  # overshoot, settling, error
+    better: bool | None  # whether the error is less than with the gains before; None where nobody knows that one
+    unchanged: bool  # the error is not that of the new gains but that of those before
 
     @property
     def as_foretold(self) -> bool:

@@ -36,30 +36,19 @@ _MARGIN = 1.2  # of the dead zone over the largest error, and of dither over the
 
 @dataclass(frozen=True)
 class LimitCycle:
-    """An oscillation while the setpoint rests.
+    """An oscillation while the setpoint rests."""
 
-    Args:
-        amplitude: half of what the plate moves to and fro, per cent of travel; median over the rests with one.
-        period: s.
-        share: of the time at rest that was looked at in which there is one, 0 to 1; a rest with one counts from where
-            the answer to the step before it is over.
-        kind: "stick-slip", "instability", or "unknown" where the log is too slow or too coarse to tell.
-        still: share of the period in which the plate is nearly still; 0.16 for a sine.
-        where: setpoints with an oscillation, least and largest, per cent.
-        duty: half of what the duty moves to and fro, per cent; None where none was logged.
-        dead_zone: |error| below which the integral must stand still to stop stick-slip, per cent of travel; else None.
-        dither: amplitude of a quick alternating duty that would stop stick-slip, per cent; None where none helps or
-            no duty was logged.
-    """
-
-    amplitude: float
-    period: float
-    share: float
-    kind: Kind
-    still: float
-    where: tuple[float, float]
-    duty: float | None
+    amplitude: float  # half of what the plate moves to and fro, per cent of travel; median over the rests with one
+    period: float  # s
+    share: float  # of the time at rest in which the plate oscillates, 0 to 1, from where the answer to a step is over
+    kind: Kind  # "stick-slip", "instability", or "unknown" where the log is too slow or too coarse to tell
+    still: float  # share of the period in which the plate is nearly still; 0.16 for a sine
+    where: tuple[float, float]  # setpoints with an oscillation, least and largest, per cent
+    duty: float | None  # half of what the duty moves to and fro, per cent; None where none was logged
+    # |error| below which the integral must stand still to stop stick-slip, per cent of travel; else None
     dead_zone: float | None
+    # amplitude of a quick alternating duty that would stop stick-slip, per cent; None where none helps or no duty was
+    # logged
     dither: float | None
 
     @property
@@ -91,12 +80,9 @@ class LimitCycle:
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """What one rest shows: an oscillation, where `period` is there.
+    """What one rest shows: an oscillation, where `period` is there."""
 
-    Args:
-        looked, seconds: s that were looked at, and in which it oscillates.
-    """
-
+    # looked, seconds: s that were looked at, and in which it oscillates
     looked: float
     seconds: float
     level: float

@@ -12,15 +12,10 @@ _GAP = 0.5  # s: a shorter step may be a logger that has slowed down
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """One quantity.
+    """One quantity."""
 
-    Args:
-        time: s, shape (n,), strictly rising; a logger may record each quantity at a rate of its own.
-        value: per cent of travel, shape (n,).
-    """
-
-    time: np.ndarray
-    value: np.ndarray
+    time: np.ndarray  # s, shape (n,), strictly rising; a logger may record each quantity at a rate of its own
+    value: np.ndarray  # per cent of travel, shape (n,)
 
     @classmethod
     def rising(cls, time: np.ndarray, value: np.ndarray) -> Series:
@@ -67,22 +62,14 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class DriveLog:
-    """One log.
+    """One log."""
 
-    Args:
-        name: of its file.
-        position: of the plate.
-        setpoint: what the ECU asks of it; None where it was not logged.
-        columns: header in the file of each quantity that was taken.
-        hint: what the log lacks, and what a reader may do where a quantity was not found.
-        others: what else of the throttle was logged, see `others.py`: duty and a second position, %; both sensors, V.
-        tps: closed and open voltage of the first sensor, where rig.toml's [tps] gives them.
-    """
-
-    name: str
-    position: Series
-    setpoint: Series | None
-    columns: Mapping[str, str] = field(default_factory=dict)
-    hint: str = ""
+    name: str  # of its file
+    position: Series  # of the plate
+    setpoint: Series | None  # what the ECU asks of it; None where it was not logged
+    columns: Mapping[str, str] = field(default_factory=dict)  # header in the file of each quantity that was taken
+    hint: str = ""  # what the log lacks, and what a reader may do where a quantity was not found
+    # what else of the throttle was logged, see `others.py`: duty and a second position, %; both sensors, V
     others: Mapping[str, Series] = field(default_factory=dict)
+    # closed and open voltage of the first sensor, where rig.toml's [tps] gives them
     tps: tuple[float, float] | None = None

@@ -53,6 +53,21 @@ def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
     return config, tuple(read_log(path, config, str(toml)) for path in files)
 
 
+def logs_at(place: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
+    """The logs of a folder (see `read_logs`), or one log; its rig.toml lies beside it, or above drive/.
+
+    Raises:
+        MeasurementError: no log, or one without position or time.
+    """
+    path = Path(place)
+    if not path.is_file():
+        return read_logs(path)
+    folder = path.absolute().parent
+    toml = (folder.parent if folder.name == "drive" else folder) / "rig.toml"
+    config = read_config(toml) if toml.is_file() else RigConfig(name=path.stem)
+    return config, (read_log(path, config, str(toml)),)
+
+
 def _has_rows(path: Path) -> bool:
     """False for notes beside the logs: a text without rows of numbers."""
     try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -45,28 +44,19 @@ class Ends:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Both sensors of a plate, from one sweep or drive.
+    """Both sensors of a plate, from one sweep or drive."""
 
-    Args:
-        unit: "V", or "%" where the log holds what the ECU made of them.
-        first, second: their ends, as far as the log shows them.
-        stops: share of the travel at which the second is at its end, per cent; 100 where it goes all the way.
-        late: share of the travel at which the second begins to move, per cent; 0 where it moves from the begin.
-        crossed: why the two seem to be exchanged; "" where they do not.
-        dwelt: whether the plate rests at (closed, open) for 0.2 s: else these ends may not be the stops.
-        apart: largest difference that lasts 0.1 s, per cent of travel.
-        apart_rms: root mean square of the difference, likewise.
-    """
-
-    unit: Literal["V", "%"]
+    unit: Literal["V", "%"]  # "%" where the log holds what the ECU made of them
+    # first, second: their ends, as far as the log shows them
     first: Ends
     second: Ends
-    stops: float
-    late: float
-    crossed: str
+    stops: float  # share of the travel at which the second is at its end, per cent; 100 where it goes all the way
+    late: float  # share of the travel at which the second begins to move, per cent; 0 where it moves from the begin
+    crossed: str  # why the two seem to be exchanged; "" where they do not
+    # whether the plate rests at (closed, open) for 0.2 s: else these ends may not be the stops
     dwelt: tuple[bool, bool]
-    apart: float
-    apart_rms: float
+    apart: float  # largest difference that lasts 0.1 s, per cent of travel
+    apart_rms: float  # root mean square of the difference, likewise
 
     @property
     def findings(self) -> tuple[str, ...]:
@@ -116,20 +106,14 @@ class Sensors:
 class Setting:
     """One cell of an ECU's calibration.
 
-    Args:
-        ecu: for which.
-        name: as that ECU calls it.
-        value: in `unit`.
-        unit: of it.
-
     Source: rusEFI's tps.h (TPS_TS_CONVERSION 200 counts a volt) and its configuration; the FOME wiki's "ETB
     redundancy"; Haltech's "Throttle Position Sensor": voltages at 0 % and 100 %.
     That FOME counts as rusEFI does is assumed.
     """
 
-    ecu: str
-    name: str
-    value: float
+    ecu: str  # for which
+    name: str  # as that ECU calls it
+    value: float  # in `unit`
     unit: str
 
 

@@ -16,19 +16,12 @@ _MOST = 20.0  # Hz that are of interest
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Spectrum of the position, Fig. 6 (b).
+    """Spectrum of the position, Fig. 6 (b)."""
 
-    Args:
-        frequency: Hz, shape (n,).
-        amplitude: per cent rms in a band of one bin, shape (n,).
-        dominant: of the highest peak at or above 0.25 Hz, Hz; NaN where the power only falls from there on.
-        half: below which half of the motion's power above 0.25 Hz lies, Hz.
-    """
-
-    frequency: np.ndarray
-    amplitude: np.ndarray
-    dominant: float
-    half: float
+    frequency: np.ndarray  # Hz, shape (n,)
+    amplitude: np.ndarray  # per cent rms in a band of one bin, shape (n,)
+    dominant: float  # of the highest peak at or above 0.25 Hz, Hz; NaN where the power only falls from there on
+    half: float  # below which half of the motion's power above 0.25 Hz lies, Hz
 
 
 def spectrum(position: Series) -> Spectrum | None:

@@ -30,45 +30,33 @@ _FEWEST = 5  # samples of the position that a step needs
 
 @dataclass(frozen=True)
 class Rest:
-    """A stretch in which a setpoint stands still.
+    """A stretch in which a setpoint stands still."""
 
-    Args:
-        begin, end: s.
-        first, last: value at both, the median of 0.3 s, per cent.
-    """
-
+    # begin, end: s
     begin: float
     end: float
+    # first, last: value at both, the median of 0.3 s, per cent
     first: float
     last: float
 
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the setpoint, and the plate's answer.
+    """A step of the setpoint, and the plate's answer."""
 
-    Args:
-        begin: when the setpoint changes, s.
-        before, after: setpoint, per cent of travel.
-        held: how long the setpoint then rests, s.
-        overshoot: largest excess beyond the new level, per cent of the step (of 1 % of the travel where that is more).
-        settling: s until the error stays within `band`; infinite where it does not within `held`.
-        lag: s until the plate has made half of its way; None where it does not make it.
-        error: mean of position - setpoint in the last quarter of the rest, per cent of travel.
-        rms: of the error over the whole rest, per cent of travel.
-        band: within which the plate has settled, per cent of travel: 2 % of the step, 0.2 % of the travel, or 4
-            standard deviations of the sensor's noise, whichever is most.
-    """
-
-    begin: float
+    begin: float  # when the setpoint changes, s
+    # before, after: setpoint, per cent of travel
     before: float
     after: float
-    held: float
+    held: float  # how long the setpoint then rests, s
+    # largest excess beyond the new level, per cent of the step (of 1 % of the travel where that is more)
     overshoot: float
-    settling: float
-    lag: float | None
-    error: float
-    rms: float
+    settling: float  # s until the error stays within `band`; infinite where it does not within `held`
+    lag: float | None  # s until the plate has made half of its way; None where it does not make it
+    error: float  # mean of position - setpoint in the last quarter of the rest, per cent of travel
+    rms: float  # of the error over the whole rest, per cent of travel
+    # within which the plate has settled, per cent of travel: 2 % of the step, 0.2 % of the travel, or 4 standard
+    # deviations of the sensor's noise, whichever is most
     band: float
 
     @property

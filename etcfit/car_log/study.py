@@ -27,29 +27,17 @@ _MANY = "more than 100"
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What one log says.
-
-    Args:
-        log: it.
-        usage: where the plate spends its time.
-        spectrum: how fast it is moved; None of a log that is too short.
-        tracking: how closely it follows; None where no setpoint was logged.
-        steps: every step of the setpoint, and its answer.
-        cycle: an oscillation while the setpoint rests; None where there is none.
-        duty: what the duty does; None where none was logged.
-        sensors: both sensors of the plate; None where one of them was not logged, or hardly moves.
-        verdict: whether it is good enough.
-    """
+    """What one log says."""
 
     log: DriveLog
-    usage: Usage
-    spectrum: Spectrum | None
-    tracking: Tracking | None
-    steps: tuple[Step, ...] = ()
-    cycle: LimitCycle | None = None
-    duty: DutyUse | None = None
-    sensors: Sensors | None = None
-    verdict: Verdict = field(default_factory=lambda: Verdict(()))
+    usage: Usage  # where the plate spends its time
+    spectrum: Spectrum | None  # how fast it is moved; None of a log that is too short
+    tracking: Tracking | None  # how closely it follows; None where no setpoint was logged
+    steps: tuple[Step, ...] = ()  # every step of the setpoint, and its answer
+    cycle: LimitCycle | None = None  # an oscillation while the setpoint rests; None where there is none
+    duty: DutyUse | None = None  # what the duty does; None where none was logged
+    sensors: Sensors | None = None  # both sensors of the plate; None where one of them was not logged, or hardly moves
+    verdict: Verdict = field(default_factory=lambda: Verdict(()))  # whether it is good enough
 
 
 def study(log: DriveLog, bounds: tuple[float, float] = BOUNDS) -> Study:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..rig.signals import runs
 from .criteria import FAR, SETTLING
 from .log import Series
 
@@ -19,48 +20,31 @@ _STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
 
 @dataclass(frozen=True)
 class InRange:
-    """Position against setpoint while the setpoint lies in a part of the travel.
+    """Position against setpoint while the setpoint lies in a part of the travel."""
 
-    Args:
-        low, high: of the setpoint, per cent.
-        seconds: in it.
-        rmse: per cent of travel.
-        mean: of position - setpoint, per cent of travel.
-    """
-
+    # low, high: of the setpoint, per cent
     low: float
     high: float
-    seconds: float
-    rmse: float
-    mean: float
+    seconds: float  # in it
+    rmse: float  # per cent of travel
+    mean: float  # of position - setpoint, per cent of travel
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """Position against setpoint.
+    """Position against setpoint."""
 
-    Args:
-        rmse: Eq. 9, per cent of travel.
-        stderr: of it, from blocks of 5 s; None of a log of fewer than four.
-        lag: by which the position comes after the setpoint, s; None where the setpoint hardly moves.
-        lag_stderr: of it, from the same blocks.
-        left: RMSE against the setpoint delayed by the lag: what is not delay.
-        demand: root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow.
-        astray: longest time with an error above 10 % of travel, s.
-        within_reach: the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: of
-            second order, critically damped.
-        ranges: the same by parts of the travel, those in which the setpoint was for half a second at least.
-    """
-
-    rmse: float
-    stderr: float | None
-    lag: float | None
-    lag_stderr: float | None
-    left: float | None
-    demand: float
-    astray: float = 0.0
+    rmse: float  # Eq. 9, per cent of travel.
+    stderr: float | None  # of it, from blocks of 5 s; None of a log of fewer than four
+    lag: float | None  # by which the position comes after the setpoint, s; None where the setpoint hardly moves
+    lag_stderr: float | None  # of it, from the same blocks
+    left: float | None  # RMSE against the setpoint delayed by the lag: what is not delay
+    demand: float  # root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow
+    astray: float = 0.0  # longest time with an error above 10 % of travel, s
+    # the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: of second order,
+    # critically damped
     within_reach: float = 0.0
-    ranges: tuple[InRange, ...] = ()
+    ranges: tuple[InRange, ...] = ()  # parts of the travel in which the setpoint was for half a second or more
 
 
 def tracking(position: Series, setpoint: Series) -> Tracking:
@@ -84,8 +68,7 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
 
 def longest(time: np.ndarray, there: np.ndarray) -> float:
     """The longest time for which a condition holds from sample to sample, s."""
-    spans = np.flatnonzero(np.diff(np.concatenate(([0], there.astype(int), [0])))).reshape(-1, 2)
-    return max((float(time[b - 1] - time[a]) for a, b in spans), default=0.0)
+    return max((float(time[b - 1] - time[a]) for a, b in runs(there)), default=0.0)
 
 
 def _within_reach(time: np.ndarray, wanted: np.ndarray) -> float:

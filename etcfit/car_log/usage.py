@@ -15,21 +15,13 @@ _BIN = 5.0  # per cent, as in Fig. 6 (a)
 
 @dataclass(frozen=True, eq=False)
 class Usage:
-    """Operating range, Fig. 6 (a).
+    """Operating range, Fig. 6 (a)."""
 
-    Args:
-        edges: of the bins, per cent of travel, shape (n + 1,).
-        shares: of the time in each bin, shape (n,), sums to 1.
-        bounds: two positions, per cent.
-        between: share of the time between them.
-        shortest: the shortest interval that holds 77 % of the time, per cent.
-    """
-
-    edges: np.ndarray
-    shares: np.ndarray
-    bounds: tuple[float, float]
-    between: float
-    shortest: tuple[float, float]
+    edges: np.ndarray  # of the bins, per cent of travel, shape (n + 1,)
+    shares: np.ndarray  # of the time in each bin, shape (n,), sums to 1
+    bounds: tuple[float, float]  # two positions, per cent
+    between: float  # share of the time between them
+    shortest: tuple[float, float]  # the shortest interval that holds 77 % of the time, per cent
 
 
 def usage(position: Series, bounds: tuple[float, float] = BOUNDS) -> Usage:

@@ -42,21 +42,13 @@ def is_borne(worst: float | None) -> bool:
 
 @dataclass(frozen=True)
 class Borne:
-    """What the loop of one set of gains bears.
+    """What the loop of one set of gains bears."""
 
-    Args:
-        worst: the largest |Delta T| within a factor of 3 of the crossover; NaN where the log does not tell it.
-        missed: Delta there, a share of the plant's response.
-        hertz: where.
-        crossover: of the loop, Hz.
-        rows: of the fastest trace, a second.
-    """
-
-    worst: float
-    missed: float
-    hertz: float
-    crossover: float
-    rows: float = np.inf
+    worst: float  # the largest |Delta T| within a factor of 3 of the crossover; NaN where the log does not tell it
+    missed: float  # Delta there, a share of the plant's response
+    hertz: float  # where
+    crossover: float  # of the loop, Hz
+    rows: float = np.inf  # of the fastest trace, a second
 
     @property
     def enough(self) -> bool:

@@ -20,7 +20,7 @@ from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .fleet import EVERY_UNIT, Parts, SearchOverUnits, best_for_parts, fare_on_parts, one_by_one, representatives
 from .judged import Robust, Tuned, judged, outside_the_bench
-from .linearise import reduce, stops
+from .linearise import reduce
 from .on_units import FleetVerdict, PartsVerdict
 from .own_numbers import checked
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
@@ -93,7 +93,7 @@ class Design:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Of feed-forward, with which the gains were found."""
+        """Terms of feed-forward with which the gains were found."""
         return self.task.terms
 
     @property
@@ -172,7 +172,7 @@ def task_of(
         _refuse_others(terms, profile)
     if drawn is None:
         drawn = fitted.laplace(settings.draws - 1, np.random.default_rng(settings.seed))
-    body = Body(fitted.config.gear_ratio, *stops(fitted))
+    body = Body(fitted.config.gear_ratio, *fitted.config.stops)
     throttles = fitted.throttles(np.vstack((fitted.x, drawn)))
     bias = _curve(fitted.throttle, body, profile) if Term.SPRING in terms else None
     sliding = sliding_of(fitted.throttle, *body, settings.sliding).only(terms)
@@ -369,7 +369,7 @@ def _meets(task: Task) -> bool:
     gains = RULES[BEST](replace(task, loop=task.loop.first(1), settings=settings))
     if isinstance(gains, Refusal):
         return False
-    figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
+    figures = task.loop.first(1).figures(Gains.stacked(gains), task.setpoint)
     return all(bool(np.all(met)) for met in task.requirements.met(figures).values())
 
 

@@ -24,19 +24,12 @@ AT_ONCE = 200  # units whose responses are in memory together
 
 @dataclass(eq=False)
 class SearchOverUnits:
-    """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything.
+    """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything."""
 
-    Args:
-        plants: all units, parameters of shape (U,).
-        units: their names.
-        asked: of them.
-        made: searches so far.
-    """
-
-    plants: Throttle
-    units: tuple[str, ...]
-    asked: FleetDesignSettings
-    made: int = field(default=0)
+    plants: Throttle  # all units, parameters of shape (U,)
+    units: tuple[str, ...]  # their names
+    asked: FleetDesignSettings  # of them
+    made: int = field(default=0)  # searches so far
 
     def __call__(self, task: Task) -> Gains | Refusal:
         """min mean RMSE, subject to requirements met by enough units; else the gains that most units meet them with."""
@@ -58,7 +51,7 @@ class SearchOverUnits:
         return best
 
     def _with(self, task: Task, worst: np.ndarray) -> Task:
-        """The same with some units ahead of those that the search saw before, behind the nominal one."""
+        """The task with some units inserted behind the nominal one, ahead of those that the search saw before."""
         loop = task.loop
         failing = replace(loop, throttles=self.plants, drive=None, ceiling=None).taking(worst).throttles
         before = loop.taking(np.arange(1, loop.draws - worst.size)).throttles
@@ -79,7 +72,7 @@ def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gain
         plants: the units, parameters of shape (U,).
         at_once: units whose responses are in memory together.
     """
-    one = Gains(*(np.array([g]) for g in gains))
+    one = Gains.stacked(gains)
     return unit_by_unit(task, replace(task.loop, throttles=plants), units, one, at_once)[0]
 
 
@@ -111,19 +104,12 @@ _ALIKE = 1e-3  # relative, within which two gear ratios are the same
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The parts of one design, as a fleet found them: measured units, and the population that they are from.
+    """The parts of one design, as a fleet found them: measured units, and the population that they are from."""
 
-    Args:
-        where: run folder of the fleet.
-        name: of the fleet.
-        model: the measured units that can be trusted, with the law of their population.
-        left_out: the others, by name, with why.
-    """
-
-    where: str
-    name: str
-    model: FleetModel
-    left_out: Mapping[str, str]
+    where: str  # run folder of the fleet
+    name: str  # of the fleet
+    model: FleetModel  # the measured units that can be trusted, with the law of their population
+    left_out: Mapping[str, str]  # the others, by name, with why
 
     def of_run(self, fitted: Fitted) -> tuple[str, ...]:
         """Parameters of a model that the fleet does not tell."""
@@ -198,7 +184,7 @@ def fare_on_parts(
     count, at_once = len(units), task.loop.draws
     names = (*units, *_drawn(loop.draws - count))
     have = {name: each.gains for name, each in tuned.items() if each.gains is not None}
-    columns = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
+    columns = Gains.stacked(*have.values())
     own, rest = np.arange(count), np.arange(count, loop.draws)
     rules = {name: OnParts(each.taking(own), each.taking(rest)) for name, each in
              zip(have, unit_by_unit(task, loop, names, columns, at_once), strict=True)}  # fmt: skip
@@ -209,7 +195,7 @@ def fare_on_parts(
     placed = tuple(f"{names[k]} at {supply:.3g} V, {winding:.3g} degrees Celsius, friction {friction:.2g}"
                    for k, supply, winding, friction in
                    zip(which.tolist(), *(each.tolist() for each in there), strict=True))  # fmt: skip
-    one = Gains(*(np.array([g]) for g in proposed))
+    one = Gains.stacked(proposed)
     outside = unit_by_unit(task, under(loop.taking(which), there, ranges), placed, one, at_once)[0]
     at_corners = np.arange(which.size - rest.size)
     return PartsVerdict(parts.where, parts.name, parts.of_run(fitted), parts.left_out, rules,

@@ -88,7 +88,7 @@ class Tuned:
 def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]:
     """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
-    gains = Gains(*(np.array(column, dtype=float) for column in zip(*have.values(), strict=True)))
+    gains = Gains.stacked(*have.values())
     at_bench, out = over_models(task, task.loop, gains), {}
     anew = over_models(task, task.loop.with_new_noise_seed(), gains) if task.ecu.noise > 0.0 else at_bench
     for name, refusal in found.items():
@@ -105,7 +105,7 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
     asked, ranges = task.requirements, task.settings.conditions
     conditions = scattered(ranges, task.loop.draws, np.random.default_rng(ranges.seed))
     loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
-    one = Gains(*(np.array([g]) for g in gains))
+    one = Gains.stacked(gains)
     there, anywhere = (over_models(task, loop, one).of_rule(0) for loop in loops)
     worst = there.figures.worst()
     met = {symbol: bool(met) for symbol, met in asked.met(worst).items()}
@@ -117,7 +117,7 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
 def over_models(task: Task, loop: Loop, gains: Gains) -> OverDraws:
     """Gains of shape (G,) on every model of a loop."""
     share, figures = loop.tried(gains, task.setpoint)
-    safe = margins(Gains(*(np.asarray(g)[None] for g in gains)), loop.linear(), task.ecu)
+    safe = margins(gains, loop.linear(), task.ecu)
     return OverDraws(replace(figures, gain_margin_db=safe.gain_db, phase_margin_deg=safe.phase_deg), share)
 
 
@@ -141,18 +141,13 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
 
 
 class OverDraws(NamedTuple):
-    """How gains fare over models; of one rule's gains without the axis G.
+    """How gains fare over models; of one rule's gains without the axis G."""
 
-    Args:
-        figures: of the responses, and margins of the linear loops, shape (D, G) each.
-        share: position at each tick, share of the travel, shape (D, G, K).
-    """
-
-    figures: LoopFigures
-    share: np.ndarray
+    figures: LoopFigures  # of the responses, and margins of the linear loops, shape (D, G) each
+    share: np.ndarray  # position at each tick, share of the travel, shape (D, G, K)
 
     def of_rule(self, k: int) -> OverDraws:
-        """Of one rule."""
+        """Figures of one rule's gains."""
         return OverDraws(self.figures.each(lambda figure: figure[:, k]), self.share[:, k])
 
     def met(self, asked: Requirements) -> np.ndarray:

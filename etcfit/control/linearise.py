@@ -26,30 +26,19 @@ OUTPUTS = ("rad", "deg", "%")
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """The linear plant of a fitted model.
+    """The linear plant of a fitted model."""
 
-    Args:
-        plant: transfer function, with delay and sensor lag beside it.
-        stderr: of b0, a2, a1, a0, shape (4,).
-        covariance: of b0, a2, a1, a0, shape (4, 4).
-        input_unit: "V" or "%" (of duty).
-        output_unit: "rad", "deg" or "%" (of travel).
-        theta: operating point, rad.
-        current, volts: that hold the plate there in the middle of its dry friction.
-        share: of the travel at the operating point.
-        constants: kS, kV and kA beside it; None where nobody asked for them.
-    """
-
-    plant: TransferFunction
-    stderr: np.ndarray
-    covariance: np.ndarray
-    input_unit: str
-    output_unit: str
-    theta: float
+    plant: TransferFunction  # transfer function, with delay and sensor lag beside it
+    stderr: np.ndarray  # of b0, a2, a1, a0, shape (4,)
+    covariance: np.ndarray  # of b0, a2, a1, a0, shape (4, 4)
+    input_unit: str  # "V" or "%" (of duty)
+    output_unit: str  # "rad", "deg" or "%" (of travel)
+    theta: float  # operating point, rad
+    # current, volts: that hold the plate there in the middle of its dry friction
     current: float
     volts: float
-    share: float
-    constants: MotorConstants | None = None
+    share: float  # of the travel at the operating point
+    constants: MotorConstants | None = None  # kS, kV and kA beside it; None where nobody asked for them
 
     def to_control(self, pade_order: int = 0) -> Any:
         """A python-control TransferFunction; with delay and sensor lag where a Pade order is given."""
@@ -68,7 +57,7 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
         UsageError: a unit that is not known, or duty asked for where rig.toml gives no supply.
     """
     factor = _factor(fitted, input_unit, output_unit)
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     theta, n = lower + share * (upper - lower), fitted.config.gear_ratio
     types = fitted.free_parameters.layout.types
 
@@ -93,20 +82,13 @@ def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, up
     return coefficients(throttle, theta, *body), holding(throttle, theta, *body)
 
 
-def stops(fitted: Fitted) -> tuple[float, float]:
-    """The rig's travel, rad; a quarter turn from zero where it has no stops."""
-    lower, upper = fitted.config.travel
-    lower = lower if math.isfinite(lower) else 0.0
-    return lower, upper if math.isfinite(upper) else lower + math.pi / 2
-
-
 def _factor(fitted: Fitted, input_unit: str, output_unit: str) -> float:
     """From rad/V to output over input."""
     if input_unit not in INPUTS:
         raise UsageError(f"input in {input_unit!r} is not known. It must be V or % (of duty).")
     if output_unit not in OUTPUTS:
         raise UsageError(f"output in {output_unit!r} is not known. It must be rad, deg or % (of travel).")
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     supply = fitted.config.supply_V
     if input_unit == "%" and supply is None:
         raise UsageError("input in % of duty needs supply_V in [rig] of rig.toml. Add it, or ask for V.")
@@ -128,14 +110,10 @@ class MotorConstants:
 
     Springs and preload have no place in it. Source: WPILib, SimpleMotorFeedforward and its characterization by SysId.
     Differs from source: read off a model whose parameters were fitted, not off a regression of these three.
-
-    Args:
-        values: kS (V), kV (V s/rad), kA (V s^2/rad), shape (3,).
-        stderr: of these, by the delta method, shape (3,).
     """
 
-    values: np.ndarray
-    stderr: np.ndarray
+    values: np.ndarray  # kS (V), kV (V s/rad), kA (V s^2/rad), shape (3,)
+    stderr: np.ndarray  # of these, by the delta method, shape (3,)
 
 
 def motor_constants(

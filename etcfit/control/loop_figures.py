@@ -30,20 +30,14 @@ from .setpoint import Level, Setpoint, Stretch
 
 
 class AtLevel(NamedTuple):
-    """A response from a change of the setpoint to the next one.
+    """A response from a change of the setpoint to the next one."""
 
-    Args:
-        size: of the change, share of the travel.
-        since: s since the change began, shape (K,).
-        beyond: how far the position lies beyond the new level, in the direction of the change, shares of the travel,
-            shape (..., K).
-        tail: number of the first tick of the level's last quarter.
-    """
-
-    size: float
-    since: np.ndarray
+    size: float  # of the change, share of the travel
+    since: np.ndarray  # s since the change began, shape (K,)
+    # how far the position lies beyond the new level, in the direction of the change, shares of the travel, shape (...,
+    # K)
     beyond: np.ndarray
-    tail: int
+    tail: int  # number of the first tick of the level's last quarter
 
     @classmethod
     def of_responses(cls, level: Level, time: np.ndarray, share: np.ndarray) -> AtLevel:
@@ -59,19 +53,12 @@ class AtLevel(NamedTuple):
 
 
 class Run(NamedTuple):
-    """A whole response.
+    """A whole response."""
 
-    Args:
-        setpoint: that it follows.
-        time: s, shape (K,).
-        duty: share of the supply, shape (..., K).
-        current: A, shape (..., K).
-    """
-
-    setpoint: Setpoint
-    time: np.ndarray
-    duty: np.ndarray
-    current: np.ndarray
+    setpoint: Setpoint  # that it follows
+    time: np.ndarray  # s, shape (K,)
+    duty: np.ndarray  # share of the supply, shape (..., K)
+    current: np.ndarray  # A, shape (..., K)
 
 
 def overshoot(at: AtLevel) -> np.ndarray:

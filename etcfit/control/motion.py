@@ -18,17 +18,11 @@ _STILL = 1e-6  # rad/s, below which a plate does not move
 
 
 class Experiment(NamedTuple):
-    """A plate let go from rest without a current; of many, every entry has shape (D,).
+    """A plate let go from rest without a current; of many, every entry has shape (D,)."""
 
-    Args:
-        angle: from which, rad.
-        volts: at the terminals from then on, V.
-        circuit: 1, or 0 where the terminals are open.
-    """
-
-    angle: Any
-    volts: Any
-    circuit: Any
+    angle: Any  # from which, rad
+    volts: Any  # at the terminals from then on, V
+    circuit: Any  # 1, or 0 where the terminals are open
 
 
 class Bands(NamedTuple):
@@ -39,33 +33,20 @@ class Bands(NamedTuple):
 
 
 class Watching(NamedTuple):
-    """How closely, and for how long.
+    """How closely, and for how long."""
 
-    Args:
-        step: of the integration, s.
-        longest: s.
-        rest: s without any motion after which a plate is at rest and no longer watched.
-    """
-
-    step: Scalar
-    longest: Scalar
-    rest: Scalar
+    step: Scalar  # of the integration, s
+    longest: Scalar  # s
+    rest: Scalar  # s without any motion after which a plate is at rest and no longer watched
 
 
 class Motion(NamedTuple):
-    """What became of it.
+    """What became of it."""
 
-    Args:
-        first: s until the plate first is in each band, shape (D, M); infinite for never.
-        stays: s from which on it stays in it, likewise.
-        angle: at the end, rad, shape (D,).
-        still: 1 where it was at rest there, shape (D,).
-    """
-
-    first: np.ndarray
-    stays: np.ndarray
-    angle: np.ndarray
-    still: np.ndarray
+    first: np.ndarray  # s until the plate first is in each band, shape (D, M); infinite for never
+    stays: np.ndarray  # s from which on it stays in it, likewise
+    angle: np.ndarray  # at the end, rad, shape (D,)
+    still: np.ndarray  # 1 where it was at rest there, shape (D,)
 
 
 class _Carry(NamedTuple):

@@ -16,17 +16,12 @@ _LEVEL = 0.95
 
 
 class Share(NamedTuple):
-    """Share of the units that meet everything.
+    """Share of the units that meet everything."""
 
-    Args:
-        met: how many.
-        of: how many there are.
-        low, high: 95 % interval of the share in the population that they come from, exact for independent units
-            (Clopper and Pearson 1934, Biometrika 26).
-    """
-
-    met: int
-    of: int
+    met: int  # how many
+    of: int  # how many there are
+    # low, high: 95 % interval of the share in the population that they come from, exact for independent units (Clopper
+    # and Pearson 1934, Biometrika 26)
     low: float
     high: float
 
@@ -36,7 +31,7 @@ class Share(NamedTuple):
 
     @classmethod
     def counted(cls, met: np.ndarray) -> Share:
-        """Of truth values, shape (U,)."""
+        """Share of the units that meet everything, from truth values, shape (U,)."""
         from scipy.stats import binomtest
 
         count = int(np.sum(met))
@@ -45,38 +40,26 @@ class Share(NamedTuple):
 
 
 class OddOne(NamedTuple):
-    """A unit that fares badly.
+    """A unit that fares badly."""
 
-    Args:
-        unit: its name.
-        requirement: the one that it misses by most, or meets most narrowly.
-        figure, limit: of it; of a stable loop its gain margin (dB) and 0.
-        meets: whether it meets everything all the same.
-    """
-
-    unit: str
-    requirement: str
+    unit: str  # its name
+    requirement: str  # the one that it misses by most, or meets most narrowly
+    # figure, limit: of it; of a stable loop its gain margin (dB) and 0
     figure: float
     limit: float
-    meets: bool
+    meets: bool  # whether it meets everything all the same
 
 
 @dataclass(frozen=True, eq=False)
 class OneByOne:
-    """Figures of gains on many units.
+    """Figures of gains on many units."""
 
-    Args:
-        units: names, U of them.
-        figures: of each unit, shape (U,).
-        asked: requirements.
-    """
-
-    units: tuple[str, ...]
-    figures: LoopFigures
-    asked: Requirements
+    units: tuple[str, ...]  # names, U of them
+    figures: LoopFigures  # of each unit, shape (U,)
+    asked: Requirements  # requirements
 
     def taking(self, which: np.ndarray) -> OneByOne:
-        """The same for some of the units, by their numbers, shape (C,)."""
+        """Some of the units, by their numbers, shape (C,)."""
         units = tuple(self.units[k] for k in which.tolist())
         return replace(self, units=units, figures=self.figures.each(lambda figure: figure[which]))
 
@@ -127,20 +110,14 @@ class OneByOne:
 
 @dataclass(frozen=True, eq=False)
 class FleetVerdict:
-    """Whether gains meet everything on enough units.
+    """Whether gains meet everything on enough units."""
 
-    Args:
-        settings: share of the units that must, and how gains for them were searched.
-        own: the gains on each unit of the fleet.
-        future: units drawn from the population, none of which the search has seen; None where the fleet is too small
-            to say how its units scatter.
-        searches: made until these gains were found.
-    """
-
-    settings: FleetDesignSettings
-    own: OneByOne
+    settings: FleetDesignSettings  # share of the units that must, and how gains for them were searched
+    own: OneByOne  # the gains on each unit of the fleet
+    # units drawn from the population, none of which the search has seen; None where the fleet is too small to say how
+    # its units scatter
     future: Share | None
-    searches: int
+    searches: int  # made until these gains were found
 
     @property
     def share(self) -> Share:
@@ -187,25 +164,17 @@ class OnParts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PartsVerdict:
-    """Gains of every rule on the parts of a design, at the bench and, those that are proposed, outside it.
+    """Gains of every rule on the parts of a design, at the bench and, those that are proposed, outside it."""
 
-    Args:
-        where, name: of the fleet, see `fleet.Parts`.
-        of_run: parameters that the fleet does not tell, taken from the run.
-        left_out: units that are none of the parts, with why.
-        rules: by name, those that have gains.
-        corners: of supply, winding and friction, the proposed gains on every measured unit at each of them; a unit's
-            corners one after another.
-        anywhere: the proposed gains on the drawn units, each under conditions drawn for it.
-    """
-
+    # where, name: of the fleet, see `fleet.Parts`
     where: str
     name: str
-    of_run: tuple[str, ...]
-    left_out: Mapping[str, str]
-    rules: Mapping[str, OnParts]
+    of_run: tuple[str, ...]  # parameters that the fleet does not tell, taken from the run
+    left_out: Mapping[str, str]  # units that are none of the parts, with why
+    rules: Mapping[str, OnParts]  # by name, those that have gains
+    # the proposed gains on each measured unit at each corner of supply, winding and friction, unit by unit
     corners: OneByOne
-    anywhere: OneByOne
+    anywhere: OneByOne  # the proposed gains on the drawn units, each under conditions drawn for it
 
     @property
     def units(self) -> tuple[str, ...]:

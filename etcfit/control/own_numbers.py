@@ -14,21 +14,13 @@ PRESENT = (*Terms._fields, "swings_at")  # what a user may know, in the ECU's ow
 
 
 class Share(NamedTuple):
-    """One proposed gain.
+    """One proposed gain."""
 
-    Args:
-        of_present: over the one that the ECU has now; None where that is not known.
-        value: in the ECU's own number; None where nothing tells what one of its numbers means.
-        of_ultimate: over the P at which P alone makes the plate swing on; None of I and D.
-        seconds: of I Kp / Ki, of D Kd / Kp; None of P, and where the gain is 0.
-        ratio: what `seconds` is, in words.
-    """
-
-    of_present: float | None
-    value: float | None
-    of_ultimate: float | None
-    seconds: float | None
-    ratio: str = ""
+    of_present: float | None  # over the one that the ECU has now; None where that is not known
+    value: float | None  # in the ECU's own number; None where nothing tells what one of its numbers means
+    of_ultimate: float | None  # over the P at which P alone makes the plate swing on; None of I and D
+    seconds: float | None  # of I Kp / Ki, of D Kd / Kp; None of P, and where the gain is 0
+    ratio: str = ""  # what `seconds` is, in words
 
     @property
     def known(self) -> dict[str, float | None]:

@@ -30,37 +30,22 @@ MOST_UNHELD = 10.0  # % of a large step that a model which can be tuned for may 
 
 @dataclass(frozen=True, eq=False)
 class GainStep:
-    """What the model says of one set of gains.
+    """What the model says of one set of gains."""
 
-    Args:
-        name: PRESENT, HALF_WAY or PROPOSED.
-        gains: SI.
-        figures: of the nominal model, the worst of all scenarios.
-        scenarios: of the nominal model, by scenario.
-        overshoot: of the large steps, 2.5, 50 and 97.5 % of the draws, %.
-        settling: the same, s; infinite where it does not settle.
-        error: rms of setpoint - position over the large steps, the same, % of the travel.
-        probability_met: share of the draws that meet every requirement.
-        probability_stable: share of the draws whose linear loop is stable.
-        better: share of the draws on which it tracks better than the present gains; None of these, or without them.
-        time: of the large steps, s from their begin, shape (K,).
-        asked: setpoint there, share of the travel, shape (K,).
-        position: of the nominal model there, share of the travel, shape (K,).
-    """
-
-    name: str
-    gains: Gains
-    figures: LoopFigures
-    scenarios: Mapping[str, LoopFigures]
-    overshoot: tuple[float, float, float]
-    settling: tuple[float, float, float]
-    error: tuple[float, float, float]
-    probability_met: float
-    probability_stable: float
+    name: str  # PRESENT, HALF_WAY or PROPOSED
+    gains: Gains  # SI
+    figures: LoopFigures  # of the nominal model, the worst of all scenarios
+    scenarios: Mapping[str, LoopFigures]  # of the nominal model, by scenario
+    overshoot: tuple[float, float, float]  # of the large steps, 2.5, 50 and 97.5 % of the draws, %
+    settling: tuple[float, float, float]  # the same, s; infinite where it does not settle
+    error: tuple[float, float, float]  # rms of setpoint - position over the large steps, the same, % of the travel
+    probability_met: float  # share of the draws that meet every requirement
+    probability_stable: float  # share of the draws whose linear loop is stable
+    # share of the draws on which it tracks better than the present gains; None of these, or without them
     better: float | None
-    time: np.ndarray
-    asked: np.ndarray
-    position: np.ndarray
+    time: np.ndarray  # of the large steps, s from their begin, shape (K,)
+    asked: np.ndarray  # setpoint there, share of the travel, shape (K,)
+    position: np.ndarray  # of the nominal model there, share of the travel, shape (K,)
 
 
 def half_way(present: Gains, proposed: Gains, share: float = WAYS[0]) -> Gains:
@@ -76,9 +61,7 @@ def safe_half_way(design: Design, present: Gains) -> Gains:
     """
     task, asked = design.task, design.task.requirements
     ways = [half_way(present, design.proposed, share) for share in WAYS]
-    stacked = Gains(*(np.array(column, dtype=float)[None] for column in zip(present, design.proposed, *ways,
-                                                                            strict=True)))  # fmt: skip
-    safe = margins(stacked, task.loop.linear(), task.ecu)
+    safe = margins(Gains.stacked(present, design.proposed, *ways), task.loop.linear(), task.ecu)
     share = np.minimum(np.minimum(safe.gain_db / asked.gain_margin_db, safe.phase_deg / asked.phase_margin_deg), 1.0)
     least = np.min(share, axis=0)
     good = np.flatnonzero(least[2:] >= np.min(least[:2]) - _ROUNDING)
@@ -91,7 +74,7 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
     if present is not None:
         every = {PRESENT: present, HALF_WAY: safe_half_way(design, present), **every}
     task = design.task
-    stacked = Gains(*(np.array(column, dtype=float) for column in zip(*every.values(), strict=True)))
+    stacked = Gains.stacked(*every.values())
     found = over_models(task, task.loop.with_new_noise_seed() if task.ecu.noise > 0.0 else task.loop, stacked)
     time = task.setpoint.instants(task.ecu.period)
     levels = task.setpoint.only(SHOWN)
@@ -115,7 +98,7 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
 
 
 def _nominal(figure: np.ndarray) -> float:
-    """Of the first model."""
+    """Figure of the first model."""
     return float(figure[0])
 
 

@@ -13,34 +13,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """What gains are asked for.
+    """What gains are asked for."""
 
-    Args:
-        rule: whose gains are proposed.
-        adc_bits: of the position sensor, over its travel.
-        feed_forward: terms ahead of the PID, see `model.feed_forward`.
-        limits: what a response must stay below, by field of `Requirements`; the rest as there.
-        ecu: what is given of the ECU, by field; see `control.design.ecu_of` for the rest.
-        profile: name of the make of ECU, see `model.ecus`; None for none in particular.
-        log: from the car, whose setpoint is one scenario more; None for none.
-        parts: run folder of a fleet, on whose units the gains are to hold; None for the one model alone.
-        present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
-        anyway: give the gains even where the model behind them is no estimate; see `Design.withheld`.
-    """
-
-    rule: str = "optimal"
-    adc_bits: int = 12
-    feed_forward: Asked = False
-    limits: Mapping[str, float] = field(default_factory=dict)
-    ecu: Mapping[str, float] = field(default_factory=dict)
-    profile: str | None = None
-    log: Path | str | None = None
+    rule: str = "optimal"  # whose gains are proposed
+    adc_bits: int = 12  # of the position sensor, over its travel
+    feed_forward: Asked = False  # terms ahead of the PID, see `model.feed_forward`
+    limits: Mapping[str, float] = field(default_factory=dict)  # by field of `Requirements`; the others stay
+    ecu: Mapping[str, float] = field(default_factory=dict)  # given fields of the ECU; see `control.design.ecu_of`
+    profile: str | None = None  # name of the make of ECU, see `model.ecus`; None for none in particular
+    log: Path | str | None = None  # from the car, whose setpoint is one scenario more; None for none
+    # run folder of a fleet, on whose units the gains are to hold; None for the one model alone
     parts: Path | str | None = None
-    anyway: bool = False
+    anyway: bool = False  # give the gains even where the model behind them is no estimate; see `Design.withheld`
+    # gains that the ECU has now, in its own numbers, see `control.own_numbers`
     present: Mapping[str, float] = field(default_factory=dict)
 
     def recorded(self) -> dict[str, Any]:
-        """As the manifest of a run keeps it, by field: with it the same is asked for again."""
+        """The request by field, as the manifest of a run keeps it to repeat it."""
         from ..model.feed_forward import as_asked, terms_of
 
         files = {name: None if path is None else str(path) for name, path in (("log", self.log), ("parts", self.parts))}

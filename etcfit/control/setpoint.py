@@ -12,20 +12,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Level:
-    """A new level of the setpoint.
+    """A new level of the setpoint."""
 
-    Args:
-        begins: where the setpoint begins to change, s.
-        ends: where it changes again, s.
-        before, after: shares of the travel.
-        scenario: of which it is a part.
-    """
-
-    begins: float
-    ends: float
+    begins: float  # where the setpoint begins to change, s
+    ends: float  # where it changes again, s
+    # before, after: shares of the travel
     before: float
     after: float
-    scenario: str = ""
+    scenario: str = ""  # of which it is a part
 
     @property
     def change(self) -> float:
@@ -34,32 +28,22 @@ class Level:
 
 
 class Stretch(NamedTuple):
-    """Part of a setpoint over which the tracking error is taken.
+    """Part of a setpoint over which the tracking error is taken."""
 
-    Args:
-        begins, ends: s.
-        scenario: of which it is a part.
-    """
-
+    # begins, ends: s
     begins: float
     ends: float
-    scenario: str = ""
+    scenario: str = ""  # of which it is a part
 
 
 @dataclass(frozen=True)
 class Setpoint:
-    """A setpoint in shares of the travel.
+    """A setpoint in shares of the travel."""
 
-    Args:
-        times: of its corners, s, from 0.
-        shares: at its corners.
-        levels: on which it is judged.
-        tracked: parts over which the tracking error is taken; none: all from the first change on.
-    """
-
-    times: tuple[float, ...]
-    shares: tuple[float, ...]
-    levels: tuple[Level, ...]
+    times: tuple[float, ...]  # of its corners, s, from 0
+    shares: tuple[float, ...]  # at its corners
+    levels: tuple[Level, ...]  # on which it is judged
+    # parts over which the tracking error is taken; none: all from the first change on
     tracked: tuple[Stretch, ...] = ()
 
     @property

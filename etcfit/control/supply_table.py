@@ -19,17 +19,11 @@ NEAR = 0.1  # by how much that may differ from the gain at a quarter of the trav
 
 
 class AtSupply(NamedTuple):
-    """Gains at one supply, at the corners of winding and friction, each figure at its worst.
+    """Gains at one supply, at the corners of winding and friction, each figure at its worst."""
 
-    Args:
-        supply: V.
-        fixed: with the gains as typed in for the ECU's own supply.
-        table: with those of the table.
-    """
-
-    supply: float
-    fixed: LoopFigures
-    table: LoopFigures
+    supply: float  # V
+    fixed: LoopFigures  # with the gains as typed in for the ECU's own supply
+    table: LoopFigures  # with those of the table
 
     @property
     def helps(self) -> bool:
@@ -38,17 +32,11 @@ class AtSupply(NamedTuple):
 
 
 class OverPosition(NamedTuple):
-    """How the plant's gain at the loop's crossover differs over the travel.
+    """How the plant's gain at the loop's crossover differs over the travel."""
 
-    Args:
-        frequency: of the crossover at a quarter of the travel, Hz; the highest where there are several.
-        shares: of the travel at which it is compared, shape (P,).
-        ratio: of the gain there to that at a quarter of the travel, shape (P,).
-    """
-
-    frequency: float
-    shares: np.ndarray
-    ratio: np.ndarray
+    frequency: float  # of the crossover at a quarter of the travel, Hz; the highest where there are several
+    shares: np.ndarray  # of the travel at which it is compared, shape (P,)
+    ratio: np.ndarray  # of the gain there to that at a quarter of the travel, shape (P,)
 
     @property
     def alike(self) -> float:
@@ -67,16 +55,11 @@ class SupplyTable:
     which still is one in %. Gains in V, or of an ECU that divides by the battery voltage, are none of the supply's
     business: their table is flat. Between its points, 1 V apart, a table that is straight is off by less than
     1 V^2 / (4 U^2), 0.3 % at 9 V.
-
-    Args:
-        supplies: at its points, V, rising.
-        ends: what it is worth at the least and at the largest supply of a car.
-        position: why there is no table over the position.
     """
 
-    supplies: tuple[float, ...]
-    ends: tuple[AtSupply, ...]
-    position: OverPosition
+    supplies: tuple[float, ...]  # at its points, V, rising
+    ends: tuple[AtSupply, ...]  # what it is worth at the least and at the largest supply of a car
+    position: OverPosition  # why there is no table over the position
 
     def written(self, gains: Gains, notation: Notation, ecu: Ecu, travel: float) -> tuple[Terms, ...]:
         """The three gains, of the ECU's own supply, as it writes them at each of these; travel of the plate in rad."""
@@ -107,7 +90,7 @@ def reckoning_with(ecu: Ecu, supply: float) -> Ecu:
 def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     """Each figure at its worst of the corners that have this supply (V)."""
     there = corners(task.settings.conditions).supply == supply
-    found = over_models(task, loop, Gains(*(np.array([g]) for g in gains))).of_rule(0)
+    found = over_models(task, loop, Gains.stacked(gains)).of_rule(0)
     return found.figures.worst(there)
 
 

@@ -43,23 +43,14 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Option:
-    """One more trace.
+    """One more trace."""
 
-    Args:
-        test: rig test.
-        says: how it is made.
-        remark: what was assumed, or "".
-        shrinks: width of each interval after it as a share of what it is now, shape (P,).
-        separates: the pair that it tells apart best; None where it tells none apart.
-        plan: what is driven and when; None where it is a trace that is there, made once more.
-    """
-
-    test: str
-    says: str
-    remark: str
-    shrinks: np.ndarray
-    separates: Pair | None
-    plan: Plan | None
+    test: str  # rig test
+    says: str  # how it is made
+    remark: str  # what was assumed, or ""
+    shrinks: np.ndarray  # width of each interval after it as a share of what it is now, shape (P,)
+    separates: Pair | None  # the pair that it tells apart best; None where it tells none apart
+    plan: Plan | None  # what is driven and when; None where it is a trace that is there, made once more
 
     @property
     def again(self) -> bool:
@@ -74,23 +65,14 @@ class Option:
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """What to measure next.
+    """What to measure next."""
 
-    Args:
-        rig: the measurements.
-        symbols: free parameters, P.
-        sd: standard errors now, relative (of a factor, where a parameter is positive), shape (P,).
-        options: best first.
-        not_judged: tests that no trace can be simulated of, with the reason.
-        settings: what it was decided by.
-    """
-
-    rig: Rig
-    symbols: tuple[str, ...]
-    sd: np.ndarray
-    options: tuple[Option, ...]
-    not_judged: tuple[tuple[str, str], ...]
-    settings: AdviceSettings = AdviceSettings()
+    rig: Rig  # the measurements
+    symbols: tuple[str, ...]  # free parameters, P
+    sd: np.ndarray  # standard errors now, relative (of a factor, where a parameter is positive), shape (P,)
+    options: tuple[Option, ...]  # best first
+    not_judged: tuple[tuple[str, str], ...]  # tests that no trace can be simulated of, with the reason
+    settings: AdviceSettings = AdviceSettings()  # what it was decided by
 
 
 def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
@@ -128,19 +110,12 @@ def judged_at(rig: Rig, at: FitResult | None) -> tuple[FreeParameters, np.ndarra
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """What is known now, and what would be known with more.
+    """What is known now, and what would be known with more."""
 
-    Args:
-        layout: which parameters x stands for.
-        x: coordinates, shape (P,).
-        information: Fisher information of all that is there, shape (P, P).
-        settings: see `separated`.
-    """
-
-    layout: Layout
-    x: np.ndarray
-    information: np.ndarray
-    settings: AdviceSettings = AdviceSettings()
+    layout: Layout  # which parameters x stands for
+    x: np.ndarray  # coordinates, shape (P,)
+    information: np.ndarray  # Fisher information of all that is there, shape (P, P)
+    settings: AdviceSettings = AdviceSettings()  # see `separated`
 
     def covariance(self, more: np.ndarray | float = 0.0) -> np.ndarray:
         """Covariance of the coordinates with further information, shape (P, P)."""

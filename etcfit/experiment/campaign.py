@@ -56,53 +56,32 @@ class Criterion(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class PlannedTest:
-    """One of the next tests.
+    """One of the next tests."""
 
-    Args:
-        candidate: what is played and logged.
-        forecast: what it will show.
-        before, after: relative standard errors of all parameters before and after it, shape (P,).
-        pause: time for the winding to cool afterwards, s.
-        file: where in the measurement folder its record goes.
-    """
-
-    candidate: Candidate
-    forecast: Forecast
+    candidate: Candidate  # what is played and logged
+    forecast: Forecast  # what it will show
+    # before, after: relative standard errors of all parameters before and after it, shape (P,)
     before: np.ndarray
     after: np.ndarray
-    pause: float
-    file: str
+    pause: float  # time for the winding to cool afterwards, s
+    file: str  # where in the measurement folder its record goes
 
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """What to measure next, in the order in which it is made.
+    """What to measure next, in the order in which it is made."""
 
-    Args:
-        rig: what was measured so far.
-        at_fit: whether the models are those of a fit; else of the graph readings.
-        symbols: free parameters, P.
-        values: of all parameters, SI, at which it was planned.
-        setting: the rig as a planner sees it.
-        tests: of the plan.
-        left_out: what would pass a limit: which candidate, and the limit.
-        winding: its heat.
-        criterion: by which it was chosen.
-        settings: limits, candidates.
-        cautions: how far the model can be believed.
-    """
-
-    rig: Rig
-    at_fit: bool
-    symbols: tuple[str, ...]
-    values: dict[str, float]
-    setting: Setting
-    tests: tuple[PlannedTest, ...]
-    left_out: tuple[tuple[str, str], ...]
-    winding: Winding
-    criterion: Criterion
-    settings: CampaignSettings
-    cautions: tuple[str, ...] = ()
+    rig: Rig  # what was measured so far
+    at_fit: bool  # whether the models are those of a fit; else of the graph readings
+    symbols: tuple[str, ...]  # free parameters, P
+    values: dict[str, float]  # of all parameters, SI, at which it was planned
+    setting: Setting  # the rig as a planner sees it
+    tests: tuple[PlannedTest, ...]  # of the plan
+    left_out: tuple[tuple[str, str], ...]  # what would pass a limit: which candidate, and the limit
+    winding: Winding  # its heat
+    criterion: Criterion  # by which it was chosen
+    settings: CampaignSettings  # limits, candidates
+    cautions: tuple[str, ...] = ()  # how far the model can be believed
 
     @property
     def now(self) -> np.ndarray:
@@ -198,7 +177,7 @@ def _models(
 
 
 def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]], most: int = 2) -> Iterator[int]:
-    """Of each group the candidates of largest amplitude that pass no limit: a smaller one tells less."""
+    """Candidates of largest amplitude within the limits, some of each group: a smaller one tells less."""
     groups: dict[tuple[str, float, float], list[int]] = {}
     for k, why in enumerate(bad):
         if not why:
@@ -253,18 +232,13 @@ def band(test: PlannedTest, s: Setting, name: str) -> tuple[np.ndarray, np.ndarr
 
 @dataclass(frozen=True)
 class LoggedColumn:
-    """One column of the record, in the unit of its header.
+    """One column of the record, in the unit of its header."""
 
-    Args:
-        header: as it stands in the CSV.
-        low, high: range that the logger needs.
-        resolution: coarsest step that loses nothing; 0 where it does not matter.
-    """
-
-    header: str
+    header: str  # as it stands in the CSV
+    # low, high: range that the logger needs
     low: float
     high: float
-    resolution: float
+    resolution: float  # coarsest step that loses nothing; 0 where it does not matter
 
 
 def logger(test: PlannedTest, campaign: Campaign) -> tuple[LoggedColumn, ...]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rig import TEST_BY_NAME
-from .plan import PLANS, Plan, Setting, even_clock
+from .plan import PLANS, Plan, Setting, even_clock, sine_sweep
 from .settings import CampaignSettings
 
 FULL = 10_000  # counts of a duty of 1: what is played is a whole number of them
@@ -35,15 +35,6 @@ def _multisine(time: np.ndarray, band: float) -> np.ndarray:
     k = np.arange(1, _LINES + 1)
     sines = np.sin(2.0 * np.pi * np.outer(time, hertz) - np.pi * k * (k - 1) / _LINES).sum(axis=1)
     return sines / np.abs(sines).max()
-
-
-def _chirp(time: np.ndarray, band: float) -> np.ndarray:
-    """wave = sin(2 pi f_0 (e^(r t) - 1) / r),    r = ln(band / f_0) / T
-
-    Source: Farina 2000 (exponential sweep). Differs from source: no.
-    """
-    rate = np.log(band / _SLOWEST) / time[-1]
-    return np.sin(2.0 * np.pi * _SLOWEST * np.expm1(rate * time) / rate)
 
 
 def _steps(time: np.ndarray, band: float) -> np.ndarray:
@@ -76,26 +67,24 @@ def _ramps(time: np.ndarray, band: float) -> np.ndarray:
 class Shape:
     """A voltage about the one that balances the spring, as a share of its amplitude.
 
-        v(t) = v_centre + A wave(t),    |wave| <= 1
-
-    Args:
-        name: of it.
-        bands: Hz, the fastest that is in it; each a candidate.
-        wave: of time, evenly spaced from 0, s, shape (n,), and band; dimensionless, shape (n,).
-        says: what it is with this band, in a few words for whoever plays it.
-        test: rig test whose folder takes the record.
+    v(t) = v_centre + A wave(t),    |wave| <= 1
     """
 
     name: str
-    bands: tuple[float, ...]
-    wave: Callable[[np.ndarray, float], np.ndarray]
-    says: Callable[[float], str]
-    test: str = "response"
+    bands: tuple[float, ...]  # Hz, the fastest that is in it; each a candidate
+    wave: Callable[[np.ndarray, float], np.ndarray]  # of evenly spaced times from 0, s, shape (n,), and band
+    says: Callable[[float], str]  # what it is with this band, in a few words for whoever plays it
+    test: str = "response"  # rig test whose folder takes the record
 
 
 SHAPES = (
     Shape("multisine", (3.0, 10.0), _multisine, lambda f: f"multisine, {_LINES} lines {_SLOWEST:g} to {f:g} Hz"),
-    Shape("chirp", (3.0, 10.0), _chirp, lambda f: f"sine sweep {_SLOWEST:g} to {f:g} Hz"),
+    Shape(
+        "chirp",
+        (3.0, 10.0),
+        lambda time, f: sine_sweep(time, _SLOWEST, f, float(time[-1])),
+        lambda f: f"sine sweep {_SLOWEST:g} to {f:g} Hz",
+    ),
     Shape("steps", (2.0, 5.0), _steps, lambda f: f"steps to either side, {0.5 / f:.2g} to {1.5 / f:.2g} s each"),
     Shape("ramps", (0.33, 1.0), _ramps, lambda f: f"ramps up and down, {f:g} a second"),
 )
@@ -104,17 +93,11 @@ SHAPES = (
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """What is put out, sample and hold.
+    """What is put out, sample and hold."""
 
-    Args:
-        time: evenly spaced from 0, s, shape (n,).
-        counts: duty of the supply, whole ten-thousandths, -10,000 to 10,000, shape (n,).
-        supply: voltage that a duty of 1 is, V.
-    """
-
-    time: np.ndarray
-    counts: np.ndarray
-    supply: float
+    time: np.ndarray  # evenly spaced from 0, s, shape (n,)
+    counts: np.ndarray  # duty of the supply, whole ten-thousandths, -10,000 to 10,000, shape (n,)
+    supply: float  # voltage that a duty of 1 is, V
 
     @property
     def volts(self) -> np.ndarray:
@@ -129,21 +112,14 @@ def _played(time: np.ndarray, volts: np.ndarray, supply: float) -> Played:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A trace that may be made next.
+    """A trace that may be made next."""
 
-    Args:
-        kind: name of its shape, or of its rig test where it is one that was not made yet.
-        plan: what is driven and logged.
-        played: what is put out; None with open terminals.
-        window: between which instants the plate must keep off the stops, s; None where it need not.
-        group: candidates of one group differ in amplitude alone.
-    """
-
-    kind: str
-    plan: Plan
-    played: Played | None
+    kind: str  # name of its shape, or of its rig test where it is one that was not made yet
+    plan: Plan  # what is driven and logged
+    played: Played | None  # what is put out; None with open terminals
+    # between which instants the plate must keep off the stops, s; None where it need not
     window: tuple[float, float] | None
-    group: tuple[str, float, float]
+    group: tuple[str, float, float]  # candidates of one group differ in amplitude alone
 
     @property
     def seconds(self) -> float:

@@ -15,13 +15,13 @@ from ..errors import MeasurementError
 from ..estimation.identifiability import Identifiability, analyse, listed, sentences
 from ..estimation.levenberg_marquardt import fisher_information
 from ..estimation.ready import ready, start_values
-from ..importing.shapes import runs
 from ..problem.free_parameters import Layout, free_parameters
 from ..problem.problem import EstimationProblem
 from ..problem.trace import Trace
 from ..rig.base import Channel, Rig
 from ..rig.ecu import GAINS
 from ..rig.paper_readings import Readings, read_graphs
+from ..rig.signals import runs
 from .settings import CheckSettings
 
 _SURE = 1e8  # information on a relative change of what is taken as known: far more than any data give
@@ -31,48 +31,33 @@ _RUN_SHARE = 0.005  # of a trace's samples that a clipped run has at least
 
 @dataclass(frozen=True)
 class Clock:
-    """Time base of a trace.
+    """Time base of a trace."""
 
-    Args:
-        samples, duration: rows; s.
-        rate: 1/median interval, Hz.
-        jitter: rms of interval/median - 1, gaps left out.
-        gaps: intervals of more than `gap` medians.
-        longest: the longest interval, s.
-    """
-
+    # samples, duration: rows; s
     samples: int
     duration: float
-    rate: float
-    jitter: float
-    gaps: int
-    longest: float
+    rate: float  # 1/median interval, Hz
+    jitter: float  # rms of interval/median - 1, gaps left out
+    gaps: int  # intervals of more than `gap` medians
+    longest: float  # the longest interval, s
 
 
 @dataclass(frozen=True)
 class ChannelCheck:
-    """One channel of a trace, in the unit that was logged.
+    """One channel of a trace, in the unit that was logged."""
 
-    Args:
-        name, unit: what, in what.
-        low, high: range.
-        sigma: noise of one sample; `estimated` where rig.toml does not give it.
-        quantum: resolution; 0 where none is seen.
-        empty: rows without a value.
-        clipped: samples that sit on one extreme value in long runs.
-        frozen: never changes.
-    """
-
+    # name, unit: what, in what
     name: str
     unit: str
+    # low, high: range
     low: float
     high: float
-    sigma: float
+    sigma: float  # noise of one sample; `estimated` where rig.toml does not give it
     estimated: bool
-    quantum: float
-    empty: int
-    clipped: int
-    frozen: bool
+    quantum: float  # resolution; 0 where none is seen
+    empty: int  # rows without a value
+    clipped: int  # samples that sit on one extreme value in long runs
+    frozen: bool  # never changes
 
 
 @dataclass(frozen=True)
@@ -88,31 +73,18 @@ class TraceCheck:
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """What `check` found.
+    """What `check` found."""
 
-    Args:
-        rig: as read.
-        traces: each trace.
-        identifiability: of the start model; None where nothing can be fitted.
-        directions: each null or weak direction in a sentence, worst first.
-        gains: what knowing a gain of the ECU would tell besides, a sentence each; () where no such gain is sought.
-        readings: the paper's graphs; None where they could not be read either.
-        warnings: what a reader must know, `why_not` included.
-        why_not: why there is no verdict, or "".
-        settings: what it was decided by.
-        follows: traces with a setpoint, as `drive` judges a log, by the same thresholds.
-    """
-
-    rig: Rig
-    traces: tuple[TraceCheck, ...]
-    identifiability: Identifiability | None
-    directions: tuple[str, ...]
-    readings: Readings | None
-    warnings: tuple[str, ...]
-    why_not: str = ""
-    gains: tuple[str, ...] = ()
-    settings: CheckSettings = CheckSettings()
-    follows: tuple[Study, ...] = ()
+    rig: Rig  # as read
+    traces: tuple[TraceCheck, ...]  # each trace
+    identifiability: Identifiability | None  # of the start model; None where nothing can be fitted
+    directions: tuple[str, ...]  # each null or weak direction in a sentence, worst first
+    readings: Readings | None  # the paper's graphs; None where they could not be read either
+    warnings: tuple[str, ...]  # what a reader must know, `why_not` included
+    why_not: str = ""  # why there is no verdict, or ""
+    gains: tuple[str, ...] = ()  # sentences: what knowing a gain of the ECU would tell; () where none is sought
+    settings: CheckSettings = CheckSettings()  # what it was decided by
+    follows: tuple[Study, ...] = ()  # traces with a setpoint, as `drive` judges a log, by the same thresholds
 
 
 def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
@@ -146,23 +118,14 @@ def check(rig: Rig, settings: CheckSettings = CheckSettings()) -> CheckResult:
 
 @dataclass(frozen=True, eq=False)
 class Foresight:
-    """What the traces to be fitted can identify.
+    """What the traces to be fitted can identify."""
 
-    Args:
-        layout: of the start model.
-        x: coordinates of the readings at which it was judged, shape (P,).
-        information: of the traces and the user's priors, shape (P, P).
-        readings: the paper's graphs.
-        notes: on traces left out.
-        traces: those to be fitted.
-    """
-
-    layout: Layout
-    x: np.ndarray
-    information: np.ndarray
-    readings: Readings
-    notes: tuple[str, ...]
-    traces: tuple[Trace, ...]
+    layout: Layout  # of the start model
+    x: np.ndarray  # coordinates of the readings at which it was judged, shape (P,)
+    information: np.ndarray  # of the traces and the user's priors, shape (P, P)
+    readings: Readings  # the paper's graphs
+    notes: tuple[str, ...]  # on traces left out
+    traces: tuple[Trace, ...]  # those to be fitted
 
     @cached_property
     def identifiability(self) -> Identifiability:
@@ -250,6 +213,5 @@ def clipped(value: np.ndarray, settings: CheckSettings = CheckSettings()) -> int
     elsewhere = ~extreme[1:]
     if low == high or elsewhere.sum() < 4 * settings.run or same[elsewhere].mean() > _LIVELY:
         return 0
-    least = max(settings.run, round(_RUN_SHARE * value.size))
-    at_rest = runs(extreme & np.concatenate(([False], same)))
-    return sum(stop - start + 1 for start, stop in at_rest if stop - start + 1 >= least)  # each begins a sample before
+    least = max(settings.run, round(_RUN_SHARE * value.size), 2)
+    return sum(stop - start for end in (low, high) for start, stop in runs(value == end) if stop - start >= least)

@@ -25,17 +25,11 @@ HEAT_CAPACITY, COOLING = 6.0, 30.0
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What a planned test will show by each of D models; the first is the most likely one.
+    """What a planned test will show by each of D models; the first is the most likely one."""
 
-    Args:
-        time: s, shape (n,).
-        shown: by channel, SI, shape (D, n) each.
-        warmth: of the winding above ambient, K, shape (D, n).
-    """
-
-    time: np.ndarray
-    shown: Mapping[str, np.ndarray]
-    warmth: np.ndarray
+    time: np.ndarray  # s, shape (n,)
+    shown: Mapping[str, np.ndarray]  # by channel, SI, shape (D, n) each
+    warmth: np.ndarray  # of the winding above ambient, K, shape (D, n)
 
 
 @dataclass(frozen=True)
@@ -43,15 +37,11 @@ class Winding:
     """Heat of the winding, one node: C dD/dt = R_a (1 + alpha D_most) i^2 - C D / tau.
 
     Source: Boglietti et al. 2009. Differs from source: one node; the resistance is that at the limit, on the safe side.
-    Args:
-        capacity: C, J/K.
-        cooling: tau, s.
-        fitted: whether `winding_heating` of the model says so; else it is assumed.
     """
 
-    capacity: float
-    cooling: float
-    fitted: bool
+    capacity: float  # C, J/K
+    cooling: float  # tau, s
+    fitted: bool  # whether `winding_heating` of the model says so; else it is assumed
 
     @classmethod
     def of_model(cls, values: Mapping[str, float]) -> Winding:

@@ -23,32 +23,20 @@ _ANYWHERE = frozenset({"current", "position"})  # seen whatever is done to the r
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A rig as a planner sees it.
+    """A rig as a planner sees it."""
 
-    Args:
-        config: the rig.
-        values: of all parameters, SI, by symbol.
-        supply: V.
-        noise: standard deviation of one sample by channel, SI.
-        assumed: channels whose noise is not the rig's own.
-        rest: where the plate rests without a drive, rad.
-        rate: at which driven plates are logged, Hz.
-        duration: of such a log, s.
-        logged: by rig test, the channels that this rig logs in it: those seen in a trace of the same boundary, for a
-            shaft's speed is seen with the gear apart only, and an EMF at open terminals.
-        settings: of the plans.
-    """
-
-    config: RigConfig
-    values: Mapping[str, float]
-    supply: float
-    noise: Mapping[str, float]
-    assumed: frozenset[str]
-    rest: float
-    rate: float
-    duration: float
+    config: RigConfig  # the rig
+    values: Mapping[str, float]  # of all parameters, SI, by symbol
+    supply: float  # V
+    noise: Mapping[str, float]  # standard deviation of one sample by channel, SI
+    assumed: frozenset[str]  # channels whose noise is not the rig's own
+    rest: float  # where the plate rests without a drive, rad
+    rate: float  # at which driven plates are logged, Hz
+    duration: float  # of such a log, s
+    # channels that this rig logs, by rig test: those seen in a trace of the same boundary, for a shaft's speed is seen
+    # with the gear apart only, and an EMF at open terminals
     logged: Mapping[str, frozenset[str]]
-    settings: PlanSettings = PlanSettings()
+    settings: PlanSettings = PlanSettings()  # of the plans
 
     @classmethod
     def of_rig(cls, rig: Rig, values: Mapping[str, float], settings: PlanSettings = PlanSettings()) -> Setting:
@@ -56,7 +44,7 @@ class Setting:
         seen: dict[str, list[float]] = {}
         for trace in rig.measurements:
             for name, channel in trace.channels.items():
-                seen.setdefault(name, []).append(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
+                seen.setdefault(name, []).append(channel.error)
         own = {name: float(np.median(sigmas)) for name, sigmas in seen.items()}
         driven = [t for t in rig.measurements if t.test in ("response", "static_load", "drive")]
         rests = [t.channels["position"].value[0] for t in driven if "position" in t.channels]
@@ -108,23 +96,14 @@ def _logged(test: AbstractRigTest, rig: Rig) -> frozenset[str]:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A trace that does not exist yet.
+    """A trace that does not exist yet."""
 
-    Args:
-        test: name of its rig test.
-        says: how it is made, for whoever makes it.
-        time: s, shape (n,).
-        volts: V, shape (n,); None with open terminals.
-        angle: where the plate is at first, rad.
-        release: when a held plate is let go, s; None where nobody holds it.
-    """
-
-    test: str
-    says: str
-    time: np.ndarray
-    volts: np.ndarray | None
-    angle: float
-    release: float | None = None
+    test: str  # name of its rig test
+    says: str  # how it is made, for whoever makes it
+    time: np.ndarray  # s, shape (n,)
+    volts: np.ndarray | None  # V, shape (n,); None with open terminals
+    angle: float  # where the plate is at first, rad
+    release: float | None = None  # when a held plate is let go, s; None where nobody holds it
 
 
 def resistance(s: Setting) -> Plan:
@@ -172,7 +151,7 @@ PLANS: dict[str, Callable[[Setting], Plan]] = {
 def sweeps(s: Setting) -> list[Plan]:
     """Driven responses to choose from: sine sweeps about half travel, of rising amplitude and band.
 
-        v = middle + amplitude sin(phase), the frequency rising exponentially
+        v = middle + amplitude sweep,    see `sine_sweep`
 
     The smallest just overcomes dry friction both ways; the largest, where the supply gives it, takes a slow plate from
     stop to stop and no further.
@@ -183,8 +162,7 @@ def sweeps(s: Setting) -> list[Plan]:
     time, lowest, plans = even_clock(s.duration, s.rate), s.settings.lowest, []
     for amplitude in map(float, np.geomspace(least, most, s.settings.levels)):
         for band in s.settings.bands:
-            rate = np.log(band / lowest) / s.duration
-            volts = middle + amplitude * np.sin(2.0 * np.pi * lowest * np.expm1(rate * time) / rate)
+            volts = middle + amplitude * sine_sweep(time, lowest, band, s.duration)
             says = f"sine sweep {lowest:g} to {band:g} Hz in {s.duration:.1f} s, {middle:.2f} ± {amplitude:.2f} V"
             plans.append(Plan("response", says, time, volts, s.rest))
     return plans
@@ -224,6 +202,15 @@ def trace_of(plan: Plan, s: Setting, names: Sequence[str] | None = None) -> Trac
         return trace
     held = InitialState((0.0, plan.angle, 0.0), (0.0, trace.start.sd[1], 0.0))
     return replace(trace, start=held, release=(plan.release, 1e-3))
+
+
+def sine_sweep(time: np.ndarray, lowest: float, highest: float, duration: float) -> np.ndarray:
+    """sin(2 pi f_0 (e^(r t) - 1) / r),    r = ln(f_1 / f_0) / T
+
+    Source: Farina 2000 (exponential sweep). Differs from source: no.
+    """
+    rate = np.log(highest / lowest) / duration
+    return np.sin(2.0 * np.pi * lowest * np.expm1(rate * time) / rate)
 
 
 def even_clock(duration: float, rate: float) -> np.ndarray:

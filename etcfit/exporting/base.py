@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from .. import __version__
-from ..control.linearise import Reduction, reduce, stops
+from ..control.linearise import Reduction, reduce
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..files import whole
 from ..model.effects import AbstractEffect
 from ..model.parameters import Parameter, parameters_of
+from ..model.pid import Gains
 from ..model.rig_effects import AbstractRigEffect
 from ..model.throttle import Throttle
 from ..ranges import check_ranges, real
@@ -46,27 +47,23 @@ class ExportSettings:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A model to be exported.
+    """A model to be exported."""
 
-    Args:
-        fitted: the model at its optimum.
-        settings: step and operating point.
-        pid: the object of pid.json; None where no gains were designed.
-        designing: the command that designs them, for messages.
-        into: the user's own file of that format, of which a copy is changed; None for a new file.
-        anyway: write what is typed into an ECU even where the model behind it is no estimate.
-    """
+    fitted: Fitted  # the model at its optimum
+    settings: ExportSettings = field(default_factory=ExportSettings)  # step and operating point
+    pid: Mapping[str, Any] | None = None  # the object of pid.json; None where no gains were designed
+    designing: str = "etcfit design RUN"  # the command that designs them, for messages
+    into: Path | None = None  # the user's own file of that format, of which a copy is changed; None for a new file
+    anyway: bool = False  # write what is typed into an ECU even where the model behind it is no estimate
 
-    fitted: Fitted
-    settings: ExportSettings = field(default_factory=ExportSettings)
-    pid: Mapping[str, Any] | None = None
-    designing: str = "etcfit design RUN"
-    into: Path | None = None
-    anyway: bool = False
+    @property
+    def designed(self) -> Gains | None:
+        """Gains of pid.json, SI; None where none were designed."""
+        return None if self.pid is None else Gains(*(float(self.pid["gains"][name]) for name in Gains._fields))
 
     @property
     def values(self) -> Mapping[str, float]:
-        """Of every parameter, SI by symbol."""
+        """Value of every parameter, SI, by symbol."""
         return self.fitted.values
 
     @property
@@ -81,8 +78,8 @@ class Source:
 
     @property
     def travel(self) -> tuple[float, float]:
-        """End stops, rad; see `control.linearise.stops` for a rig without."""
-        return stops(self.fitted)
+        """See `RigConfig.stops`."""
+        return self.fitted.config.stops
 
     @cached_property
     def reduction(self) -> Reduction:
@@ -91,7 +88,7 @@ class Source:
 
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:
-        """Of the throttle itself: neither those of the rig nor an ECU that drove its logs."""
+        """Effects of the throttle itself: neither those of the rig nor the ECU that drove its logs."""
         types = self.fitted.free_parameters.layout.types
         return tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
 
@@ -102,7 +99,7 @@ class Source:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Of these effects, in their order."""
+        """Parameters of these effects, in their order."""
         return tuple(p for effect in self.effects for p in parameters_of(effect))
 
     @property
@@ -153,21 +150,13 @@ class Export:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name in one tuple, `FORMATS`.
+    """A format: its name in one tuple, `FORMATS`."""
 
-    Args:
-        name: of `--to`.
-        title: what it is for, one line.
-        make: makes it; imports what is heavy when it is called.
-        changes: whether it can change a copy of the user's own file (`Source.into`).
-        tools: raises what this machine lacks to make it.
-    """
-
-    name: str
-    title: str
-    make: Callable[[Source], Export]
-    changes: bool = False
-    tools: Callable[[], object] = lambda: None
+    name: str  # of `--to`
+    title: str  # what it is for, one line
+    make: Callable[[Source], Export]  # makes it; imports what is heavy when it is called
+    changes: bool = False  # whether it can change a copy of the user's own file (`Source.into`)
+    tools: Callable[[], object] = lambda: None  # raises what this machine lacks to make it
 
     def require(self, into: Path | None) -> None:
         """What can be known before there is a model.

@@ -66,7 +66,7 @@ def _variable(
 
 
 def _variables(source: Source, plant: Plant) -> list[dict[str, str]]:
-    """In the order of their value references."""
+    """Variables in the order of their value references."""
     torque = "at the plate besides the motor's, through the gear like it; positive opens"
     outputs = (*_OUTPUTS, _SENSOR) if plant.sensor else _OUTPUTS
     return [

@@ -29,29 +29,17 @@ _ISAAC_LACKS = (
 
 @dataclass(frozen=True)
 class Joint:
-    """Constants of a hinge with a DC motor, at the plate where nothing else is said.
+    """Constants of a hinge with a DC motor, at the plate where nothing else is said."""
 
-    Args:
-        armature: inertia of the motor, N^2 J_m, kg m2.
-        inertia: of the plate, J_L, kg m2.
-        damping: N^2 B_m + B_L, N m s/rad.
-        friction: T_f, N m.
-        stiffness: K_s, N m/rad.
-        rest: angle at which the spring is relaxed, -T_PL/K_s, rad.
-        gear: N.
-        per_volt: torque of the motor's own shaft, K_m/R_a, N m/V.
-        back_emf: K_m K_b/R_a, N m s/rad, at the motor's own shaft.
-    """
-
-    armature: float
-    inertia: float
-    damping: float
-    friction: float
-    stiffness: float
-    rest: float
-    gear: float
-    per_volt: float
-    back_emf: float
+    armature: float  # inertia of the motor, N^2 J_m, kg m2
+    inertia: float  # of the plate, J_L, kg m2
+    damping: float  # N^2 B_m + B_L, N m s/rad
+    friction: float  # T_f, N m
+    stiffness: float  # K_s, N m/rad
+    rest: float  # angle at which the spring is relaxed, -T_PL/K_s, rad
+    gear: float  # N
+    per_volt: float  # torque of the motor's own shaft, K_m/R_a, N m/V
+    back_emf: float  # K_m K_b/R_a, N m s/rad, at the motor's own shaft
 
 
 def _joint(source: Source) -> Joint:
@@ -141,10 +129,9 @@ def _position(source: Source) -> Export:
 
 
 def _gains(source: Source) -> tuple[Gains, str]:
-    """Of the controller that was designed, else of the one that drove the logs; and whose they are."""
-    if source.pid is not None:
-        made = source.pid["gains"]
-        return Gains(made["Kp"], made["Ki"], made["Kd"]), "pid.json"
+    """Gains of the designed controller, else of the one that drove the logs; and which of them."""
+    if (designed := source.designed) is not None:
+        return designed, "pid.json"
     found = gains_as_found(source.fitted)
     if isinstance(found, Refusal):
         raise UsageError(f"A position actuator has gains, and none are known: {found.why}, and none were designed. "

@@ -29,8 +29,8 @@ def _cannot_hold(source: Source) -> Iterator[str]:
 
 
 def _gains(source: Source) -> dict[str, float]:
-    """Kp, Ki and Kd of pid.json; {} where none were designed."""
-    return {} if source.pid is None else {name: float(source.pid["gains"][name]) for name in _GAIN_UNITS}
+    """Gains by name; {} where none were designed."""
+    return {} if source.designed is None else source.designed._asdict()
 
 
 def _mat(source: Source) -> Export:

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..control.motion import free_step
+from ..control.pid.loop import Body
 from ..errors import UsageError
 from ..kernels.c import program
 from ..kernels.graph import Graph
@@ -22,7 +24,7 @@ from ..kernels.lowering import NotScalarError, lowered
 from ..model.effects import AbstractEffect, Inputs, State
 from ..model.parameters import Scalar
 from ..model.refusals import refused
-from ..model.stepper import Step, step
+from ..model.stepper import step
 from ..model.throttle import Throttle
 from .base import BODY, Export, Format, Source, rendered
 
@@ -52,44 +54,28 @@ class Memory(NamedTuple):
 
 
 class Late(NamedTuple):
-    """Delays, in steps.
+    """Delays, in steps."""
 
-    Args:
-        program: of the delays of voltage, sensed angle and sensed current.
-        lines: which of these three there are.
-        room: samples that a delay line keeps.
-    """
-
-    program: Program
-    lines: tuple[bool, bool, bool]
-    room: int
+    program: Program  # of the delays of voltage, sensed angle and sensed current
+    lines: tuple[bool, bool, bool]  # which of these three there are
+    room: int  # samples that a delay line keeps
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A fitted model as straight-line C.
+    """A fitted model as straight-line C."""
 
-    Args:
-        step: s.
-        quantities: parameters, those of the rig at the end.
-        memories: of the effects.
-        advance: state and memories after a step, in the order of `names`.
-        read: sensed angle (rad) and sensed current (A).
-        late: delays; None where the model has none.
-        sensor: whether the position sensor's volts are known.
-    """
-
-    step: float
-    quantities: tuple[Quantity, ...]
-    memories: tuple[Memory, ...]
-    advance: Program
-    read: Program
-    late: Late | None
-    sensor: bool
+    step: float  # s
+    quantities: tuple[Quantity, ...]  # parameters, those of the rig at the end
+    memories: tuple[Memory, ...]  # of the effects
+    advance: Program  # state and memories after a step, in the order of `names`
+    read: Program  # sensed angle (rad) and sensed current (A)
+    late: Late | None  # delays; None where the model has none
+    sensor: bool  # whether the position sensor's volts are known
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of state and memories, as C has them."""
+        """Names of state and memories in C."""
         return (*_STATE, *(f"z{k}" for k in range(len(self.memories))))
 
     @property
@@ -160,9 +146,8 @@ def advancing(effects: tuple[type[AbstractEffect], ...], h: float) -> Callable[.
     def advance(
         p: Mapping[str, Scalar], x: State, z: tuple[Scalar, ...], voltage: Scalar, torque: Scalar, time: Scalar
     ) -> Any:
-        s = Step(dt=h, voltage0=voltage, voltage1=voltage, torque0=torque, torque1=torque, time=time + h, mobile=1.0,
-                 circuit=1.0, plate=1.0, series=0.0, gear_ratio=p["N"], lower=p["lower"], upper=p["upper"],
-                 guide_stiffness=0.0, target0=0.0, target1=0.0, lever=0.0)  # fmt: skip
+        s = free_step(Body(p["N"], p["lower"], p["upper"]), h, voltage, time + h)
+        s = s._replace(torque0=torque, torque1=torque)
         return step(Throttle.build(effects, p), x, z, s)
 
     return advance

@@ -104,19 +104,12 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
 
 
 class OwnTune(NamedTuple):
-    """What a user's own tune says of the loop.
-
-    Args:
-        file: it.
-        gains: P, I and D as the ECU writes them.
-        bias: its bias table, % of the travel and % of duty; () where that is all 0, or the make has none.
-        integral: largest that its integral may hold, a share of the supply; None where it does not say.
-    """
+    """What a user's own tune says of the loop."""
 
     file: str
-    gains: tuple[float, float, float]
-    bias: BiasPoints
-    integral: float | None
+    gains: tuple[float, float, float]  # P, I and D as the ECU writes them
+    bias: BiasPoints  # its bias table, % of the travel and % of duty; () where that is all 0, or the make has none
+    integral: float | None  # largest that its integral may hold, a share of the supply; None where it does not say
 
 
 _INTEGRAL = ("etb_iTermMin", "etb_iTermMax")  # %

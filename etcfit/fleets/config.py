@@ -27,23 +27,16 @@ _OF_TPS = ("tps", "noise", "accuracy")  # cannot be checked before a unit has sa
 
 @dataclass(frozen=True)
 class Member:
-    """A unit's row; what an empty cell or a missing column does not tell is None.
+    """A unit's row; what an empty cell or a missing column does not tell is None."""
 
-    Args:
-        serial: of the unit.
-        date: when it was measured; in UTC where the file says an offset.
-        batch, rig, operator: where it comes from, on what and by whom it was measured.
-        temperature: of the room, K.
-        part: the physical throttle; units that share it are repeats.
-    """
-
-    serial: str | None = None
-    date: datetime.datetime | None = None
+    serial: str | None = None  # of the unit
+    date: datetime.datetime | None = None  # when it was measured; in UTC where the file says an offset
+    # batch, rig, operator: where it comes from, on what and by whom it was measured
     batch: str | None = None
     rig: str | None = None
     operator: str | None = None
-    temperature: float | None = None
-    part: str | None = None
+    temperature: float | None = None  # of the room, K
+    part: str | None = None  # the physical throttle; units that share it are repeats
 
 
 COLUMNS = {"unit": "unit", **{each.name: each.name for each in fields(Member)}, "temperature": "temperature_C"}
@@ -51,38 +44,26 @@ COLUMNS = {"unit": "unit", **{each.name: each.name for each in fields(Member)}, 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a specification allows.
+    """What a specification allows."""
 
-    Args:
-        low, high: SI; -inf and inf where a side is open.
-        unit, given: SI, as pint writes it, and as the file has it.
-    """
-
+    # low, high: SI; -inf and inf where a side is open
     low: float
     high: float
+    # unit, given: SI, as pint writes it, and as the file has it
     unit: str
     given: str
 
 
 @dataclass(frozen=True)
 class FleetConfig:
-    """What is written down about a fleet.
+    """What is written down about a fleet."""
 
-    Args:
-        name: of the fleet.
-        location: its folder or address, as given.
-        shared: symbols that have one value for all units.
-        limits: by symbol, or by figure of the line.
-        members: by unit, all of them, in the order of units.csv, else by name.
-        common: what their rigs have in common: the tables of a rig.toml.
-    """
-
-    name: str
-    location: str
-    shared: tuple[str, ...]
-    limits: Mapping[str, Limit]
-    members: Mapping[str, Member]
-    common: Toml
+    name: str  # of the fleet
+    location: str  # its folder or address, as given
+    shared: tuple[str, ...]  # symbols that have one value for all units
+    limits: Mapping[str, Limit]  # by symbol, or by figure of the line
+    members: Mapping[str, Member]  # by unit, all of them, in the order of units.csv, else by name
+    common: Toml  # what their rigs have in common: the tables of a rig.toml
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -185,11 +166,11 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
     Raises:
         MeasurementError: a column, a cell or a row is wrong, or rows and folders do not match.
     """
-    frame = _frame(decode(raw, path).removeprefix("\ufeff"), path)
-    columns = _columns(toml, list(frame.columns), path)
+    header, rows = _rows(decode(raw, path).removeprefix("\ufeff"), path)
+    columns = _columns(toml, header, path)
     members: dict[str, Member] = {}
     lines: dict[str, int] = {}
-    for line, row in zip(frame.index, frame.to_dict("records"), strict=True):
+    for line, row in rows.items():
         unit = row[columns["unit"]]
         where = f"{path}:{line}"
         if not unit:
@@ -208,14 +189,9 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
     return members
 
 
-def _frame(text: str, path: str) -> Any:
-    """The cells as text, stripped; the index is the line of each row."""
-    import pandas as pd
-
-    lines = text.split("\n")
-    separator = max(",;\t", key=lines[0].count)
-    # by hand up to the frame: pandas drops a cell too many, or fills one too few, without a word
-    reader = csv.reader(io.StringIO(text), delimiter=separator)
+def _rows(text: str, path: str) -> tuple[list[str], dict[int, dict[str, str]]]:
+    """The header, and each row by its line: cells by column, stripped. pandas drops a cell too many without a word."""
+    reader = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=text.partition("\n")[0].count))
     cells = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     rows = [(number, row) for number, row in cells if any(row)]
     if not rows:
@@ -229,7 +205,7 @@ def _frame(text: str, path: str) -> Any:
         if len(row) != len(header):
             raise MeasurementError(f"{path}:{number}", f"{len(row)} cells.", f"The header has {len(header)}.",
                                    'Correct the row; a text with a comma needs quotes: "a, b".')  # fmt: skip
-    return pd.DataFrame([row for _, row in rows[1:]], columns=header, index=[number for number, _ in rows[1:]])
+    return header, {number: dict(zip(header, row, strict=True)) for number, row in rows[1:]}
 
 
 def _columns(toml: Toml, header: list[str], path: str) -> dict[str, str]:

@@ -50,18 +50,13 @@ OPEN = 1.0  # standard deviation over reach from which on a direction is taken a
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What is known of a fleet's units.
+    """What is known of a fleet's units."""
 
-    Args:
-        fitted, failed: in the order of the fleet.
-        work: how they were fitted.
-        remark: what of the results that were stored could not be used, or "".
-    """
-
+    # fitted, failed: in the order of the fleet
     fitted: tuple[UnitResult, ...]
     failed: tuple[FailedUnit, ...]
-    work: FitWork
-    remark: str = ""
+    work: FitWork  # how they were fitted
+    remark: str = ""  # what of the results that were stored could not be used, or ""
 
 
 def fit_all(
@@ -107,20 +102,14 @@ def _middle(store: Store, units: Sequence[str]) -> dict[str, float] | None:
 
 @dataclass(frozen=True)
 class FitWork(AbstractWork):
-    """The work of a fleet: read a unit where it lies, lay its rig.toml over what is common, fit it.
+    """The work of a fleet: read a unit where it lies, lay its rig.toml over what is common, fit it."""
 
-    Args:
-        location: of the fleet, as every worker sees it.
-        common: what their rigs have in common.
-        about: where the fleet's units lie, SI by symbol, to start from; None where nobody knows yet. It is not in the
-            digest: where a fit starts is no part of what it finds.
-        settings: of the fits.
-    """
-
-    location: str
-    common: Toml
+    location: str  # of the fleet, as every worker sees it
+    common: Toml  # what their rigs have in common
+    # where the fleet's units lie, SI by symbol, to start from; None where nobody knows yet. It is not in the digest:
+    # where a fit starts is no part of what it finds.
     about: Mapping[str, float] | None = None
-    settings: FitSettings = FitSettings()
+    settings: FitSettings = FitSettings()  # of the fits
 
     def prepare(self) -> None:
         """The folder of compiled programs."""
@@ -129,7 +118,7 @@ class FitWork(AbstractWork):
         use_compilation_cache()
 
     def digest(self, unit: str) -> str:
-        """That of the unit's files, what is common, and the settings."""
+        """Digest of the unit's files, what is common, and the settings."""
         with local_copy(self.location, unit) as folder:
             return digest_of(digests_of(folder), common=self.common.tables, settings=self.settings)
 

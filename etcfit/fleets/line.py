@@ -54,19 +54,12 @@ _ENDS = (0.025, 0.975)
 
 @dataclass(frozen=True)
 class Condition:
-    """Of all units alike.
+    """Of all units alike."""
 
-    Args:
-        name: such as "hot, 9 V".
-        supply: V.
-        winding: its temperature, and that of the magnets, degrees Celsius.
-        friction: dry friction over that of the bench.
-    """
-
-    name: str
-    supply: float
-    winding: float
-    friction: float = 1.0
+    name: str  # such as "hot, 9 V"
+    supply: float  # V
+    winding: float  # its temperature, and that of the magnets, degrees Celsius
+    friction: float = 1.0  # dry friction over that of the bench
 
     def acting_on(self, throttles: Throttle) -> Throttle:
         """The units there.
@@ -104,13 +97,11 @@ class Station:
 
     @cached_property
     def body(self) -> Body:
-        """Gear ratio and stops, rad; a quarter turn from zero where the rig has no stops."""
-        lower, upper = self.model.config.travel
-        lower = lower if np.isfinite(lower) else 0.0
-        return Body(self.model.config.gear_ratio, lower, upper if np.isfinite(upper) else lower + 0.5 * np.pi)
+        """Gear ratio and stops, rad."""
+        return Body(self.model.config.gear_ratio, *self.model.config.stops)
 
     def angle(self, share: float) -> float:
-        """rad, of a share of the travel."""
+        """Angle at a share of the travel, rad."""
         return self.body.lower + share * (self.body.upper - self.body.lower)
 
     def opening(self, supply: float) -> PerUnit:
@@ -118,7 +109,7 @@ class Station:
         return self._stroke(self.body.lower, supply, Bands(self._marks(), np.full((self.count, 2), np.inf)))
 
     def closing(self, supply: float) -> PerUnit:
-        """Likewise from the open stop at the supply's reverse."""
+        """s from 90 to 10 % of the travel at the supply's reverse, from rest at the open stop; infinite for never."""
         marks = self.body.upper + self.body.lower - self._marks()
         return self._stroke(self.body.upper, -supply, Bands(np.full((self.count, 2), -np.inf), marks))
 
@@ -204,39 +195,25 @@ def _currents(throttles: Throttle, angles: Any, body: Body) -> Any:
 
 
 class FigureResult(NamedTuple):
-    """A figure of every unit.
+    """A figure of every unit."""
 
-    Args:
-        value: SI, shape (U,); NaN where it cannot be told.
-        why: of the NaN; "" where there is none.
-    """
-
-    value: PerUnit
-    why: str = ""
+    value: PerUnit  # SI, shape (U,); NaN where it cannot be told
+    why: str = ""  # of the NaN; "" where there is none
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a line: a number a unit, computed from its fitted model.
+    """One figure of a line: a number a unit, computed from its fitted model."""
 
-    Args:
-        name: what fleet.json and the limits of fleet.toml call it.
-        unit: SI.
-        meaning: one line.
-        source: of its definition.
-        values: of all units at a station, SI, shape (U,); not finite where a unit has none.
-        why: a unit has none.
-    """
-
-    name: str
-    unit: str
-    meaning: str
-    source: str
-    values: Callable[[Station], PerUnit]
-    why: str
+    name: str  # what fleet.json and the limits of fleet.toml call it
+    unit: str  # SI
+    meaning: str  # one line
+    source: str  # of its definition
+    values: Callable[[Station], PerUnit]  # of all units at a station, SI, shape (U,); not finite where a unit has none
+    why: str  # a unit has none
 
     def measure(self, station: Station) -> FigureResult:
-        """Of every unit at a station."""
+        """The figure of every unit at a station."""
         value = self.values(station)
         known = np.isfinite(value)
         return FigureResult(np.where(known, value, np.nan), "" if known.all() else self.why)
@@ -261,95 +238,45 @@ def _sensor_linearity(station: Station) -> PerUnit:
 
 # the one registration; tables and pages have this order
 FIGURES: tuple[Figure, ...] = (
-    Figure(
-        "default_position",
-        "rad",
-        "angle at which the plate rests without a current, let go from open",
-        "Deur et al. 2004 (limp-home position); from open, since dry friction keeps a memory of the side",
-        lambda station: np.where(station.cut.still > 0.0, station.cut.angle, np.nan),
-        f"still moving after {LONGEST:g} s",
-    ),
-    Figure(
-        "opening_time",
-        "s",
-        "time from 10 to 90 % of the travel at the full supply, opening",
-        "transition duration, IEEE Std 181-2011, of a step of full duty",
-        lambda station: station.opening(station.condition.supply),
-        "never reaches 90 % of the travel",
-    ),
-    Figure(
-        "closing_time",
-        "s",
-        "time from 90 to 10 % of the travel at the full supply in reverse, closing",
-        "transition duration, IEEE Std 181-2011, of a step of full duty",
-        lambda station: station.closing(station.condition.supply),
-        "never reaches 10 % of the travel",
-    ),
-    Figure(
-        "unpowered_return",
-        "s",
-        "time from full open to within 5 % of the unpowered position, terminals open",
-        "control.safety.unpowered: FMVSS 124 asks it of the driver's control",
-        lambda station: station.cut.stays[:, 0],
-        "rests more than 5 % of the travel from where its springs bring it",
-    ),
-    Figure(
-        "unpowered_return_shorted",
-        "s",
-        "time from full open to within 5 % of the unpowered position, terminals shorted",
-        "control.safety.unpowered",
-        lambda station: station.shorted.stays[:, 0],
-        "not back while watched: dry friction or the motor's brake holds it",
-    ),
-    Figure(
-        "supply_response",
-        "1",
-        "opening time at 9 V over that at 14 V",
-        "this project; 9 to 16 V as of ISO 16750-2, code C",
-        _supply_response,
-        "does not open fully at 9 V",
-    ),
-    Figure(
-        "holding_current",
-        "A",
-        "current that holds the plate at mid-travel, the middle of its hysteresis",
-        "the paper, Eq. 2 at rest",
-        lambda station: 0.5 * (station.middle_currents[0] + station.middle_currents[1]),
-        "no current holds it",
-    ),
-    Figure(
-        "current_hysteresis",
-        "A",
-        "half the difference of the slow opening and closing current at mid-travel",
-        "the paper, Eq. 2 at rest: T_f / (N K_m) of Eqs. 1-2",
-        lambda station: 0.5 * (station.middle_currents[0] - station.middle_currents[1]),
-        "no current moves it",
-    ),
-    Figure(
-        "breakaway_voltage_opening",
-        "V",
-        "voltage at which a slow ramp starts to open the plate from its unpowered position",
-        "the paper, Eqs. 1-2 at rest",
-        lambda station: station.held(station.cut.angle, 1.0)[1],
-        "no voltage moves it",
-    ),
-    Figure(
-        "breakaway_voltage_closing",
-        "V",
-        "voltage of a falling slow ramp at which the plate leaves the open stop",
-        "the paper, Eqs. 1-2 at rest",
-        lambda station: station.held(np.full(station.count, station.body.upper), -1.0)[1],
-        "no voltage moves it",
-    ),
-    Figure(
-        "sensor_linearity",
-        "rad",
-        "largest deviation of the position sensor from the line through the stops",
-        "Fraden 2016, terminal points",
-        _sensor_linearity,
-        "not modelled: the model has no position_sensor_nonlinearity",
-    ),
-)
+    Figure("default_position", "rad", "angle at which the plate rests without a current, let go from open",
+           "Deur et al. 2004 (limp-home position); from open, since dry friction keeps a memory of the side",
+           lambda station: np.where(station.cut.still > 0.0, station.cut.angle, np.nan),
+           f"still moving after {LONGEST:g} s"),
+    Figure("opening_time", "s", "time from 10 to 90 % of the travel at the full supply, opening",
+           "transition duration, IEEE Std 181-2011, of a step of full duty",
+           lambda station: station.opening(station.condition.supply), "never reaches 90 % of the travel"),
+    Figure("closing_time", "s", "time from 90 to 10 % of the travel at the full supply in reverse, closing",
+           "transition duration, IEEE Std 181-2011, of a step of full duty",
+           lambda station: station.closing(station.condition.supply), "never reaches 10 % of the travel"),
+    Figure("unpowered_return", "s", "time from full open to within 5 % of the unpowered position, terminals open",
+           "control.safety.unpowered: FMVSS 124 asks it of the driver's control",
+           lambda station: station.cut.stays[:, 0],
+           "rests more than 5 % of the travel from where its springs bring it"),
+    Figure("unpowered_return_shorted", "s",
+           "time from full open to within 5 % of the unpowered position, terminals shorted",
+           "control.safety.unpowered",
+           lambda station: station.shorted.stays[:, 0],
+           "not back while watched: dry friction or the motor's brake holds it"),
+    Figure("supply_response", "1", "opening time at 9 V over that at 14 V",
+           "this project; 9 to 16 V as of ISO 16750-2, code C",
+           _supply_response, "does not open fully at 9 V"),
+    Figure("holding_current", "A", "current that holds the plate at mid-travel, the middle of its hysteresis",
+           "the paper, Eq. 2 at rest",
+           lambda station: 0.5 * (station.middle_currents[0] + station.middle_currents[1]), "no current holds it"),
+    Figure("current_hysteresis", "A", "half the difference of the slow opening and closing current at mid-travel",
+           "the paper, Eq. 2 at rest: T_f / (N K_m) of Eqs. 1-2",
+           lambda station: 0.5 * (station.middle_currents[0] - station.middle_currents[1]), "no current moves it"),
+    Figure("breakaway_voltage_opening", "V",
+           "voltage at which a slow ramp starts to open the plate from its unpowered position",
+           "the paper, Eqs. 1-2 at rest",
+           lambda station: station.held(station.cut.angle, 1.0)[1], "no voltage moves it"),
+    Figure("breakaway_voltage_closing", "V", "voltage of a falling slow ramp at which the plate leaves the open stop",
+           "the paper, Eqs. 1-2 at rest",
+           lambda station: station.held(np.full(station.count, station.body.upper), -1.0)[1], "no voltage moves it"),
+    Figure("sensor_linearity", "rad", "largest deviation of the position sensor from the line through the stops",
+           "Fraden 2016, terminal points",
+           _sensor_linearity, "not modelled: the model has no position_sensor_nonlinearity"),
+)  # fmt: skip
 
 FIGURE_BY_NAME: Mapping[str, Figure] = {figure.name: figure for figure in FIGURES}
 
@@ -362,27 +289,21 @@ def measured(model: FleetModel, condition: Condition = AS_MEASURED) -> dict[str,
 
 @dataclass(frozen=True)
 class Spread:
-    """A figure over the units of a fleet.
+    """A figure over the units of a fleet."""
 
-    Args:
-        mean, sd: of the units that it can be told of, SI; None where it can be told of none, or of one alone.
-        low, high: 2.5 and 97.5 % of them.
-        unit: SI.
-        told: units that it can be told of.
-        why: it cannot be told of the others.
-    """
-
+    # mean, sd: of the units that it can be told of, SI; None where it can be told of none, or of one alone
     mean: float | None
     sd: float | None
+    # low, high: 2.5 and 97.5 % of them
     low: float | None
     high: float | None
-    unit: str
-    told: int
-    why: str
+    unit: str  # SI
+    told: int  # units that it can be told of
+    why: str  # it cannot be told of the others
 
     @classmethod
     def over_units(cls, figure: FigureResult, unit: str) -> Spread:
-        """Of a figure of every unit."""
+        """The spread of a figure over the units."""
         known = figure.value[np.isfinite(figure.value)]
         if not known.size:
             return cls(None, None, None, None, unit, 0, figure.why)

@@ -71,16 +71,12 @@ class EngineSettings:
 
 @dataclass(frozen=True)
 class StoreSettings:
-    """How often results reach the disk, and how many files they may make.
+    """How often results reach the disk.
 
     Args:
         flush: s after which what came back is on disk, so that a killed client loses no more.
-        merge: files of one size that are made one; n units leave about merge log_merge(n) files.
-        rows: of a Parquet row group, and held in memory when files are made one.
     """
 
     flush: float = real(1.0, above=0.0, high=3600.0)
-    merge: int = whole(16, 2, 1000)
-    rows: int = whole(1000, 1, 1_000_000)
 
     __post_init__ = check_ranges

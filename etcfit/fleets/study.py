@@ -24,40 +24,27 @@ from .unit import FailedUnit, UnitResult
 
 @dataclass(frozen=True, eq=False)
 class FleetStudy:
-    """Everything that is known of a fleet.
+    """Everything that is known of a fleet."""
 
-    Args:
-        config: what is written down about it.
-        fitted, failed: its units, in order.
-        population, shrunk: the design, and each unit given the design.
-        odd: units unlike the others, most odd first.
-        effects: those that the common model names, unit by unit.
-        charts: by symbol, of the units whose own data tell it.
-        drifts: changes in the order of the fleet; `since` counts in `fitted`.
-        capability: by symbol or figure that has limits.
-        gauge: by symbol; empty where no part was measured twice.
-        model: the units as models, by their shrunk values; None where the common model has a parameter of which no unit
-            has a value.
-        figures: what a line measures, by name, unit by unit in the order of `model.units`, odd ones among them.
-        predictions: of the ordinary units, the same hot and cold, on a weak battery and a charged one.
-        settings: that all of it was decided by.
-    """
-
-    config: FleetConfig
+    config: FleetConfig  # what is written down about it
+    # fitted, failed: its units, in order
     fitted: tuple[UnitResult, ...]
     failed: tuple[FailedUnit, ...]
+    # population, shrunk: the design, and each unit given the design
     population: Population
     shrunk: Shrunk
-    odd: tuple[OddUnit, ...]
-    effects: tuple[EffectInFleet, ...]
-    charts: Mapping[str, Chart]
-    drifts: tuple[Drift, ...]
-    capability: Mapping[str, Capability]
-    gauge: Mapping[str, Gauge]
+    odd: tuple[OddUnit, ...]  # units unlike the others, most odd first
+    effects: tuple[EffectInFleet, ...]  # those that the common model names, unit by unit
+    charts: Mapping[str, Chart]  # by symbol, of the units whose own data tell it
+    drifts: tuple[Drift, ...]  # changes in the order of the fleet; `since` counts in `fitted`
+    capability: Mapping[str, Capability]  # by symbol or figure that has limits
+    gauge: Mapping[str, Gauge]  # by symbol; empty where no part was measured twice
+    # the units as models, by their shrunk values; None where the common model has a parameter of which no unit has a
+    # value
     model: FleetModel
-    figures: Mapping[str, FigureResult]
-    predictions: tuple[Prediction, ...]
-    settings: FleetSettings
+    figures: Mapping[str, FigureResult]  # what a line measures, by name, in the order of `model.units`, odd ones too
+    predictions: tuple[Prediction, ...]  # figures of the ordinary units hot and cold, on a weak and a charged battery
+    settings: FleetSettings  # that all of it was decided by
 
     @property
     def synthetic(self) -> bool:

@@ -18,83 +18,55 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, eq=False)
 class UnitEstimate:
-    """A unit's own data, as a quadratic in its free parameters.
+    """A unit's own data, as a quadratic in its free parameters."""
 
-    Args:
-        unit: its name, that of its folder.
-        symbols: of the free parameters.
-        estimate: where the likelihood is highest, SI, shape (P,); any number in a direction without information.
-        information: inverse of the covariance, shape (P, P), in 1/SI^2; singular where nothing is told.
-    """
-
-    unit: str
-    symbols: tuple[str, ...]
+    unit: str  # its name, that of its folder
+    symbols: tuple[str, ...]  # of the free parameters
+    # where the likelihood is highest, SI, shape (P,); any number in a direction without information
     estimate: Float[np.ndarray, " P"]
+    # inverse of the covariance, shape (P, P), in 1/SI^2; singular where nothing is told
     information: Float[np.ndarray, "P P"]
 
 
 @dataclass(frozen=True)
 class UnitParameter:
-    """A parameter of one unit as its own fit has it: see `estimation.intervals.Interval`.
+    """A parameter of one unit as its own fit has it: see `estimation.intervals.Interval`."""
 
-    Args:
-        value: SI.
-        unit: of measure, SI.
-        stderr, low, high: None where there is none.
-        status: "estimated", "fixed", "tied", "not identifiable" or "compromise".
-    """
-
-    value: float
-    unit: str
+    value: float  # SI
+    unit: str  # of measure, SI
+    # stderr, low, high: None where there is none
     stderr: float | None
     low: float | None
     high: float | None
-    status: str
+    status: str  # "estimated", "fixed", "tied", "not identifiable" or "compromise"
 
 
 @dataclass(frozen=True)
 class TraceMisfit:
-    """How far a trace is from its unit's own model.
+    """How far a trace is from its unit's own model."""
 
-    Args:
-        file: below the unit's folder.
-        test: the rig test.
-        misfit: root mean square of the whitened residual; 1 where the model explains all.
-    """
-
-    file: str
-    test: str
-    misfit: float
+    file: str  # below the unit's folder
+    test: str  # the rig test
+    misfit: float  # root mean square of the whitened residual; 1 where the model explains all
 
 
 @dataclass(frozen=True, eq=False)
 class UnitResult:
-    """One unit, fitted.
+    """One unit, fitted."""
 
-    Args:
-        own: its data as a quadratic.
-        parameters: by symbol, those that were not free among them.
-        traces: as the unit's model has them.
-        chi2_per_dof: of the whitened residual.
-        converged, reason: whether at an optimum, and in words.
-        synthetic: whether its rig.toml says so.
-        digest: SHA-256 of its inputs, the settings and the version that it was fitted with.
-        seconds: that the fit took.
-        warnings: what a reader must know.
-        widening: by symbol of `own`, how many times wider the standard error is that its fit states for itself, where
-            residuals are correlated or traces disagree; `own` is without: see `statistics.stack.robust`.
-    """
-
-    own: UnitEstimate
-    parameters: Mapping[str, UnitParameter]
-    traces: tuple[TraceMisfit, ...]
-    chi2_per_dof: float
+    own: UnitEstimate  # its data as a quadratic
+    parameters: Mapping[str, UnitParameter]  # by symbol, those that were not free among them
+    traces: tuple[TraceMisfit, ...]  # as the unit's model has them
+    chi2_per_dof: float  # of the whitened residual
+    # converged, reason: whether at an optimum, and in words
     converged: bool
     reason: str
-    synthetic: bool
-    digest: str
-    seconds: float
-    warnings: tuple[str, ...] = ()
+    synthetic: bool  # whether its rig.toml says so
+    digest: str  # SHA-256 of its inputs, the settings and the version that it was fitted with
+    seconds: float  # that the fit took
+    warnings: tuple[str, ...] = ()  # what a reader must know
+    # widening of the standard error that the fit states, by symbol of `own`, where residuals are correlated or traces
+    # disagree; `own` is without it: see `statistics.stack.robust`
     widening: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -105,14 +77,9 @@ class UnitResult:
 
 @dataclass(frozen=True)
 class FailedUnit:
-    """One unit that has no result.
+    """One unit that has no result."""
 
-    Args:
-        unit: its name.
-        why: the message, as a person must read it.
-        digest: of what was tried; "" where it was never read. Data that are wrong stay wrong, and are not tried again.
-    """
-
-    unit: str
-    why: str
+    unit: str  # its name
+    why: str  # the message, as a person must read it
+    # digest of what was tried; "" where it was never read. Data that are wrong stay wrong, and are not tried again
     digest: str = ""

@@ -25,17 +25,11 @@ _BUS = ".dbc"
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of an import.
+    """What came of an import."""
 
-    Args:
-        folder: that was written.
-        traces: file in it -> where it came from, and why it is this test.
-        warnings: what the recordings lack, and what the folder's reader found.
-    """
-
-    folder: Path
-    traces: tuple[tuple[str, str, str], ...]
-    warnings: tuple[str, ...]
+    folder: Path  # that was written
+    traces: tuple[tuple[str, str, str], ...]  # file in it -> where it came from, and why it is this test
+    warnings: tuple[str, ...]  # what the recordings lack, and what the folder's reader found
 
 
 def import_files(

@@ -24,15 +24,10 @@ IGNORE = "ignore"
 
 @dataclass(frozen=True)
 class Target:
-    """What a column shall be.
+    """What a column shall be."""
 
-    Args:
-        quantity: IGNORE where it shall be left out.
-        unit: "" where the file's is right.
-    """
-
-    quantity: str
-    unit: str = ""
+    quantity: str  # IGNORE where it shall be left out
+    unit: str = ""  # "" where the file's is right
 
 
 @dataclass(frozen=True)
@@ -164,28 +159,19 @@ def _test(text: str, files: set[str]) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Doubt:
-    """A guess that somebody should confirm.
+    """A guess that somebody should confirm."""
 
-    Args:
-        where: file, and column if it is about one.
-        taken: the guess; "" where there is none.
-        reason: in words.
-        mend: the option that settles it.
-        choices: what an answer may be, in a few words.
-        answer: the answers with a text as this one, a UsageError where it is none; None where only the guess can be
-            taken.
-    """
-
-    where: str
-    taken: str
-    reason: str
-    mend: str
-    choices: str
+    where: str  # file, and column if it is about one
+    taken: str  # the guess; "" where there is none
+    reason: str  # in words
+    mend: str  # the option that settles it
+    choices: str  # what an answer may be, in a few words
+    # the answers with a text as this one, a UsageError where it is none; None where only the guess can be taken
     answer: Callable[[str, Answers], Answers] | None = None
 
     @property
     def key(self) -> str:
-        """By which it is recognised when the guesses are made anew."""
+        """Identifies the doubt when the guesses are made anew."""
         return f"{self.where}: {self.taken}"
 
     def accepted(self, answers: Answers) -> Answers:

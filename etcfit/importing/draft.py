@@ -35,17 +35,11 @@ _DIGITS = "%.15g"  # of a cell: as many as a float64 surely has
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One CSV to be.
+    """One CSV to be."""
 
-    Args:
-        record: its rows and columns.
-        file: `<test>/<name>.csv`.
-        reason: of the rig test.
-    """
-
-    record: Record
-    file: str
-    reason: str
+    record: Record  # its rows and columns
+    file: str  # `<test>/<name>.csv`
+    reason: str  # of the rig test
 
     @property
     def test(self) -> str:
@@ -69,19 +63,12 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A measurement folder to be.
+    """A measurement folder to be."""
 
-    Args:
-        traces: in order.
-        nameplate: guesses that rig.toml needs.
-        unused: sheet -> why nothing of it was taken.
-        doubts: what somebody should confirm.
-    """
-
-    traces: tuple[Trace, ...]
-    nameplate: tuple[NameplateGuess, ...]
-    unused: Mapping[str, str]
-    doubts: tuple[Doubt, ...]
+    traces: tuple[Trace, ...]  # in order
+    nameplate: tuple[NameplateGuess, ...]  # guesses that rig.toml needs
+    unused: Mapping[str, str]  # sheet -> why nothing of it was taken
+    doubts: tuple[Doubt, ...]  # what somebody should confirm
 
 
 def drafted(sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None) -> Draft:

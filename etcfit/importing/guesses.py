@@ -52,15 +52,10 @@ _NAMES = (
 
 
 class Vote(NamedTuple):
-    """What one record says of one quantity.
+    """What one record says of one quantity."""
 
-    Args:
-        label: of the column; its other records are turned with it.
-        strength: -1, turned round for sure, to 1, right for sure.
-    """
-
-    label: str
-    strength: float
+    label: str  # of the column; its other records are turned with it
+    strength: float  # -1, turned round for sure, to 1, right for sure
 
 
 def turned(records: Sequence[Record]) -> list[Record]:
@@ -130,10 +125,6 @@ def _emf(record: Record, name: str = "emf") -> float | None:
     return -float(np.sum(signals[name][fast])) / size if size > 0.0 else 0.0
 
 
-def _emf_as_voltage(record: Record) -> float | None:
-    return None if record.take("emf") else _emf(record, "voltage")
-
-
 def opening(record: Record) -> float:
     """How clearly a rising reading means an opening plate, -1 to 1: with the drive, or from the fall of a release."""
     signals = record.signals
@@ -156,7 +147,11 @@ _VOTES: tuple[tuple[str, Callable[[Record], float | None], str], ...] = (
     ("current", _power, "it runs against the voltage"),
     ("motor_speed", _speed, "the motor runs against its voltage"),
     ("emf", _emf, "it is positive while the released plate closes"),
-    ("voltage", _emf_as_voltage, "it is positive while the released plate closes"),
+    (
+        "voltage",
+        lambda record: None if record.take("emf") else _emf(record, "voltage"),
+        "it is positive while the released plate closes",
+    ),
     ("position", opening, "it falls while the plate opens"),
 )
 
@@ -170,7 +165,7 @@ class Shown(NamedTuple):
 
 
 def rig_test_of(record: Record) -> Shown:
-    """By its signals; the name of file, folder or group settles what these leave open."""
+    """The rig test by the record's signals; a name of file, folder or group settles what these leave open."""
     shown, named = _by_signals(record), _by_name(record)
     if not named:
         signals = record.signals
@@ -310,6 +305,6 @@ def _supply(records: Sequence[Record]) -> NameplateGuess | None:
 
 
 def _ends(readings: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Of each record apart, so that a long one does not hide what a short one reached."""
+    """Lowest and highest end over the records, each by itself: a long one must not hide what a short one reached."""
     low = min(float(np.quantile(each, _END_QUANTILE)) for each in readings)
     return low, max(float(np.quantile(each, 1.0 - _END_QUANTILE)) for each in readings)

@@ -16,21 +16,15 @@ UNKNOWN = "..."  # no TOML: the reader stops at its line until somebody fills it
 
 @dataclass(frozen=True)
 class Nameplate:
-    """What stands on a throttle, or in its data sheet; a text where a number must be filled in.
+    """What stands on a throttle, or in its data sheet; a text where a number must be filled in."""
 
-    Args:
-        title: `name` in rig.toml.
-        source: who says so.
-        gear_ratio, supply_V: N; V.
-        travel_deg: closed and open stop.
-        closed_V, open_V: of the position sensor at these stops.
-    """
-
-    title: str
-    source: str
+    title: str  # `name` in rig.toml
+    source: str  # who says so
+    # gear_ratio, supply_V: N; V
     gear_ratio: str = UNKNOWN
     supply_V: str = "12.0"
-    travel_deg: str = "[0.0, 90.0]"
+    travel_deg: str = "[0.0, 90.0]"  # closed and open stop
+    # closed_V, open_V: of the position sensor at these stops
     closed_V: str = UNKNOWN
     open_V: str = UNKNOWN
 

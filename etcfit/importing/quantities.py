@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..rig.columns import HeaderError, parse_header
-from ..rig.units import EXAMPLES, SI_UNIT, is_percent
+from ..rig.units import EXAMPLES, SI_UNIT, is_percent, usual_unit
 from . import shapes
 from .answers import IGNORE, Answers, Target
 from .names import (
@@ -121,16 +121,12 @@ def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
         raise _contradiction(sheet, column, said.quantity, "said to be")
     quantity, unit, sure = unit_by_range(said.quantity, column.peak)
     if quantity != said.quantity:
-        unit, sure = _plain_unit(said.quantity), False
+        unit, sure = usual_unit(said.quantity), False
     return Take(column, said.quantity, unit, f"said so; no unit: by its range in {unit}", sure)
 
 
-def _plain_unit(quantity: str) -> str:
-    return EXAMPLES[quantity].split(" or ")[0].split(",")[0]
-
-
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
-    """As the name says, in the file's unit or in that which the range tells."""
+    """Quantity by the name; unit by the file, else by the range."""
     if column.stated:
         return left_out(
             column, f"named as {named.replace('_', ' ')}, which is not logged in {column.stated}", sheet.is_ecu
@@ -160,7 +156,7 @@ def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
 
 
 def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> MeasurementError:
-    probe, unit = f"{quantity} [10 {_plain_unit(quantity)}]", column.unit or column.stated
+    probe, unit = f"{quantity} [10 {usual_unit(quantity)}]", column.unit or column.stated
     other = f"in '{unit}', which is no known unit" if column.stated else f"in {unit}"
     usage = " for a probe of 100 mV to one" if "V" in unit else " if it is ten"
     return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but {other}.",
@@ -170,7 +166,7 @@ def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> Mea
 
 
 def _by_unit(column: Column) -> Take | None:
-    """By a unit that only one quantity has."""
+    """Quantity by a unit that no other quantity has."""
     if not column.unit or is_percent(column.unit):
         return None
     possible = quantities_in(column.unit)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import MeasurementError
+from ..rig.signals import runs
 from . import shapes
 from .sheet import TIME, Sheet
 from .take import LEFT_OUT, UNEXPLAINED, Take
@@ -27,19 +28,12 @@ _OPEN_END = 0.1  # part of the range below the top from which a plate is let go
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What will be one trace.
+    """What will be one trace."""
 
-    Args:
-        sheet: whose rows these are.
-        rows: which.
-        takes: of the sheet's columns, time among them.
-        cut: why the sheet was cut here; "" where it was not.
-    """
-
-    sheet: Sheet
-    rows: slice
-    takes: tuple[Take, ...]
-    cut: str = ""
+    sheet: Sheet  # whose rows these are
+    rows: slice  # which
+    takes: tuple[Take, ...]  # of the sheet's columns, time among them
+    cut: str = ""  # why the sheet was cut here; "" where it was not
 
     @property
     def time(self) -> np.ndarray:
@@ -48,7 +42,7 @@ class Record:
 
     @property
     def signals(self) -> Mapping[str, np.ndarray]:
-        """By quantity, SI, gaps bridged, each of shape (n,); time left out."""
+        """Signals by quantity, SI, gaps bridged, shape (n,) each; without the time."""
         return {take.quantity: shapes.filled(take.si[self.rows]) for take in self.takes
                 if take.quantity not in (LEFT_OUT, TIME)}  # fmt: skip
 
@@ -111,7 +105,7 @@ def _is_step(voltage: np.ndarray) -> bool:
     top = float(np.quantile(size, 0.99))
     flat = size > (1.0 - ONE_LEVEL) * top
     jumps = flat[1:] & (size[:-1] < 0.1 * top)
-    return bool(jumps.any()) and max(b - a for a, b in shapes.runs(flat)) >= FEWEST
+    return bool(jumps.any()) and max(b - a for a, b in runs(flat)) >= FEWEST
 
 
 def cut(record: Record) -> list[Record]:
@@ -163,7 +157,7 @@ def _by_rest(record: Record) -> list[Record]:
         return [record]
     level = np.abs(shapes.smooth(drive, 5))
     quiet = level < max(_REST_LEVEL * float(np.max(level)), 4.0 * shapes.noise(drive))
-    rests = [(a, b) for a, b in shapes.runs(quiet) if time[b - 1] - time[a] > _REST_S and a > 0 and b < time.size]
+    rests = [(a, b) for a, b in runs(quiet) if time[b - 1] - time[a] > _REST_S and a > 0 and b < time.size]
     starts = [0, *((a + b) // 2 for a, b in rests)]
     ends = [*starts[1:], time.size]
     if len(starts) == 1 or any(time[b - 1] - time[a] < _SHORTEST_S for a, b in zip(starts, ends, strict=True)):

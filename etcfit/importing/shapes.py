@@ -43,7 +43,7 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def along(a: np.ndarray, b: np.ndarray) -> float:
-    """The same about zero instead of the means: 1 where both always have the same sign and proportion."""
+    """Correlation about zero instead of the means: 1 where both always have the same sign and proportion."""
     size = float(np.sqrt(np.sum(a**2)) * np.sqrt(np.sum(b**2)))
     return float(np.sum(a * b)) / size if size > 0.0 else 0.0
 
@@ -67,12 +67,6 @@ def explained(y: np.ndarray, *columns: np.ndarray) -> float:
     left = y - design @ (np.linalg.lstsq(design / scale, y, rcond=None)[0] / scale)
     total = float(np.sum((y - np.mean(y)) ** 2))
     return 1.0 - float(np.sum(left**2)) / total if total > 0.0 else 0.0
-
-
-def runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First row and the row past the last of every stretch of True."""
-    edges = np.flatnonzero(np.diff(np.r_[0, mask.astype(int), 0]))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def falls(values: np.ndarray, high: float = 0.7, low: float = 0.3) -> list[tuple[int, int]]:

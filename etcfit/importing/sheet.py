@@ -39,25 +39,16 @@ _CHANNEL = re.compile(r"(?P<stem>.*?)_?(?:CH|ch)(?P<number>[1-8])(?P<suffix>\.\w
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column as its file has it.
+    """One column as its file has it."""
 
-    Args:
-        label: as it stands in the file, `Strom (mA)`: what the user calls it.
-        name: the label without its unit.
-        unit: as the file gives it; "" where it gives none.
-        values: in that unit, shape (n,); NaN where the file has no value.
-        quantity: where the format itself says it (a scope's time base); "" elsewhere.
-        largest: reading of all columns with this label, in any file: one instrument has one unit; NaN if only this one.
-        stated: a unit that the file gives and that nothing of a throttle is logged in; "" elsewhere.
-    """
-
-    label: str
-    name: str
-    unit: str
-    values: np.ndarray
-    quantity: str = ""
+    label: str  # as it stands in the file, `Strom (mA)`: what the user calls it
+    name: str  # the label without its unit
+    unit: str  # as the file gives it; "" where it gives none
+    values: np.ndarray  # in that unit, shape (n,); NaN where the file has no value
+    quantity: str = ""  # where the format itself says it (a scope's time base); "" elsewhere
+    # reading of all columns with this label, in any file: one instrument has one unit; NaN if only this one
     largest: float = float("nan")
-    stated: str = ""
+    stated: str = ""  # a unit that the file gives and that nothing of a throttle is logged in; "" elsewhere
 
     @property
     def finite(self) -> np.ndarray:
@@ -82,22 +73,14 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """Columns of one length, logged together.
+    """Columns of one length, logged together."""
 
-    Args:
-        file: path, as the user gave it.
-        part: of the file, where it has several (a group, a structure, a segment); "" elsewhere.
-        columns: each of shape (n,).
-        remarks: what the reader had to decide.
-        losses: rows or columns that were left out because they are damaged, each in a sentence.
-        missing: what the file itself says it holds and does not, or what cannot be read; somebody must accept that.
-    """
-
-    file: str
-    part: str
-    columns: tuple[Column, ...]
-    remarks: tuple[str, ...] = ()
-    losses: tuple[str, ...] = ()
+    file: str  # path, as the user gave it
+    part: str  # of the file, where it has several (a group, a structure, a segment); "" elsewhere
+    columns: tuple[Column, ...]  # each of shape (n,)
+    remarks: tuple[str, ...] = ()  # what the reader had to decide
+    losses: tuple[str, ...] = ()  # rows or columns that were left out because they are damaged, each in a sentence
+    # sentences: what the file says it holds and does not, and what cannot be read; somebody must accept that
     missing: tuple[str, ...] = ()
 
     @property
@@ -107,7 +90,7 @@ class Sheet:
 
     @property
     def motor(self) -> str:
-        """Whose these are, of a file whose parts are motors: `motor` or `motor: test`."""
+        """Motor of this part of a file: its part is called `motor` or `motor: test`."""
         return self.part.partition(": ")[0]
 
     @property

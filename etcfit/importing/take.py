@@ -40,27 +40,18 @@ _RANGES: dict[str, tuple[tuple[float, str, str, bool], ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """One column, named.
+    """One column, named."""
 
-    Args:
-        column: as its file has it.
-        quantity: of a measurement folder's CSV; LEFT_OUT where it is none.
-        unit: as that CSV will have it, a number before it where the sign is turned; "" if not yet known.
-        reason: in words.
-        sure: False where somebody should be asked.
-        said: by the user, so that no guess changes it.
-    """
-
-    column: Column
-    quantity: str
-    unit: str
-    reason: str
-    sure: bool = True
-    said: bool = False
+    column: Column  # as its file has it
+    quantity: str  # of a measurement folder's CSV; LEFT_OUT where it is none
+    unit: str  # as that CSV will have it, a number before it where the sign is turned; "" if not yet known
+    reason: str  # in words
+    sure: bool = True  # False where somebody should be asked
+    said: bool = False  # by the user, so that no guess changes it
 
     @property
     def header(self) -> str:
-        """As the folder's CSV has it."""
+        """Header in the folder's CSV."""
         return f"{self.quantity} [{self.unit}]"
 
     @property
@@ -72,7 +63,7 @@ class Take:
         return told.scale * self.column.values + told.offset
 
     def turned(self, why: str, sure: bool) -> Take:
-        """The same with its sign turned."""
+        """The take with its sign turned."""
         if is_percent(self.unit):  # a header cannot turn a share of the travel, but it can an angle
             why, unit = f"{why} (100 % as 90 degrees)", "-0.9 deg"
         else:

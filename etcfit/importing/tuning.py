@@ -80,73 +80,44 @@ class TuneSettings:
 
 @dataclass(frozen=True)
 class KnownEcu:
-    """What is known of the ECU that drove the logs.
+    """What is known of the ECU that drove the logs."""
 
-    Args:
-        title: of its make.
-        ecu: its controller, the gains apart; its delay is one period where nobody said it, see `api.tuned`.
-        clock_known: its period is published, or was said.
-        notation: how it writes gains.
-        gains: that are in it now, as it writes them; None where nobody said.
-        supply: V; None where nobody said.
-        of_logs: gains under which each log was made, where somebody said so; else those of all logs are `gains`.
-        bias: its bias table, % of the travel and % of duty.
-    """
-
-    title: str
-    ecu: Ecu
-    clock_known: bool
-    notation: Notation
-    gains: Terms | None = None
-    supply: float | None = None
+    title: str  # of its make
+    ecu: Ecu  # its controller, the gains apart; its delay is one period where nobody said it, see `api.tuned`
+    clock_known: bool  # its period is published, or was said
+    notation: Notation  # how it writes gains
+    gains: Terms | None = None  # that are in it now, as it writes them; None where nobody said
+    supply: float | None = None  # V; None where nobody said
+    # gains under which each log was made, where somebody said so; else those of all logs are `gains`
     of_logs: tuple[Terms, ...] = ()
-    bias: BiasPoints = ()
+    bias: BiasPoints = ()  # its bias table, % of the travel and % of duty
 
 
 @dataclass(frozen=True)
 class LogCheck:
-    """One thing that a log must have.
-
-    Args:
-        name: of it.
-        passed: whether it has it.
-        stops: without it there are no gains.
-        says: what was found.
-        cure: what to record, or to say; "" where it passed.
-    """
+    """One thing that a log must have."""
 
     name: str
-    passed: bool
-    stops: bool
-    says: str
-    cure: str = ""
+    passed: bool  # whether it has it
+    stops: bool  # without it there are no gains
+    says: str  # what was found
+    cure: str = ""  # what to record, or to say; "" where it passed
 
 
 @dataclass(frozen=True)
 class TuneInput:
-    """A measurement folder to be, and why it is so.
+    """A measurement folder to be, and why it is so."""
 
-    Args:
-        model: DUTY or ECU: what drives the model.
-        why: in words.
-        checks: of the logs.
-        files: path inside the folder -> text.
-        held_out: the file that is predicted only; "" where none is.
-        supply: V.
-        noise: of one reading of the sensor, rad.
-        delay: of the ECU, from its reading to its output, said or taken, s.
-        duty_files: where an ECU is in the model: likewise, of the same logs with their duty as the input. What these
-            graphs tell is where the fit begins; nothing where no duty was logged.
-    """
-
-    model: str
-    why: str
-    checks: tuple[LogCheck, ...]
-    files: Mapping[str, str]
-    held_out: str
-    supply: float
-    noise: float
-    delay: float = 0.0
+    model: str  # DUTY or ECU: what drives the model
+    why: str  # in words
+    checks: tuple[LogCheck, ...]  # of the logs
+    files: Mapping[str, str]  # path inside the folder -> text
+    held_out: str  # the file that is predicted only; "" where none is
+    supply: float  # V
+    noise: float  # of one reading of the sensor, rad
+    delay: float = 0.0  # of the ECU, from its reading to its output, said or taken, s
+    # where an ECU is in the model: likewise, of the same logs with their duty as the input. What these graphs tell is
+    # where the fit begins; nothing where no duty was logged.
     duty_files: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -195,21 +166,16 @@ def _speed(logs: Sequence[Measurement]) -> float:
 
 
 def _supply(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> float:
-    """As said, else the logged one's median, else as assumed."""
+    """Supply as the user said, else the median logged, else the assumed one, V."""
     if known.supply is not None:
         return known.supply
     logged = [log.channels["supply"].value for log in logs if "supply" in log.channels]
     return float(np.median(np.concatenate(logged))) if logged else settings.supply
 
 
-def _rate(log: Measurement) -> float:
-    """Rows a second."""
-    return 1.0 / float(np.median(np.diff(log.time)))
-
-
 def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> tuple[str, str, LogCheck]:
     """What drives the model, why, and whether the log is fast enough for it."""
-    rate = min(map(_rate, logs))
+    rate = 1.0 / max(float(np.median(np.diff(log.time))) for log in logs)  # rows a second
     rows = rate * known.ecu.period
     slow = next((finding for finding in rig.findings if finding.kind == SLOW_LOG), None)
     fast_enough = rows >= settings.a_tick if known.clock_known else slow is None
@@ -370,7 +336,7 @@ def _cuts(log: Measurement, end: int, length: float) -> list[int]:
 
 
 def _most_telling(parts: Sequence[tuple[Measurement, int, int]], most: int) -> list[tuple[Measurement, int, int]]:
-    """As many of the pieces as there is room for, those in which the plate travels most a row; in their order."""
+    """The pieces in which the plate travels most a row, as many as there is room for, in their order."""
     way = {id(log): _way(log) for log, _, _ in parts}
     telling = sorted(parts, key=lambda part: (way[id(part[0])][part[1]] - way[id(part[0])][part[2] - 1])
                      / (part[2] - part[1]))  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 
 from .ecu import Ecu
 from .parameters import Scalar
@@ -27,6 +28,11 @@ class Gains(NamedTuple):
     Kp: Scalar
     Ki: Scalar
     Kd: Scalar
+
+    @classmethod
+    def stacked(cls, *several: Gains) -> Gains:
+        """Several gains as one, of shape (G,)."""
+        return cls(*(np.array(column, dtype=float) for column in zip(*several, strict=True)))
 
     @classmethod
     def standard(cls, Kp: float, Ti: float, Td: float) -> Gains:

@@ -46,8 +46,7 @@ class Setpoint:
         """As logged, each jump seen in the middle of its window."""
         channel, instants = measurement.channels["setpoint"], measurement.time
         value = np.interp(instants, channel.time, channel.value)
-        noise = max(channel.sigma, channel.quantum / math.sqrt(12.0))
-        jumps = np.flatnonzero(edges_of(value, noise))
+        jumps = np.flatnonzero(edges_of(value, channel.error))
         return cls(instants, value, jumps, np.full(jumps.size, 0.5), period)
 
     @property

@@ -185,9 +185,7 @@ def _at(instants: Float[np.ndarray, " n"], measurement: Measurement, name: str) 
 
 
 def _sigma(measurement: Measurement, name: str) -> float:
-    channel = measurement.channels[_source(measurement, name)]
-    # a declared noise is that of the logged samples, but none can be finer than the logger's steps
-    return float(max(channel.sigma, channel.quantum / np.sqrt(12.0)))
+    return float(measurement.channels[_source(measurement, name)].error)
 
 
 def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:

@@ -17,8 +17,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from .base import Accuracy, TpsCalibration
+from .rows import NUMBER
 from .toml import Toml, shown
-from .units import EXAMPLES, NUMBER, UnitError, conversion, is_percent, to_channel
+from .units import EXAMPLES, UnitError, conversion, is_percent, to_channel
 
 CHANNELS = ("voltage", "current", "position", "emf", "motor_speed", "torque")
 RELATIVE = ("gear", "time")  # a ratio and a clock: only a share of the value can be off
@@ -27,7 +28,7 @@ KEYS = (*CHANNELS, END_POINTS, *RELATIVE)
 SHARES = {"%": 1e-2, "percent": 1e-2, "ppm": 1e-6, "ppb": 1e-9}
 MOST = 1.0  # of the value: an instrument that may be off by more than all of it is none
 EXAMPLE = '"1 % + 5 mA"'
-_TERM = re.compile(rf"\s*({NUMBER.pattern.removeprefix('[-+]?')})\s*([^\s\d+.,][^+]*?)\s*(?:\+|$)")
+_TERM = re.compile(rf"\s*({NUMBER.pattern.removeprefix('[+-]?')})\s*([^\s\d+.,][^+]*?)\s*(?:\+|$)")
 
 
 def read_accuracy(toml: Toml, travel: tuple[float, float], tps: TpsCalibration | None) -> dict[str, Accuracy]:

@@ -64,6 +64,16 @@ class Channel:
     quantum: float = 0.0
     offset: float = 0.0
 
+    @property
+    def name(self) -> str:
+        """The header without its unit."""
+        return self.header.partition("[")[0].strip() or self.header
+
+    @property
+    def error(self) -> float:
+        """Standard deviation of one sample, SI: its noise, but none can be finer than the logger's steps, q/sqrt 12."""
+        return max(self.sigma, self.quantum / math.sqrt(12.0))
+
     def logged(self, value: np.ndarray) -> np.ndarray:
         """SI values as the user would have logged them."""
         return (value - self.offset) / self.scale
@@ -180,6 +190,13 @@ class RigConfig:
     notation: Notation | None = None  # of its gains; None: it names no unit
     bias: BiasPoints = ()  # of the ECU: rad, and shares of the supply
     accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
+
+    @property
+    def stops(self) -> tuple[float, float]:
+        """The travel, rad; a quarter turn from zero where the rig has no stops."""
+        lower, upper = (end if math.isfinite(end) else None for end in self.travel)
+        lower = 0.0 if lower is None else lower
+        return lower, lower + math.pi / 2 if upper is None else upper
 
     def sets_aside(self, measurement: Measurement) -> bool:
         """Whether `effects` says that a trace, or its whole test, is of another rig: it is read, and no more."""

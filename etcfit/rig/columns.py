@@ -25,7 +25,7 @@ from ..errors import MeasurementError
 from .base import RigConfig
 from .table import Table
 from .toml import Toml
-from .units import EXAMPLES, SI_UNIT, Conversion, UnitError, conversion, is_percent, to_channel
+from .units import EXAMPLES, SI_UNIT, Conversion, UnitError, conversion, is_percent, to_channel, usual_unit
 from .user_text import toml_string
 
 DROP = ("", "ignore")  # right-hand sides in [columns] that leave a column out
@@ -152,24 +152,20 @@ def parse_header(header: str) -> tuple[str, str]:
     quantity = "_".join((match["quantity"] if match else header).casefold().split())
     if quantity not in SI_UNIT:
         near = difflib.get_close_matches(quantity, SI_UNIT, n=1, cutoff=0.75)
-        guess = f" Did you mean '{near[0]} [{_example(near[0])}]'?" if near else ""
+        guess = f" Did you mean '{near[0]} [{usual_unit(near[0])}]'?" if near else ""
         raise HeaderError(f"column '{header}' is not known.", f"Known: {', '.join(SI_UNIT)}.",
                           f"Add it to rig.toml under [columns], as {toml_string(header)} = \"position [deg]\" "
                           f"(or = \"ignore\"), or delete the column.{guess}")  # fmt: skip
     if match is None or not match["unit"]:
         raise HeaderError(f"column '{header}' has no unit.", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                          f"Write the unit in brackets, as in '{quantity} [{_example(quantity)}]'.")  # fmt: skip
+                          f"Write the unit in brackets, as in '{quantity} [{usual_unit(quantity)}]'.")  # fmt: skip
     try:
         if not (quantity in ("position", "setpoint") and is_percent(match["unit"])):
             conversion(quantity, match["unit"])
     except UnitError as err:
         raise HeaderError(f"column '{header}': {err}", f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                          f"Correct the unit, as in '{quantity} [{_example(quantity)}]'.") from err  # fmt: skip
+                          f"Correct the unit, as in '{quantity} [{usual_unit(quantity)}]'.") from err  # fmt: skip
     return quantity, match["unit"]
-
-
-def _example(quantity: str) -> str:
-    return EXAMPLES[quantity].split(" or ")[0].split(",")[0]
 
 
 def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: str) -> Mapping[str, Column]:

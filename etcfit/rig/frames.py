@@ -120,7 +120,7 @@ def _number(cell: Any, column: str, place: str) -> float:
 
 
 def _digest(table: Table) -> str:
-    """Of the header and the numbers row by row, eight bytes each, the lowest first."""
+    """SHA-256 of the header and the numbers, row by row, as little-endian float64."""
     cells = np.where(np.isnan(table.cells), np.nan, table.cells)  # one NaN for all
     names = "\n".join(table.header).encode("utf-8", "backslashreplace")
     return hashlib.sha256(names + b"\0" + np.ascontiguousarray(cells, dtype="<f8").tobytes()).hexdigest()

@@ -34,7 +34,7 @@ class Filter:
 
     @property
     def cutoff(self) -> float:
-        """Of the position's Butterworth filter of fourth order, Hz."""
+        """Cutoff of the position's Butterworth filter of fourth order, Hz."""
         return min(5 * self.bandwidth, 0.4 * self.rate)
 
     @property
@@ -72,7 +72,7 @@ class Equations:
     right: np.ndarray
 
     def scaled(self, factor: float) -> Equations:
-        """The same with the right-hand side times a factor."""
+        """Equations with the right-hand side times a factor."""
         return Equations(self.time, self.rows, factor * self.right)
 
     def error(self, lumped: Sequence[float] | np.ndarray) -> float:
@@ -114,7 +114,7 @@ def moving(angle: np.ndarray, speed: np.ndarray, chosen: Filter, config: RigConf
 def filter_for(position: Channel) -> Filter:
     """The widest bandwidth at which position noise makes less than `LARGEST_NOISE` of the acceleration."""
     time, step = even_grid(position.time)
-    angle, noise = on_times(position, time), max(position.sigma, position.quantum / np.sqrt(12))
+    angle, noise = on_times(position, time), position.error
     chosen = [Filter(bandwidth, 1 / step) for bandwidth in BANDWIDTHS if 4 / bandwidth < time[-1] - time[0]]
     pulse = np.zeros(len(time))
     pulse[len(time) // 2] = noise

@@ -218,7 +218,7 @@ def _header_above(lines: Sequence[str], body: _Body) -> tuple[list[str], list[st
 
 
 def _may_name(cells: Sequence[str], width: int) -> bool:
-    """As many cells as a row has, but for empty ones at its end, and no number."""
+    """True for a line with as many cells as a row, empty ones at its end aside, and no number."""
     named = len("\0".join(cells).rstrip("\0").split("\0"))
     return any(cells) and named > width // 2 and len(cells) <= width + 1 and not any(map(is_number, cells))
 

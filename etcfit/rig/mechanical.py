@@ -13,7 +13,6 @@ from .electrical import emf_of
 from .signals import (
     Motion,
     drive_voltage,
-    longest_run,
     mean_delay,
     motion,
     off_stops,
@@ -21,6 +20,7 @@ from .signals import (
     plateaus,
     robust_fit,
     robust_line,
+    runs,
     settled_points,
     smoothing_window,
 )
@@ -149,7 +149,7 @@ def load_torque(angle: np.ndarray, speed: np.ndarray, B_eq: float, known: Mappin
 def fall(moved: Motion, speed: np.ndarray, config: RigConfig, sigma: float) -> slice:
     """From a tenth of the top closing speed to the stop or the top speed, whichever comes first."""
     free = off_stops(moved.angle, config, sigma)
-    falling = longest_run(free & (speed < 0.1 * speed.min()))
+    falling = slice(*max(runs(free & (speed < 0.1 * speed.min())), key=lambda run: run[1] - run[0], default=(0, 0)))
     if falling.stop - falling.start < 3:
         return falling
     top = falling.start + int(np.argmin(speed[falling]))

@@ -108,7 +108,7 @@ def read_mlg(raw: bytes, where: str) -> Table:
 
 
 def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
-    """Of a record of so many bytes; fields of unknown type share equally what the others leave."""
+    """Layout of a record of so many bytes; fields of unknown type share equally what the others leave."""
     unknown = [field for field in fields if field.kind not in _TYPES]
     known = sum(np.dtype(_TYPES[field.kind]).itemsize for field in fields if field.kind in _TYPES)
     width, odd = divmod(size - known, len(unknown)) if unknown else (0, size - known)

@@ -23,7 +23,7 @@ class Readings:
 
     @property
     def graphs(self) -> dict[str, tuple[Graph, ...]]:
-        """By test."""
+        """Graphs by rig test."""
         return {name: reading.graphs for name, reading in self.tests.items()}
 
 

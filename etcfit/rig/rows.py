@@ -23,7 +23,7 @@ from ..errors import MeasurementError
 SEPARATORS = (",", ";", "\t")
 BLANKS = " "  # any white space parts the cells
 HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
 _EITHER_MARK = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _MARKED = re.compile(r"[+-]?[\d.,]*[.,][\d.,]*([eE][+-]?\d+)?", re.ASCII)

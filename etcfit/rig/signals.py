@@ -100,6 +100,11 @@ def drive_voltage(trace: Measurement, config: RigConfig) -> Channel | None:
     return Channel(duty.time, duty.value * volts, sigma, duty.sigma_estimated, duty.header, "V", 1.0)
 
 
+def jumps(channel: Channel, noises: float, share: float) -> np.ndarray:
+    """True where two samples differ by more than so many noises and this share of the span, shape (n - 1,)."""
+    return np.abs(np.diff(channel.value)) > max(noises * channel.sigma, share * float(np.ptp(channel.value)))
+
+
 def plateaus(channel: Channel, least: float = 0.02) -> list[Plateau]:
     """Stretches between jumps of the channel, each longer than the part `least` of the trace.
 
@@ -208,7 +213,7 @@ def smoothing_window(position: Channel, relative: float = 0.05) -> float:
     if len(turns):
         before = ends[np.searchsorted(ends, turns) - 1]
         steepest = 2 * float(np.min(position.time[turns] - position.time[before]))
-    noise = max(position.sigma, position.quantum / np.sqrt(12))
+    noise = position.error
     speed = travel / max(steepest, step)
     wanted = (12 * step * (noise / max(relative * speed, 1e-12)) ** 2) ** (1 / 3)
     return float(np.clip(wanted, 5 * step, max(0.3 * steepest, 5 * step)))
@@ -229,11 +234,7 @@ def widened(mask: np.ndarray, samples: int) -> np.ndarray:
     return reach[samples : samples + len(mask)] > 0.5
 
 
-def longest_run(mask: np.ndarray) -> slice:
-    """The longest stretch of True."""
-    edges = np.flatnonzero(np.diff(np.r_[0, mask.astype(int), 0]))
-    if not len(edges):
-        return slice(0, 0)
-    starts, stops = edges[::2], edges[1::2]
-    longest = int(np.argmax(stops - starts))
-    return slice(int(starts[longest]), int(stops[longest]))
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """First place, and the one behind the last, of every stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

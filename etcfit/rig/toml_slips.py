@@ -121,7 +121,7 @@ def _dots(line: Line, lines: Iterable[Line]) -> Slip | None:
 
 
 def _of_signs(line: Line) -> tuple[str, str] | None:
-    """In signs of TOML itself, and in names."""
+    """Slips in TOML's own signs and in names."""
     code, key = line.code, line.key
     straight = re.sub("[“”„«»]", '"', re.sub("[‘’]", "'", code))
     if straight != code:
@@ -144,7 +144,7 @@ def _of_signs(line: Line) -> tuple[str, str] | None:
 
 
 def _of_value(line: Line) -> tuple[str, str] | None:
-    """In a number, a switch, or a value that is missing."""
+    """Slips in numbers and switches, and values that are missing."""
     key, value = line.key, line.value
     if re.fullmatch(r"[+-]?\d+,\d+", value):
         return f"{value} has a decimal comma.", f"{line.put(value.replace(',', '.'))}."
@@ -169,7 +169,7 @@ def _of_value(line: Line) -> tuple[str, str] | None:
 
 
 def _of_text(line: Line) -> tuple[str, str] | None:
-    """In braces and quotes."""
+    """Slips in braces and quotes."""
     if line.value.startswith("{") and "}" not in line.value:
         return "what begins with { goes on in the next line.", "Put all of it, up to }, in one line."
     for quote in "\"'":

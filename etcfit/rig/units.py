@@ -15,6 +15,7 @@ from functools import cache
 from typing import Any
 
 from .base import CHANNELS, TpsCalibration
+from .rows import NUMBER
 
 # quantity -> the unit pint converts it to
 SI_UNIT: dict[str, str] = {
@@ -70,8 +71,6 @@ _POWERED = rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?"
 _GRAMMAR = re.compile(rf"{_POWERED}(?:\s*[*/·.]\s*{_POWERED}|\s+{_POWERED})*")
 _NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
 
-NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")  # before a unit, as in `-1 A` or `1.02 s`
-
 # what stands in a row of units, brackets off, in small letters: of benches, and of engines and cars
 _UNIT_TEXTS = frozenset("""
     s sec secs second seconds ms msec us µs usec min h hour v mv volt volts kv a ma amp amps ampere ua ohm kohm w kw hp
@@ -81,6 +80,11 @@ _UNIT_TEXTS = frozenset("""
     db afr lambda λ lam la l :1 ratio x raw adc bits bit bool flag enum counts count ticks step steps - 1 n/a none o2
     gear state status index hex string text pct/s fraction
     """.split())  # fmt: skip  # noqa: SIM905
+
+
+def usual_unit(quantity: str) -> str:
+    """The first of the units that a message names."""
+    return EXAMPLES[quantity].split(" or ")[0].split(",")[0]
 
 
 def is_unit_text(text: str) -> bool:
@@ -129,7 +133,7 @@ def conversion(quantity: str, unit: str) -> Conversion:
 
 
 def by_pint(quantity: str, unit: str) -> Conversion:
-    """As `conversion`, of a unit without a number before it, by pint alone."""
+    """`conversion` by pint alone, for a unit without a number before it."""
     si, logged = SI_UNIT[quantity], _pint_spelling(unit)
     try:
         same = len({str(_quantity(1.0, each).to_root_units().units) for each in (logged, si)}) == 1

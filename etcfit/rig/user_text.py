@@ -70,11 +70,9 @@ def xml_comment(lines: Iterable[str]) -> str:
 
 def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str, width: int = 110) -> str:
     """A comment line or more for each, as far in as the line itself."""
-    return "\n".join(_filled(safe(line), mark + " " * (len(line) - len(line.lstrip(" "))), width) for line in lines)
-
-
-def _filled(text: str, mark: str, width: int) -> str:
-    return textwrap.fill(text, width, initial_indent=mark, subsequent_indent=mark) or mark.rstrip()
+    marks = ((line, mark + " " * (len(line) - len(line.lstrip(" ")))) for line in lines)
+    return "\n".join(textwrap.fill(safe(line), width, initial_indent=begin, subsequent_indent=begin) or begin.rstrip()
+                     for line, begin in marks)  # fmt: skip
 
 
 def refuse_foreign_names(folder: str, *names: str) -> None:

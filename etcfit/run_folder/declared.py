@@ -8,10 +8,11 @@
 
 from __future__ import annotations
 
+import linecache
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import fields, is_dataclass
-from inspect import cleandoc
+from inspect import cleandoc, getfile
 from types import NoneType
 from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
@@ -192,7 +193,7 @@ def record_of(
     ref: str = "",
     **others: Key,
 ) -> Record:
-    """The fields of a dataclass, each with its type and what the docstring of the class says of it.
+    """The fields of a dataclass, each with its type and, as its meaning, the comment that stands at it.
 
     Args:
         result: the class.
@@ -218,12 +219,32 @@ def record_of(
 
 
 def _said_of_fields(result: Any) -> dict[str, str]:
-    """The section Args of its docstring; what is None, NaN or infinite there is null in JSON."""
+    """What the docstring of a class has under Args, or else the comment behind a field or above it.
+
+    A comment that begins with names is of all of these. What is None, NaN or infinite there is null in JSON.
+    """
     section = cleandoc(result.__doc__).partition("Args:\n")[2]
-    entries = re.findall(r"^    (\S[^:\n]*): (.*(?:\n {8}.*)*)", section, re.MULTILINE)
-    sentences = {names: re.sub(r"\b(None|NaN|infinite)\b", "null", " ".join(text.split())) for names, text in entries}
-    return {name: (text if re.match(r"s\b", text) else text[0].upper() + text[1:]).removesuffix(".") + "."
-            for names, text in sentences.items() for name in names.split(", ")}  # fmt: skip
+    listed = re.findall(r"^    (\w[\w, ]*): (.*(?:\n {8}.*)*)", section, re.MULTILINE)
+    said = {name: " ".join(text.split()) for names, text in listed for name in names.split(", ")}
+    source = "".join(linecache.getlines(getfile(result))).partition(f"\nclass {result.__name__}")[2]
+    body, own, above = re.split(r"\n    (?:def|@)|\n(?=\S)", source)[0], result.__annotations__, list[str]()
+    for line in body.splitlines():
+        field = re.match(r"    (\w+): [^#]*(?:#  ?(.*))?", line)
+        if comment := re.match(r"    # (.*)", line):
+            above.append(comment[1])
+        elif field and field[1] in own:
+            text = " ".join(above) or field[2] or ""
+            several = re.match(r"((?:\w+, )*\w+): (.*)", text)
+            names = several[1].split(", ") if several else []
+            of_names = bool(names) and all(name in own for name in names)
+            said |= dict.fromkeys(names, several[2]) if several and of_names else {field[1]: text} if text else {}
+            above = []
+    return {name: _sentence(text) for name, text in said.items()}
+
+
+def _sentence(text: str) -> str:
+    text = re.sub(r"\b(None|NaN|infinite)\b", "null", text).removesuffix(".") + "."
+    return text if re.match(r"s\b", text) else text[0].upper() + text[1:]
 
 
 _KINDS = {float: "number", int: "whole", bool: "flag", str: "text", np.ndarray: "[number]"}

@@ -234,7 +234,7 @@ def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
     loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
     assert ours is not None
     assert loop.bias is not None
-    path = loop.respond(Gains(*(np.array([g]) for g in ours)), made.setpoint)
+    path = loop.respond(Gains.stacked(ours), made.setpoint)
     wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
     seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
     memory, simulated, duties = Memory.at_rest(ours, ecu, wanted[0]), [], []
@@ -264,7 +264,7 @@ def test_the_lines_of_code_put_ahead_what_was_simulated(
     assert all(line in render(design_table(made)) for line in lines)
     loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
     assert ours is not None
-    path = loop.respond(Gains(*(np.array([g]) for g in ours)), made.setpoint)
+    path = loop.respond(Gains.stacked(ours), made.setpoint)
     wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
     seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
     bias, share = loop.bias, lambda angle: 100.0 * float(loop.share(angle))

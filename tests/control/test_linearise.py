@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 import etcfit
 import results
-from etcfit.control.linearise import SYMBOLS, MotorConstants, motor_constants, reduce, stops
+from etcfit.control.linearise import SYMBOLS, MotorConstants, motor_constants, reduce
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
@@ -33,7 +33,7 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
 
 @pytest.fixture(scope="module")
 def found(fitted: Fitted) -> MotorConstants:
-    return motor_constants(fitted, *stops(fitted))
+    return motor_constants(fitted, *fitted.config.stops)
 
 
 def by_hand(values: Mapping[str, Any]) -> np.ndarray:

@@ -52,7 +52,7 @@ def ours(model: str, gains: Gains = GAINS) -> np.ndarray:
     source = source_of(model)
     throttles = jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float)[None], source.throttle)
     loop = Loop(throttles, Body(**{("gear_ratio" if k == "N" else k): v for k, v in source.body.items()}), ECU)
-    path = loop.respond(Gains(*(np.array([each]) for each in gains)), SETPOINT)
+    path = loop.respond(Gains.stacked(gains), SETPOINT)
     return np.asarray(path.position)[0, 0]
 
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from benchmarks.fleet_statistics import NO_PROFILES, Design, draw, false_odd
 from etcfit.fleets.settings import DEFAULT
-from etcfit.fleets.statistics.distances import adjusted, holm, null_scale, rejected
+from etcfit.fleets.statistics.distances import holm, null_scale
 from etcfit.fleets.statistics.odd import effects_in, misfits, odd_units
 from etcfit.fleets.statistics.population import population
 from etcfit.fleets.statistics.stack import Stack
@@ -26,14 +25,6 @@ def results(stack: Stack, misfit: np.ndarray) -> list[UnitResult]:
         own = UnitEstimate(unit, stack.symbols, stack.estimate[u], stack.information[u])
         out.append(UnitResult(own, {}, traces, float(np.mean(misfit[u] ** 2)), True, "", True, "", 1.0))
     return out
-
-
-def test_the_procedure_of_benjamini_and_hochberg_is_scipys() -> None:
-    p = np.random.default_rng(1).uniform(size=200) ** 4
-    expected = stats.false_discovery_control(p)
-    np.testing.assert_allclose(adjusted(p), expected)
-    np.testing.assert_array_equal(rejected(p, 0.1), expected <= 0.1)
-    assert not rejected(np.array([0.5, 0.9]), 0.01).any()
 
 
 def test_holm_by_hand() -> None:

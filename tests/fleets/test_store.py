@@ -8,11 +8,12 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 
 from etcfit.errors import UsageError
@@ -71,54 +72,53 @@ def test_the_last_word_on_a_unit_counts_and_the_order_is_that_of_the_words(tmp_p
     assert isinstance(list(store.ends())[-1], FailedUnit)
 
 
-def test_many_flushes_leave_few_files_and_lose_nothing(tmp_path: Path) -> None:
-    settings = StoreSettings(merge=4, rows=7)
-    with Store(tmp_path, settings) as store:
+def test_many_flushes_lose_nothing(tmp_path: Path) -> None:
+    with Store(tmp_path) as store:
         for k in range(150):
             store.add([replace(result_of(f"u{k % 100}"), digest=str(k))])
             store.flush()
-    assert len(list(tmp_path.glob("*.parquet"))) <= 3 * 4 + 1  # at most 3 of each of 4 sizes: 150 < 4^4
-    known = Store(tmp_path, settings).digests()
-    assert known == {f"u{k % 100}": str(k) for k in range(150)}
-    assert len(list(Store(tmp_path, settings).ends())) == 100
+    assert Store(tmp_path).digests() == {f"u{k % 100}": str(k) for k in range(150)}
+    assert [end.unit for end in Store(tmp_path).ends()] == [f"u{k % 100}" for k in range(50, 150)]
 
 
-def test_a_client_killed_between_merging_and_deleting_leaves_no_row_twice(tmp_path: Path) -> None:
-    settings = StoreSettings(merge=2)
-    with Store(tmp_path, settings) as store:
-        store.add([result_of("a")])
-        store.flush()
-        (first,) = tmp_path.glob("*.parquet")
-        kept = first.read_bytes()
-        store.add([result_of("b")])
-    (merged,) = tmp_path.glob("*.parquet")
-    assert merged != first
-    first.write_bytes(kept)
-    (tmp_path / ".draft-00000002-abc.parquet").write_bytes(b"half")
-    with Store(tmp_path, settings) as store:
-        assert sorted(end.unit for end in store.ends()) == ["a", "b"]
-    assert {*tmp_path.iterdir()} == {merged}
-
-
-def test_a_file_that_was_cut_off_or_changed_goes_aside_with_a_word_and_its_units_are_done_again(tmp_path: Path) -> None:
-    with Store(tmp_path, StoreSettings(merge=1000)) as store:
+def written(folder: Path) -> tuple[Path, list[bytes]]:
+    """A store of the units a, b and c, and its blocks."""
+    ends = [0]
+    with Store(folder) as store:
         for unit in ("a", "b", "c"):
             store.add([replace(result_of(unit), digest=unit)])
             store.flush()
-    first, second, _ = sorted(tmp_path.glob("*.parquet"))
-    first.write_bytes(first.read_bytes()[:-20])
-    changed = bytearray(second.read_bytes())
-    changed[len(changed) // 4] ^= 1
-    second.write_bytes(changed)
+            ends.append(store.path.stat().st_size)
+    whole = store.path.read_bytes()
+    return store.path, [whole[a:b] for a, b in pairwise(ends)]
+
+
+def flipped(block: bytes) -> bytes:
+    """A block with one wrong bit in its middle."""
+    changed = bytearray(block)
+    changed[len(changed) // 2] ^= 1
+    return bytes(changed)
+
+
+@pytest.mark.parametrize(("harm", "left"), [
+    (lambda a, b, c: a + flipped(b) + c, {"a": "a", "c": "c"}),
+    (lambda a, b, c: a + b + c[:-20], {"a": "a", "b": "b"}),
+    (lambda a, b, c: a + b + c[:3], {"a": "a", "b": "b"}),
+    (lambda a, b, c: b"\xff" + a[1:] + b + c, {}),
+], ids=["a bit", "cut off", "cut off in a head", "a length"])  # fmt: skip
+def test_a_damaged_file_goes_aside_with_a_word_and_only_what_is_lost_is_done_again(
+    tmp_path: Path, harm: Callable[[bytes, bytes, bytes], bytes], left: dict[str, str]
+) -> None:
+    path, blocks = written(tmp_path)
+    path.write_bytes(harm(*blocks))
+    damaged = path.read_bytes()
     with Store(tmp_path) as store:
-        assert store.digests() == {"c": "c"}
-        assert (
-            f"{first} cannot be read any more and was moved to {tmp_path / 'superseded' / first.name}" in store.remark
-        )
-        store.add([replace(result_of("a"), digest="new")])
-    assert (tmp_path / "superseded" / second.name).read_bytes() == changed
+        assert store.digests() == left
+        assert f"{path} is damaged and was moved to {tmp_path / 'superseded' / path.name}" in store.remark
+        store.add([replace(result_of("d"), digest="new")])
+    assert (tmp_path / "superseded" / path.name).read_bytes() == damaged
     with Store(tmp_path) as store:
-        assert (store.digests(), store.remark) == ({"c": "c", "a": "new"}, "")
+        assert (store.digests(), store.remark) == ({**left, "d": "new"}, "")
 
 
 def test_two_cannot_write_at_once_and_both_can_read(tmp_path: Path) -> None:
@@ -136,17 +136,17 @@ def test_what_was_added_is_on_disk_without_anybody_asking(tmp_path: Path) -> Non
     with Store(tmp_path, StoreSettings(flush=0.05)) as store:
         store.add([result_of("a")])
         until = time.monotonic() + 5
-        while not any(tmp_path.glob("0*.parquet")) and time.monotonic() < until:
+        while not Store(tmp_path).digests() and time.monotonic() < until:
             time.sleep(0.02)
         assert Store(tmp_path).digests() == {"a": ""}
 
 
 def test_a_disk_that_is_full_is_said_to_who_adds_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object, **__: object) -> None:
+    def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     with Store(tmp_path, StoreSettings(flush=0.02)) as store:
-        monkeypatch.setattr(pq.ParquetWriter, "write_table", full)
+        monkeypatch.setattr(os, "write", full)
         store.add([result_of("a")])
         time.sleep(0.3)
         with pytest.raises(OSError, match="No space"):
@@ -161,7 +161,7 @@ from pathlib import Path
 from fleet_works import result_of
 from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.engine.store import Store
-with Store(Path(sys.argv[1]), StoreSettings(flush=0.01, merge=2)) as store:
+with Store(Path(sys.argv[1]), StoreSettings(flush=0.01)) as store:
     for k in range(1_000_000):
         store.add([result_of(f"u{k}")])
         print(k, flush=True)
@@ -171,7 +171,7 @@ with Store(Path(sys.argv[1]), StoreSettings(flush=0.01, merge=2)) as store:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_a_killed_writer_leaves_only_whole_files(tmp_path: Path, seed: int) -> None:
+def test_a_killed_writer_leaves_all_but_the_last_moment(tmp_path: Path, seed: int) -> None:
     paths = os.pathsep.join([str(Path(__file__).parents[1]), str(Path(__file__).parents[2])])
     with subprocess.Popen([sys.executable, "-c", ADDS, str(tmp_path)], stdout=subprocess.PIPE, text=True,
                           env={**os.environ, "PYTHONPATH": paths}) as writer:  # fmt: skip

@@ -43,29 +43,18 @@ _LIKELY = 0.5  # weight that the order itself must exceed; higher ones, which co
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """One candidate at its best.
+    """One candidate at its best."""
 
-    Args:
-        order: 1 to 4.
-        delayed: with a pure delay.
-        gain: K, in the unit of the response.
-        corners: rad/s, of each factor of second order, then of that of first order.
-        damping: zeta of each factor of second order.
-        delay: s; 0 where it has none.
-        stderr: of (ln K, d, (ln w, zeta) for each factor of second order, ln w of the first); nan where one vanished.
-        tau: what it fails to explain, relative (and rad).
-        aicc: see the module's head.
-    """
-
-    order: int
-    delayed: bool
-    gain: float
-    corners: tuple[float, ...]
-    damping: tuple[float, ...]
-    delay: float
+    order: int  # 1 to 4
+    delayed: bool  # with a pure delay
+    gain: float  # K, in the unit of the response
+    corners: tuple[float, ...]  # rad/s, of each factor of second order, then of that of first order
+    damping: tuple[float, ...]  # zeta of each factor of second order
+    delay: float  # s; 0 where it has none
+    # standard errors of ln K, d, ln w and zeta of each factor of second order, ln w of the first; NaN if one vanished
     stderr: np.ndarray
-    tau: float
-    aicc: float
+    tau: float  # what it fails to explain, relative (and rad)
+    aicc: float  # see the module's head
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
         """Value at complex frequencies, 1/s."""
@@ -77,23 +66,14 @@ class Lag:
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What the points say of the order.
+    """What the points say of the order."""
 
-    Args:
-        best: the candidate of lowest AICc; None with too few points for any.
-        weights: of each order, with or without delay, the sum being 1.
-        candidates: all that were tried, best first.
-        highest: frequency measured, rad/s.
-        says: the answer in a sentence.
-        settings: `poor`.
-    """
-
-    best: Lag | None
-    weights: dict[int, float]
-    candidates: tuple[Lag, ...]
-    highest: float
-    says: str
-    settings: FrequencySettings = FrequencySettings()
+    best: Lag | None  # the candidate of lowest AICc; None with too few points for any
+    weights: dict[int, float]  # of each order, with or without delay, the sum being 1
+    candidates: tuple[Lag, ...]  # all that were tried, best first
+    highest: float  # frequency measured, rad/s
+    says: str  # the answer in a sentence
+    settings: FrequencySettings = FrequencySettings()  # `poor`
 
     @property
     def is_certain(self) -> bool:
@@ -193,7 +173,7 @@ class _Factors(NamedTuple):
         return [*out, *([-self.last * s / (1.0 + self.last * s)] if order % 2 else [])]
 
     def corners(self) -> np.ndarray:
-        """Of each factor, the one of first order last; all but endless where one has vanished."""
+        """Corner of each factor, the one of first order last; nearly infinite where a factor has vanished."""
         return 1.0 / np.maximum(np.append(np.sqrt(self.pairs[:, 1]), self.last), 1e-12)
 
     def damping(self) -> np.ndarray:
@@ -267,7 +247,7 @@ def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, 
 
 
 def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> np.ndarray:
-    """By the delta method; nan where a factor or the delay has vanished."""
+    """Standard errors by the delta method; NaN where a factor or the delay has vanished."""
     if np.any(x[1:] < _VANISHED):
         return np.full(2 + order, np.nan)
     sd = np.sqrt(problem.variance + tau**2)

@@ -23,7 +23,7 @@ from ...problem.problem import EstimationProblem
 from ...problem.trace import prepare
 from ...rig.base import Measurement, RigConfig
 from ...rig.signals import drive_voltage
-from ..linearise import reduce, stops
+from ..linearise import reduce
 from ..settings import FrequencySettings
 from .lag import Order, order_of
 from .wave import NEARLY, Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
@@ -33,19 +33,12 @@ SETPOINT, POSITION, DRIVE = "setpoint", "position", "drive"
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The response at one frequency.
+    """The response at one frequency."""
 
-    Args:
-        measurement: the trace.
-        window: the part of it that counts.
-        waves: of setpoint and position (rad), and of the drive (V) where one was logged.
-        noise: share of the position's power that its sensor's noise has.
-    """
-
-    measurement: Measurement
-    window: Window
-    waves: Waves
-    noise: float
+    measurement: Measurement  # the trace
+    window: Window  # the part of it that counts
+    waves: Waves  # of setpoint and position (rad), and of the drive (V) where one was logged
+    noise: float  # share of the position's power that its sensor's noise has
 
     @property
     def frequency(self) -> float:
@@ -54,7 +47,7 @@ class Point:
 
     @property
     def amplitude(self) -> float:
-        """Of the position, rad."""
+        """Amplitude of the position, rad."""
         return float(abs(self.waves.amplitudes[POSITION][0]))
 
     @property
@@ -140,27 +133,17 @@ _LEAD = np.pi / 2.0  # rad: what leads by more than this at the lowest frequency
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Sine traces, measured and modelled.
+    """Sine traces, measured and modelled."""
 
-    Args:
-        points: in order of frequency.
-        order: of lag from setpoint to position.
-        plant_order: of lag from drive to position; None where no drive was logged.
-        nonlinear: position over drive of the fitted model, run free on each point's drive, rad/V; None without one.
-        linear: the linear plant about the middle of the sines, rad/V.
-        share: of the travel at that operating point.
-        warnings: which traces say nothing, and why.
-        settings: what it was decided by.
-    """
-
-    points: tuple[Point, ...]
-    order: Order
-    plant_order: Order | None
+    points: tuple[Point, ...]  # in order of frequency
+    order: Order  # of lag from setpoint to position
+    plant_order: Order | None  # of lag from drive to position; None where no drive was logged
+    # position over drive of the fitted model, run free on each point's drive, rad/V; None without one
     nonlinear: tuple[complex | None, ...]
-    linear: TransferFunction
-    share: float
-    warnings: tuple[str, ...]
-    settings: FrequencySettings = FrequencySettings()
+    linear: TransferFunction  # the linear plant about the middle of the sines, rad/V
+    share: float  # of the travel at that operating point
+    warnings: tuple[str, ...]  # which traces say nothing, and why
+    settings: FrequencySettings = FrequencySettings()  # what it was decided by
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -200,7 +183,7 @@ def frequency_response(
         except MeasurementError as error:
             warnings.append(str(error))
     points = tuple(sorted(found, key=lambda point: point.frequency))
-    lower, upper = stops(fitted)
+    lower, upper = fitted.config.stops
     middle = float(np.median([point.waves.offsets[POSITION] for point in points])) if points else lower
     share = float(np.clip((middle - lower) / (upper - lower), 0.0, 1.0))
     driven = [(point.frequency, ratio) for point in points if (ratio := point.plant) is not None]

@@ -45,15 +45,10 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Ratio:
-    """One complex amplitude over another.
+    """One complex amplitude over another."""
 
-    Args:
-        value: complex.
-        covariance: of ln magnitude and phase (rad), shape (2, 2).
-    """
-
-    value: complex
-    covariance: np.ndarray
+    value: complex  # complex
+    covariance: np.ndarray  # of ln magnitude and phase (rad), shape (2, 2)
 
     @property
     def magnitude(self) -> float:
@@ -73,27 +68,16 @@ class Ratio:
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """What was fitted.
+    """What was fitted."""
 
-    Args:
-        frequency: Hz.
-        middle: time to which phases refer, s.
-        harmonics: H.
-        amplitudes: of each signal, complex, shape (H,), in its unit.
-        offsets: o of each signal.
-        outside: share of each signal's power about offset and drift that is not in the fundamental.
-        in_harmonics: share that is in the 2nd to the Hth.
-        covariances: of real part and minus imaginary part of the fundamentals, in the order of `amplitudes`, shape
-            (2 C, 2 C) each: from rows, and from whole cycles.
-    """
-
-    frequency: float
-    middle: float
-    harmonics: int
-    amplitudes: Mapping[str, np.ndarray]
-    offsets: Mapping[str, float]
-    outside: Mapping[str, float]
-    in_harmonics: Mapping[str, np.ndarray]
+    frequency: float  # Hz
+    middle: float  # time to which phases refer, s
+    harmonics: int  # H
+    amplitudes: Mapping[str, np.ndarray]  # of each signal, complex, shape (H,), in its unit
+    offsets: Mapping[str, float]  # o of each signal
+    outside: Mapping[str, float]  # share of each signal's power about offset and drift that is not in the fundamental
+    in_harmonics: Mapping[str, np.ndarray]  # share that is in the 2nd to the Hth
+    # covariances of the fundamentals' real and minus imaginary parts, shape (2 C, 2 C): from rows, from whole cycles
     covariances: tuple[np.ndarray, np.ndarray]
 
     def ratio(self, over: Mapping[str, float], under: Mapping[str, float]) -> Ratio:
@@ -187,12 +171,12 @@ def _settled(
     reach = 0.25 / max(np.ptp(signal.time) for signal in signals.values())
     parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
     for _ in range(_ROUNDS):
-        guide_stiffness = power = 0.0
+        pull = power = 0.0
         for part in parts.values():
             own = part.slope - part.columns @ _least_squares(part.columns, part.slope)
-            guide_stiffness += float(own @ part.residual) / part.sd**2
+            pull += float(own @ part.residual) / part.sd**2
             power += float(own @ own) / part.sd**2
-        step = float(np.clip(guide_stiffness / power, -reach, reach)) if power > 0.0 else 0.0
+        step = float(np.clip(pull / power, -reach, reach)) if power > 0.0 else 0.0
         frequency += step
         parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
         if abs(step) < _SETTLED * frequency:
@@ -227,7 +211,7 @@ def _drifting(columns: np.ndarray, t: np.ndarray, span: float) -> np.ndarray:
 
 
 def _least_squares(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """By the normal equations: over whole cycles the columns are all but orthogonal, and a log may be long."""
+    """Least squares by the normal equations: over whole cycles the columns are nearly orthogonal."""
     return np.linalg.solve(columns.T @ columns, columns.T @ y)
 
 
@@ -282,7 +266,7 @@ def _covariances(
 
 
 def _shares(part: _Part) -> tuple[float, np.ndarray]:
-    """Of the power about offset and drift: what is not in the fundamental, and what is in each higher harmonic."""
+    """Shares of the power about offset and drift: outside the fundamental, and in each higher harmonic."""
     count = 2 * part.amplitudes.size
     waves, coefficients = part.columns[:, -count:], part.coefficients[-count:]
     rest = waves[:, 2:] @ coefficients[2:] + part.residual
@@ -295,18 +279,13 @@ _FEWEST = 4  # samples that a cycle is fitted to
 
 
 class Window(NamedTuple):
-    """Part of a trace.
+    """Part of a trace."""
 
-    Args:
-        begin, end: s.
-        cycles: whole ones in it.
-        skipped: cycles before it that were left out.
-    """
-
+    # begin, end: s
     begin: float
     end: float
-    cycles: int
-    skipped: float
+    cycles: int  # whole ones in it
+    skipped: float  # cycles before it that were left out
 
 
 def moving(setpoint: Signal) -> Signal:

@@ -25,30 +25,19 @@ class Refusal:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a rule may use.
+    """What a rule may use."""
 
-    Args:
-        plant: linear, rad/V, with what delays it.
-        ecu: the controller's own limits.
-        requirements: what is asked for.
-        loop: the fitted nonlinear plant under its ECU, nominal model first, then draws.
-        setpoint: on which gains are judged.
-        as_found: gains of the ECU that drove the logs, or why nobody knows them.
-        settings: budgets of the rules that experiment.
-        profile: the make of ECU that this controller is; None where none is named.
-        terms: of feed-forward in the loop.
-        present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
-    """
-
-    plant: TransferFunction
-    ecu: Ecu
-    requirements: Requirements
-    loop: Loop
-    setpoint: Setpoint = field(default_factory=trapezoid)
+    plant: TransferFunction  # linear, rad/V, with what delays it
+    ecu: Ecu  # the controller's own limits
+    requirements: Requirements  # what is asked for
+    loop: Loop  # the fitted nonlinear plant under its ECU, nominal model first, then draws
+    setpoint: Setpoint = field(default_factory=trapezoid)  # on which gains are judged
+    # gains of the ECU that drove the logs, or why nobody knows them
     as_found: Gains | Refusal = Refusal("no ECU is described")
-    settings: DesignSettings = DesignSettings()
-    profile: EcuProfile | None = None
-    terms: tuple[Term, ...] = ()
+    settings: DesignSettings = DesignSettings()  # budgets of the rules that experiment
+    profile: EcuProfile | None = None  # the make of ECU that this controller is; None where none is named
+    terms: tuple[Term, ...] = ()  # of feed-forward in the loop
+    # gains that the ECU has now, in its own numbers, see `control.own_numbers`
     present: Mapping[str, float] = field(default_factory=dict)
 
 

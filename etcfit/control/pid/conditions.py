@@ -74,17 +74,11 @@ DRY_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")  # every parameter that scal
 
 
 class Conditions(NamedTuple):
-    """Of one model, or one each of many, shape (D,).
+    """Of one model, or one each of many, shape (D,)."""
 
-    Args:
-        supply: V.
-        winding: temperature, degrees Celsius.
-        friction: dry friction over that of the bench.
-    """
-
-    supply: Scalar
-    winding: Scalar
-    friction: Scalar
+    supply: Scalar  # V
+    winding: Scalar  # temperature, degrees Celsius
+    friction: Scalar  # dry friction over that of the bench
 
 
 def corners(settings: ConditionSettings) -> Conditions:
@@ -136,15 +130,10 @@ def scaled(throttle: Throttle, factors: dict[str, Any]) -> Throttle:
 
 
 class Stuck(NamedTuple):
-    """What dry friction makes of gains.
+    """What dry friction makes of gains."""
 
-    Args:
-        error_pct: e_f, % of the travel: the error that the proportional part alone leaves.
-        wait_s: t_f, from sticking that far beyond the setpoint until the integral has turned the plate round, s.
-    """
-
-    error_pct: float
-    wait_s: float
+    error_pct: float  # e_f, % of the travel: the error that the proportional part alone leaves
+    wait_s: float  # t_f, from sticking that far beyond the setpoint until the integral has turned the plate round, s
 
 
 def stuck(loop: Loop, gains: Gains, share: float = MIDDLE) -> Stuck:

@@ -70,17 +70,11 @@ _CLEAR = 1.2  # swing over the hysteresis above which it counts
 
 
 class Relay(NamedTuple):
-    """v = bias + d or bias - d.
+    """v = bias + d or bias - d."""
 
-    Args:
-        swing: d, V.
-        bias: V that hold the plate.
-        hysteresis: rad.
-    """
-
-    swing: Any
-    bias: Any
-    hysteresis: Any
+    swing: Any  # d, V
+    bias: Any  # V that hold the plate
+    hysteresis: Any  # rad
 
 
 def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias: Any) -> Any:

@@ -26,47 +26,38 @@ class Bias:
     """bias(r): spring, preload and limp-home spring by a curve over the setpoint, linear between its points.
 
     Source: rusEFI, electronic_throttle.cpp (bias table over the target position). Differs from source: no.
-
-    Args:
-        angles: rad, rising, shape (P,).
-        hold: V that hold the plate there in the middle of its dry friction, shape (P,).
-        closing, opening: V at which it is about to close and to open, shape (P,): what its dry friction leaves open.
     """
 
-    angles: np.ndarray
-    hold: np.ndarray
+    angles: np.ndarray  # rad, rising, shape (P,)
+    hold: np.ndarray  # V that hold the plate there in the middle of its dry friction, shape (P,)
+    # closing, opening: V at which it is about to close and to open, shape (P,): what its dry friction leaves open
     closing: np.ndarray
     opening: np.ndarray
 
     def volts(self, setpoint: np.ndarray) -> np.ndarray:
-        """At setpoints (rad), shape (K,); V."""
+        """Feed-forward at setpoints (rad), shape (K,), V."""
         return np.interp(setpoint, self.angles, self.hold)
 
 
 @jax.jit
-def _holds(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
-    return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper)[1])(angles)
+def held(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
+    """Currents (A) and voltages (V) that hold a plate at these angles against a share of its dry friction."""
+    return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper))(angles)
 
 
 class HoldingVoltages(NamedTuple):
-    """Voltages that hold a plate at some angles, V, shape (K,) each.
+    """Voltages that hold a plate at some angles, V, shape (K,) each."""
 
-    Args:
-        down: at which it is about to close.
-        middle: in the middle of its dry friction.
-        up: at which it is about to open.
-    """
-
-    down: np.ndarray
-    middle: np.ndarray
-    up: np.ndarray
+    down: np.ndarray  # at which it is about to close
+    middle: np.ndarray  # in the middle of its dry friction
+    up: np.ndarray  # at which it is about to open
 
 
 def hold_curve(
     throttle: Throttle, angles: np.ndarray, gear_ratio: float, lower: float, upper: float
 ) -> HoldingVoltages:
     """Voltages that hold a plate at these angles (rad), shape (K,), between stops (rad)."""
-    down, middle, up = (np.asarray(_holds(throttle, np.asarray(angles), share, gear_ratio, lower, upper))
+    down, middle, up = (np.asarray(held(throttle, np.asarray(angles), share, gear_ratio, lower, upper)[1])
                         for share in (-1.0, 0.0, 1.0))  # fmt: skip
     return HoldingVoltages(down, middle, up)
 
@@ -123,20 +114,16 @@ class Sliding:
     Source: Olsson, Astrom, Canudas de Wit, Gafvert and Lischinsky 1998, European Journal of Control 4(3), for friction
     by the sign of the speed asked for; the rest from Eqs. 1-2 at a speed that does not change. Differs from source: the
     sign is straight within +-w_f.
-
-    Args:
-        opening, closing: V_o and V_c, what dry friction takes of a plate that slides open and closed, V.
-        full: w_f, rad/s.
-        slope: k, V s/rad.
     """
 
+    # opening, closing: V_o and V_c, what dry friction takes of a plate that slides open and closed, V
     opening: float
     closing: float
-    full: float
-    slope: float
+    full: float  # w_f, rad/s
+    slope: float  # k, V s/rad
 
     def volts(self, rate: np.ndarray) -> np.ndarray:
-        """At rates of the setpoint (rad/s), shape (K,); V."""
+        """Feed-forward at rates of the setpoint (rad/s), shape (K,), V."""
         share = rate / self.full
         friction = self.opening * np.clip(share, 0.0, 1.0) - self.closing * np.clip(-share, 0.0, 1.0)
         return friction + self.slope * rate

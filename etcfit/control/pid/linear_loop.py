@@ -28,17 +28,11 @@ _QUICKEST = 1e-4  # ticks: the lag that a sensor without one is given beside pla
 
 
 class SampledPlant(NamedTuple):
-    """See the module; its state is the output as the ECU reads it, what lags behind it, its derivatives by the tick.
+    """See the module; its state is the output as the ECU reads it, what lags behind it, its derivatives by the tick."""
 
-    Args:
-        phi: Phi, shape (..., n, n).
-        gamma: Gamma_j, newest voltage first, shape (..., M, n).
-        period: T, s.
-    """
-
-    phi: Float[np.ndarray, "*plants n n"]
-    gamma: Float[np.ndarray, "*plants M n"]
-    period: float
+    phi: Float[np.ndarray, "*plants n n"]  # Phi
+    gamma: Float[np.ndarray, "*plants M n"]  # Gamma_j, newest voltage first
+    period: float  # T, s
 
     def __call__(self, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*plants W"]:
         """G(z) = e_0 (z - Phi)^-1 sum_j Gamma_j z^-j, rad/V."""
@@ -123,14 +117,10 @@ class ClosedLoop(NamedTuple):
 
     The state s holds that of the plant, the voltages still on their way, the integral (V), the filtered derivative
     (rad/s) and what it last differenced, c r - y (rad).
-
-    Args:
-        flow: F, shape (..., S, S).
-        entry: g, shape (..., S).
     """
 
-    flow: Float[np.ndarray, "*loops S S"]
-    entry: Float[np.ndarray, "*loops S"]
+    flow: Float[np.ndarray, "*loops S S"]  # F
+    entry: Float[np.ndarray, "*loops S"]  # g
 
     @property
     def spectral_radius(self) -> Float[np.ndarray, "*loops"]:
@@ -186,15 +176,10 @@ def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint)
 
 
 class Grid(NamedTuple):
-    """Frequencies between which crossings are found, evenly spaced in the logarithm, the last at Nyquist's.
+    """Frequencies between which crossings are found, evenly spaced in the logarithm, the last at Nyquist's."""
 
-    Args:
-        count: W.
-        lowest: over Nyquist's.
-    """
-
-    count: int
-    lowest: float
+    count: int  # W
+    lowest: float  # over Nyquist's
 
     def frequencies(self, period: float) -> Float[np.ndarray, " W"]:
         """w, rad/s, under a clock of a period (s)."""
@@ -206,37 +191,24 @@ COARSE = Grid(160, 1e-3)  # margins within 0.1 dB and 0.2 degrees of those of FI
 
 
 class Margins(NamedTuple):
-    """How far loops are from where they turn unstable; below 0 where they are, infinite where nothing turns them.
+    """How far loops are from where they turn unstable; below 0 where they are, infinite where nothing turns them."""
 
-    Args:
-        gain_db: the smallest change of the gain, up or down, that brings the loop to -1.
-        phase_deg: the smallest turn of the loop that does.
-    """
-
-    gain_db: Float[np.ndarray, "*loops"]
-    phase_deg: Float[np.ndarray, "*loops"]
+    gain_db: Float[np.ndarray, "*loops"]  # the smallest change of the gain, up or down, that brings the loop to -1
+    phase_deg: Float[np.ndarray, "*loops"]  # the smallest turn of the loop that does
 
 
 class OpenLoop(NamedTuple):
-    """Plants under an ECU, prepared once for the margins of any gains.
+    """Plants under an ECU, prepared once for the margins of any gains."""
 
-    Args:
-        plants: as its clock sees them, shape (...).
-        response: G at each z, rad/V, shape (..., W).
-        at_rest: G(1), rad/V, shape (...); infinite without a spring.
-        z: on the unit circle, the last -1, shape (W,).
-        ecu: the controller.
-    """
-
-    plants: SampledPlant
-    response: Complex[np.ndarray, "*plants W"]
-    at_rest: Float[np.ndarray, "*plants"]
-    z: Complex[np.ndarray, " W"]
-    ecu: Ecu
+    plants: SampledPlant  # as its clock sees them, shape (...)
+    response: Complex[np.ndarray, "*plants W"]  # G at each z, rad/V
+    at_rest: Float[np.ndarray, "*plants"]  # G(1), rad/V; infinite without a spring
+    z: Complex[np.ndarray, " W"]  # on the unit circle, the last -1
+    ecu: Ecu  # the controller
 
     @classmethod
     def of_plants(cls, plants: TransferFunction, ecu: Ecu, grid: Grid = FINE) -> OpenLoop:
-        """Of plants whose numbers have one shape."""
+        """Prepare plants whose numbers have one shape."""
         z = np.exp(1j * grid.frequencies(ecu.period) * ecu.period)
         z[-1] = -1.0  # where every loop is real
         under, spring = sampled(plants, ecu), np.asarray(plants.a0, dtype=float)
@@ -285,5 +257,5 @@ def _least(value: np.ndarray) -> np.ndarray:
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:
-    """In -pi to pi, rad."""
+    """An angle brought into -pi to pi, rad."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -46,15 +46,10 @@ class Path(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """Responses, and what they come to.
+    """Responses, and what they come to."""
 
-    Args:
-        share: position at each tick, share of the travel, shape (D, G, K).
-        figures: shape (D, G) each.
-    """
-
-    share: np.ndarray
-    figures: LoopFigures
+    share: np.ndarray  # position at each tick, share of the travel, shape (D, G, K)
+    figures: LoopFigures  # shape (D, G) each
 
 
 class _Carry(NamedTuple):
@@ -95,41 +90,24 @@ def _acting(late: Scalar, parts: int, room: int) -> Any:
 
 
 class _Run(NamedTuple):
-    """What every plant is simulated with.
+    """What every plant is simulated with."""
 
-    Args:
-        settings: of the controller.
-        first: memory with which it begins, shape (G,).
-        ecu: limits and clock.
-        body: gear ratio and stops.
-        wanted: setpoint at each tick, rad, shape (K,); or what a controller of its own kind is asked, see `Loop.run`.
-        bias: feed-forward at each tick, V, shape (K,).
-        start: state at the begin.
-    """
-
-    settings: Any
-    first: Any
-    ecu: Ecu
-    body: Body
-    wanted: Any
-    bias: Any
-    start: State
+    settings: Any  # of the controller
+    first: Any  # memory with which it begins, shape (G,)
+    ecu: Ecu  # limits and clock
+    body: Body  # gear ratio and stops
+    wanted: Any  # setpoint at each tick, rad, shape (K,); or what a controller of its own kind is asked, see `Loop.run`
+    bias: Any  # feed-forward at each tick, V, shape (K,)
+    start: State  # state at the begin
 
 
 class _Plant(NamedTuple):
-    """What the ECU drives.
+    """What the ECU drives."""
 
-    Args:
-        throttle: the model.
-        drive: voltage that it gets over the one that the ECU means to send.
-        ceiling: most that the ECU can mean to send, V: what the supply has left where the ECU reckons with it.
-        misread: what the noise adds to each reading, rad, shape (K,).
-    """
-
-    throttle: Throttle
-    drive: Scalar
-    ceiling: Scalar
-    misread: Any
+    throttle: Throttle  # the model
+    drive: Scalar  # voltage that it gets over the one that the ECU means to send
+    ceiling: Scalar  # most that the ECU can mean to send, V: what the supply has left where the ECU reckons with it
+    misread: Any  # what the noise adds to each reading, rad, shape (K,)
 
 
 def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar:
@@ -232,27 +210,18 @@ def _late(throttles: Throttle) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """An ECU around draws of a throttle body.
+    """An ECU around draws of a throttle body."""
 
-    Args:
-        throttles: models, parameters of shape (D,); the nominal one first.
-        body: of the rig.
-        ecu: the controller.
-        bias: feed-forward; None for none.
-        settings: of the simulation.
-        drive: voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply
-            over the ECU's where its output is a duty.
-        ceiling: most that the ECU can mean to send to each plant, V, shape (D,); None for no other limit than its own.
-        sliding: feed-forward that follows the setpoint's rate; None for none.
-    """
-
-    throttles: Throttle
-    body: Body
-    ecu: Ecu
-    bias: Bias | None = None
-    settings: LoopSettings = LoopSettings()
+    throttles: Throttle  # models, parameters of shape (D,); the nominal one first
+    body: Body  # of the rig
+    ecu: Ecu  # the controller
+    bias: Bias | None = None  # feed-forward; None for none
+    settings: LoopSettings = LoopSettings()  # of the simulation
+    # voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply over the
+    # ECU's where its output is a duty
     drive: np.ndarray | None = None
-    sliding: Sliding | None = None
+    sliding: Sliding | None = None  # feed-forward that follows the setpoint's rate; None for none
+    # most that the ECU can mean to send to each plant, V, shape (D,); None for no other limit than its own
     ceiling: np.ndarray | None = None
 
     @property
@@ -280,11 +249,11 @@ class Loop:
         return replace(self, ecu=ecu)
 
     def angle(self, share: Any) -> Any:
-        """rad, of a share of the travel."""
+        """Angle at a share of the travel, rad."""
         return self.body.lower + share * (self.body.upper - self.body.lower)
 
     def share(self, angle: Any) -> Any:
-        """Of the travel, of an angle in rad."""
+        """Share of the travel at an angle, rad."""
         return (angle - self.body.lower) / (self.body.upper - self.body.lower)
 
     def holds(self, angles: np.ndarray) -> HoldingVoltages:

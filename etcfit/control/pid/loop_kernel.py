@@ -29,25 +29,18 @@ class _Lasting(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a loop is compiled for.
+    """What a loop is compiled for."""
 
-    Args:
-        simulation: of (control, keep, plant, run, parts, room), see `loop`; it returns where a run begins and what
-            makes one tick of it.
-        control, keep, parts, room: as it takes them.
-        tree: structure of what lasts.
-        shapes: of its leaves, for one plant and one controller.
-        wanted: structure of what the controller is asked at a tick.
-    """
-
+    # function of (control, keep, plant, run, parts, room), see `loop`: where a run begins, and what makes a tick of it
     simulation: Callable[..., Any]
+    # control, keep, parts, room: as it takes them
     control: Any
     keep: Any
     parts: int
     room: int
-    tree: Any
-    shapes: tuple[tuple[int, ...], ...]
-    wanted: Any
+    tree: Any  # structure of what lasts
+    shapes: tuple[tuple[int, ...], ...]  # of its leaves, for one plant and one controller
+    wanted: Any  # structure of what the controller is asked at a tick
 
 
 class LoopKernel:

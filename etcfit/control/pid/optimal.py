@@ -20,17 +20,11 @@ from .loop import Loop
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """How gains (G) fare over draws (D).
+    """How gains (G) fare over draws (D)."""
 
-    Args:
-        rmse: mean over draws, %, shape (G,).
-        excess: by how much the requirement missed worst is missed, relative, 0 if none, shape (D, G).
-        settings: `certain`.
-    """
-
-    rmse: np.ndarray
-    excess: np.ndarray
-    settings: OptimumSettings = OptimumSettings()
+    rmse: np.ndarray  # mean over draws, %, shape (G,)
+    excess: np.ndarray  # by how much the requirement missed worst is missed, relative, 0 if none, shape (D, G)
+    settings: OptimumSettings = OptimumSettings()  # `certain`
 
     @property
     def missed(self) -> np.ndarray:
@@ -144,7 +138,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures
     start = _about(np.log(np.maximum(begin, settings.lowest)), rng, settings)
     best, _ = cross_entropy(score, start, rounds, rng, settings)
     gains = Gains(*np.exp(best).tolist())
-    figures = task.loop.first(1).figures(Gains(*(np.array([g]) for g in gains)), task.setpoint)
+    figures = task.loop.first(1).figures(Gains.stacked(gains), task.setpoint)
     return gains, figures.each(lambda figure: float(figure[0, 0])), float(score(best[None]).missed[0])
 
 
@@ -226,7 +220,7 @@ def _scorer(task: Task, draws: int, spare: float) -> Score:
 def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float) -> Scores:
     """Figures of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: share of limits kept in hand."""
     asked, figures = task.requirements, loop.figures(gains, task.setpoint)
-    gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(Gains(*(np.asarray(g)[None] for g in gains))))
+    gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(gains))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
     settled = replace(figures, settling_s=np.minimum(figures.settling_s, 2.0 * longest))
     settings = task.settings.optimum
@@ -240,21 +234,13 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
 
 @dataclass(frozen=True)
 class FrontPoint:
-    """The best gains within a limit of the duty's activity.
+    """The best gains within a limit of the duty's activity."""
 
-    Args:
-        limit: of the activity, %; infinite for none.
-        gains: them.
-        activity: theirs, %.
-        rmse: tracking error, % of the travel.
-        meets: whether they meet everything else that is asked for.
-    """
-
-    limit: float
+    limit: float  # of the activity, %; infinite for none
     gains: Gains
-    activity: float
-    rmse: float
-    meets: bool
+    activity: float  # theirs, %
+    rmse: float  # tracking error, % of the travel
+    meets: bool  # whether they meet everything else that is asked for
 
 
 def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:

@@ -27,23 +27,14 @@ from .unpowered import Holding, Return, holding_currents, return_times
 
 @dataclass(frozen=True, eq=False)
 class Safety:
-    """What happens where something fails, and how it is told.
+    """What happens where something fails, and how it is told."""
 
-    Args:
-        envelope: how far off a sound throttle is.
-        jam: the jam check proposed; None where no threshold gets along with the timeout allowed.
-        sensors: faults of the position sensor.
-        sags: of the supply.
-        returns: of the plate without a current, opening by opening.
-        holding: current and heat.
-    """
-
-    envelope: Envelope
-    jam: JamCheck | None
-    sensors: tuple[Runaway, ...]
-    sags: tuple[Sag, ...]
-    returns: tuple[Return, ...]
-    holding: Holding
+    envelope: Envelope  # how far off a sound throttle is
+    jam: JamCheck | None  # the jam check proposed; None where no threshold gets along with the timeout allowed
+    sensors: tuple[Runaway, ...]  # faults of the position sensor
+    sags: tuple[Sag, ...]  # of the supply
+    returns: tuple[Return, ...]  # of the plate without a current, opening by opening
+    holding: Holding  # current and heat
 
 
 def safety(task: Task, gains: Gains) -> Safety:

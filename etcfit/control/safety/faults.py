@@ -25,39 +25,24 @@ _RECOVERED = 0.01  # distance from the setpoint at which a plate is back after a
 
 @dataclass(frozen=True)
 class JamCheck:
-    """A proposed pair.
+    """A proposed pair."""
 
-    Args:
-        error: beyond which the plate counts as stuck, share of the travel.
-        timeout: after which it does, s.
-        longest: for how long a sound throttle is further off, s.
-        sustained: error that a sound throttle keeps up for the timeout, share of the travel.
-        tells: by scenario, s from a change of the setpoint until a plate that is held where it is is told; None where
-            the setpoint does not ask for enough.
-    """
-
-    error: float
-    timeout: float
-    longest: float
-    sustained: float
+    error: float  # beyond which the plate counts as stuck, share of the travel
+    timeout: float  # after which it does, s
+    longest: float  # for how long a sound throttle is further off, s
+    sustained: float  # error that a sound throttle keeps up for the timeout, share of the travel
+    # detection time of a held plate by scenario, s from a change of the setpoint; None where that asks for too little
     tells: dict[str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """How far off a sound throttle is: over all scenarios, draws and conditions.
+    """How far off a sound throttle is: over all scenarios, draws and conditions."""
 
-    Args:
-        errors: thresholds, shares of the travel, rising, shape (T,).
-        longest: s for which the error was larger without a break, the longest of all, shape (T,).
-        models: how many were tried.
-        largest: error of all, share of the travel.
-    """
-
-    errors: np.ndarray
-    longest: np.ndarray
-    models: int
-    largest: float
+    errors: np.ndarray  # thresholds, shares of the travel, rising, shape (T,)
+    longest: np.ndarray  # s for which the error was larger without a break, the longest of all, shape (T,)
+    models: int  # how many were tried
+    largest: float  # error of all, share of the travel
 
 
 def envelope(task: Task, gains: Gains) -> Envelope:
@@ -110,22 +95,14 @@ def detection_time(setpoint: Setpoint, scenario: str, error: float, timeout: flo
 
 @dataclass(frozen=True)
 class Runaway:
-    """A sensor that fails while a quarter of the travel is asked for; the worst of all models.
+    """A sensor that fails while a quarter of the travel is asked for; the worst of all models."""
 
-    Args:
-        fault: in words.
-        asked: setpoint since then, share of the travel.
-        opens: widest opening that no check stops, share of the travel.
-        jam_after: s until the jam check has told it in every model; None where in one it does not.
-        jam_opens: widest opening with that check, share of the travel.
-        apart_after, apart_opens: likewise with the check of two sensors against each other beside it.
-    """
-
-    fault: str
-    asked: float
-    opens: float
-    jam_after: float | None
-    jam_opens: float
+    fault: str  # in words
+    asked: float  # setpoint since then, share of the travel
+    opens: float  # widest opening that no check stops, share of the travel
+    jam_after: float | None  # s until the jam check has told it in every model; None where in one it does not
+    jam_opens: float  # widest opening with that check, share of the travel
+    # apart_after, apart_opens: likewise with the check of two sensors against each other beside it
     apart_after: float | None
     apart_opens: float
 
@@ -172,25 +149,16 @@ def runaways(loop: Loop, task: Task, seen: Seen) -> tuple[Runaway, ...]:
 
 @dataclass(frozen=True)
 class Sag:
-    """A sag of the supply while an opening is held; the worst of all models.
+    """A sag of the supply while an opening is held; the worst of all models."""
 
-    Args:
-        name: "dip" or "crank".
-        opening: held, share of the travel.
-        closes: by how much the plate falls, share of the travel.
-        opens: by how much it then overshoots, likewise.
-        back_after: s from the supply's return until the plate stays near its setpoint; None for not while watched.
-        wound: largest change of the integral, share of the ECU's supply.
-        false_trip: whether the proposed jam check would take it for a jam; None where none is proposed.
-    """
-
-    name: str
-    opening: float
-    closes: float
-    opens: float
+    name: str  # "dip" or "crank"
+    opening: float  # held, share of the travel
+    closes: float  # by how much the plate falls, share of the travel
+    opens: float  # by how much it then overshoots, likewise
+    # s from the supply's return until the plate stays near its setpoint; None for not while watched
     back_after: float | None
-    wound: float
-    false_trip: bool | None
+    wound: float  # largest change of the integral, share of the ECU's supply
+    false_trip: bool | None  # whether the proposed jam check would take it for a jam; None where none is proposed
 
 
 def profiles(task: Task, ticks: int) -> Iterator[tuple[str, np.ndarray, float]]:
@@ -221,7 +189,7 @@ def sags(loop: Loop, task: Task, seen: Seen, check: JamCheck | None) -> tuple[Sa
 
 
 def _sag(loop: Loop, task: Task, seen: Seen, name: str, over: float, opening: float, check: JamCheck | None) -> Sag:
-    """Of one trial on every model, shape (D, K)."""
+    """What became of one trial on every model, shape (D, K)."""
     period = task.ecu.period
     begin, end = (math.ceil(instant / period - 1e-9) for instant in (FAILS_AT, over))
     off = loop.share(seen.position) - loop.share(seen.position[:, begin])[:, None]

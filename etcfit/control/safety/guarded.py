@@ -22,30 +22,22 @@ _EARLY = 1e-9  # s by which a tick counts as on time
 
 
 class SensorFault(NamedTuple):
-    """What a sensor shows once it has failed: kept y + frozen (what it showed last) + shift.
+    """What a sensor shows once it has failed: kept y + frozen (what it showed last) + shift."""
 
-    Args:
-        begins: s; infinite for never.
-        kept, frozen: 1 or 0.
-        shift: rad.
-    """
-
-    begins: Scalar = NEVER
+    begins: Scalar = NEVER  # s; infinite for never
+    # kept, frozen: 1 or 0
     kept: Scalar = 1.0
     frozen: Scalar = 0.0
-    shift: Scalar = 0.0
+    shift: Scalar = 0.0  # rad
 
 
 class Guards(NamedTuple):
-    """Checks that open the bridge for good; infinite for none.
+    """Checks that open the bridge for good; infinite for none."""
 
-    Args:
-        jam, jam_for: error (rad) that lasts for longer than so many s.
-        apart, apart_for: difference between two sensors, the other one sound, likewise.
-    """
-
+    # jam, jam_for: error (rad) that lasts for longer than so many s
     jam: Scalar = NEVER
     jam_for: Scalar = NEVER
+    # apart, apart_for: difference between two sensors, the other one sound, likewise
     apart: Scalar = NEVER
     apart_for: Scalar = NEVER
 
@@ -54,31 +46,19 @@ SOUND, UNCHECKED = SensorFault(), Guards()
 
 
 class Demand(NamedTuple):
-    """What is asked of an ECU, and what it has, at each tick, shape (K,).
+    """What is asked of an ECU, and what it has, at each tick, shape (K,)."""
 
-    Args:
-        angle: setpoint, rad.
-        supply: over the ECU's own.
-        ahead: feed-forward, V.
-    """
-
-    angle: Any
-    supply: Any
-    ahead: Any
+    angle: Any  # setpoint, rad
+    supply: Any  # over the ECU's own
+    ahead: Any  # feed-forward, V
 
 
 class Equipment(NamedTuple):
-    """What does not change in an experiment.
+    """What does not change in an experiment."""
 
-    Args:
-        gains: of the PID.
-        fault: of its sensor.
-        guards: of the ECU.
-    """
-
-    gains: Gains
-    fault: SensorFault
-    guards: Guards
+    gains: Gains  # of the PID
+    fault: SensorFault  # of its sensor
+    guards: Guards  # of the ECU
 
 
 class Trial(NamedTuple):
@@ -89,38 +69,24 @@ class Trial(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """What a guarded ECU remembers.
+    """What a guarded ECU remembers."""
 
-    Args:
-        pid: of its controller.
-        time: of the next tick, s.
-        shown: what the sensor showed last, rad.
-        over, apart: s for which the error, or the difference of two sensors, has been too large.
-        tripped: 1 once a check has opened the bridge.
-    """
-
-    pid: Memory
-    time: Scalar
-    shown: Scalar
+    pid: Memory  # of its controller
+    time: Scalar  # of the next tick, s
+    shown: Scalar  # what the sensor showed last, rad
+    # over, apart: s for which the error, or the difference of two sensors, has been too large
     over: Scalar
     apart: Scalar
-    tripped: Scalar
+    tripped: Scalar  # 1 once a check has opened the bridge
 
 
 class Seen(NamedTuple):
-    """A trial at each tick, shape (D, G, K).
+    """A trial at each tick, shape (D, G, K)."""
 
-    Args:
-        position: of the plate, rad.
-        shown: by the sensor, rad.
-        integral: of the PID, V.
-        tripped: 1 once a check has opened the bridge.
-    """
-
-    position: np.ndarray
-    shown: np.ndarray
-    integral: np.ndarray
-    tripped: np.ndarray
+    position: np.ndarray  # of the plate, rad
+    shown: np.ndarray  # by the sensor, rad
+    integral: np.ndarray  # of the PID, V
+    tripped: np.ndarray  # 1 once a check has opened the bridge
 
 
 def guarded(equipment: Equipment, ecu: Ecu, memory: Watch, demand: Demand, position: Scalar, bias: Scalar) -> Any:

@@ -7,17 +7,16 @@ is simulated by `control.motion`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import jax
 import numpy as np
 
 from ...model.effects.winding_heating import WindingHeating
-from ...model.linear import holding_against
 from ...model.throttle import Throttle
 from ..motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..pid.base import Task
 from ..pid.conditions import default_position
+from ..pid.feedforward import held
 from ..pid.loop import Body, Loop
 
 RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
@@ -27,20 +26,13 @@ _FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 @dataclass(frozen=True)
 class Return:
-    """How the plate returns from one opening; the worst of all models.
+    """How the plate returns from one opening; the worst of all models."""
 
-    Args:
-        opening: at which the current is cut, share of the travel.
-        cut_s: s until the plate stays near its limp-home position, or the closed stop where it has none, terminals
-            open; None for not while watched.
-        shorted_s: likewise with shorted terminals, which brake it.
-        rests: where it comes to rest on open terminals, share of the travel: least and largest.
-    """
-
-    opening: float
+    opening: float  # at which the current is cut, share of the travel
+    # s until the plate stays near its limp-home position, else the closed stop, terminals open; None: not while watched
     cut_s: float | None
-    shorted_s: float | None
-    rests: tuple[float, float]
+    shorted_s: float | None  # likewise with shorted terminals, which brake it
+    rests: tuple[float, float]  # where it comes to rest on open terminals, share of the travel: least and largest
 
 
 def release_plates(
@@ -88,33 +80,22 @@ def _known(seconds: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """What it takes to hold a plate still, by the nominal model at the temperature of the bench.
+    """What it takes to hold a plate still, by the nominal model at the temperature of the bench."""
 
-    Args:
-        shares: of the travel, shape (S,).
-        current: A in the middle of the dry friction, shape (S,).
-        closing, opening: A at which it is about to close and to open, shape (S,).
-        watts: heat of the winding in the middle of the dry friction, shape (S,).
-        rise: K by which the winding is warmer in the long run, shape (S,); None where its heating is not known.
-        stall_A, stall_W: current and heat at the full duty against a stop.
-        longest: s at a stop from the bench's temperature to what the winding may reach; infinite where it never does;
-            None where its heating is not known.
-    """
-
-    shares: np.ndarray
-    current: np.ndarray
+    shares: np.ndarray  # of the travel, shape (S,)
+    current: np.ndarray  # A in the middle of the dry friction, shape (S,)
+    # closing, opening: A at which it is about to close and to open, shape (S,)
     closing: np.ndarray
     opening: np.ndarray
-    watts: np.ndarray
+    watts: np.ndarray  # heat of the winding in the middle of the dry friction, shape (S,)
+    # K by which the winding is warmer in the long run, shape (S,); None where its heating is not known
     rise: np.ndarray | None
+    # stall_A, stall_W: current and heat at the full duty against a stop
     stall_A: float
     stall_W: float
+    # s at a stop from the bench's temperature to what the winding may reach; infinite where it never does; None where
+    # its heating is not known
     longest: float | None
-
-
-@jax.jit
-def _currents(throttle: Throttle, angles: Any, share: Any, body: Any) -> Any:
-    return jax.vmap(lambda theta: holding_against(throttle, theta, share, *body)[0])(angles)
 
 
 def holding_currents(loop: Loop, task: Task) -> Holding:
@@ -122,7 +103,8 @@ def holding_currents(loop: Loop, task: Task) -> Holding:
     settings, throttle = task.settings.safety, loop.nominal
     shares = np.linspace(0.0, 1.0, settings.places)
     angles = loop.angle(shares)
-    closing, current, opening = (np.asarray(_currents(throttle, angles, side, loop.body)) for side in (-1.0, 0.0, 1.0))
+    closing, current, opening = (np.asarray(held(throttle, angles, side, *loop.body)[0])
+                                 for side in (-1.0, 0.0, 1.0))  # fmt: skip
     ohm, volts = float(np.asarray(throttle.parameter("R_a"))), float(task.ecu.limit)
     heating = next((each for each in throttle.effects if isinstance(each, WindingHeating)), None)
     stall = volts / ohm

@@ -37,15 +37,10 @@ _DASK = {
 
 @dataclass(frozen=True)
 class LocalWorkers:
-    """Worker processes on this machine, one core each.
+    """Worker processes on this machine, one core each."""
 
-    Args:
-        workers: how many.
-        memory: of each, bytes; a process that grows beyond is ended, and its unit tried once more.
-    """
-
-    workers: int
-    memory: int = 2 * 1024**3
+    workers: int  # how many
+    memory: int = 2 * 1024**3  # of each, bytes; a process that grows beyond is ended, and its unit tried once more
 
 
 @dataclass(frozen=True)
@@ -57,17 +52,11 @@ class ExistingScheduler:
 
 @dataclass(frozen=True)
 class Crew:
-    """Workers that wait for work.
+    """Workers that wait for work."""
 
-    Args:
-        client: Dask's.
-        local: whether their processes are ours.
-        workers: processes of ours that were asked for.
-    """
-
-    client: Client
-    local: bool
-    workers: int = 0
+    client: Client  # Dask's
+    local: bool  # whether their processes are ours
+    workers: int = 0  # processes of ours that were asked for
 
     @property
     def address(self) -> str:
@@ -77,7 +66,7 @@ class Crew:
         return str(page or scheduler["address"])
 
     def renew(self) -> None:
-        """As many workers of ours anew, where all are gone: Dask's nannies have been seen not to bring theirs back."""
+        """Start as many new workers of ours, where all are gone: Dask's nannies do not always bring theirs back."""
         if self.local:
             cluster: Any = self.client.cluster
             cluster.scale(len(cluster.worker_spec) + self.workers)
@@ -104,7 +93,7 @@ def crew(place: LocalWorkers | ExistingScheduler) -> Iterator[Crew]:
 
 
 def cores() -> int:
-    """That this process may use."""
+    """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

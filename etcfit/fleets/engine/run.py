@@ -181,21 +181,13 @@ class Agenda:
 
 @dataclass
 class Task:
-    """One that is out.
+    """One that is out."""
 
-    Args:
-        future: Dask's.
-        orders: what it is on.
-        seen: s, when it was last known to be on its way.
-        begun: s, when it was first seen on a worker; None before.
-        worker: that it was last seen on.
-    """
-
-    future: Any
-    orders: Orders
-    seen: float
-    begun: float | None = None
-    worker: str | None = None
+    future: Any  # Dask's
+    orders: Orders  # what it is on
+    seen: float  # s, when it was last known to be on its way
+    begun: float | None = None  # s, when it was first seen on a worker; None before
+    worker: str | None = None  # that it was last seen on
 
 
 class Tasks:

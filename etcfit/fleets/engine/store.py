@@ -1,66 +1,53 @@
-"""RUN/parts: what is known of each unit so far, in Parquet files that are whole or not there.
+"""RUN/parts/ends.log: what is known of each unit so far, in blocks that are appended and never changed.
 
-    00000017-00000017.parquet   what was written the 17th time
-    00000000-00000015.parquet   what was written the first 16 times, made one file
+    block    length and CRC-32 of what follows, 32 bit each, big-endian; then by zlib two lines of JSON:
+             [[unit, digest], ...]
+             [row, ...]
 
-Whatever comes later counts. A killed client loses what came back in the last second. Files of the same size are made
-one, as in a log-structured merge tree: n flushes leave about merge log_merge(n) files, and each row is rewritten
-log_merge(n) times. Memory holds the digests, what came back in the last second and one row group. A failed unit has a
-`why` and no data; matrices lie in a row as the list of their numbers, and come back bit for bit.
+Whatever comes later counts. A killed client loses what came back in the last second. Memory holds the digests, what
+came back in the last second and one block. A failed unit has a `why` and no data; matrices lie in a row as the list of
+their numbers. JSON has the shortest text of each number, so all of them come back bit for bit.
 """
 
 from __future__ import annotations
 
-import re
+import json
+import os
+import struct
 import threading
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
-from functools import cache
+from io import BytesIO
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from ...files import held, put_aside, whole
+from ...files import held, named, put_aside, whole
 from ..settings import StoreSettings
 from ..unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
-_NAME = re.compile(r"(\d{8,})-(\d{8,})\.parquet")
-
-
-@dataclass(frozen=True)
-class _Part:
-    """A file: what was written the `first` to the `last` time."""
-
-    first: int
-    last: int
-
-    @property
-    def name(self) -> str:
-        return f"{self.first:08d}-{self.last:08d}.parquet"
-
-    def holds(self, other: _Part) -> bool:
-        """Whether the other is one of those it was made of."""
-        return self != other and self.first <= other.first and other.last <= self.last
+_HEAD = struct.Struct(">II")  # of a block
 
 
 class Store:
     """with Store(folder) as store: every result added is on disk a second later, and when the block ends.
 
-    One process at a time can write; reading needs no `with`. A file that cannot be read any more, for the disk was full
-    or a copy was cut off, is put aside when the block begins: `remark` says so, and its units are worked on again.
+    One process at a time can write; reading needs no `with`. A file with a damaged block, or whose last block is cut
+    off, is put aside when the block begins and the sound ones stay: `remark` says so, and the units of the others are
+    worked on again.
 
     Args:
         folder: made where it is not there.
-        settings: when files are written and made one.
+        settings: when results are written.
     """
 
     remark: str = ""
 
     def __init__(self, folder: Path, settings: StoreSettings = StoreSettings()) -> None:
-        self.folder, self._settings = folder, settings
+        self.folder, self.path, self._settings = folder, folder / "ends.log", settings
         self._waiting: list[UnitResult | FailedUnit] = []
         self._lock, self._writing, self._ended = threading.Lock(), threading.Lock(), threading.Event()
         self._error: OSError | None = None
@@ -70,8 +57,7 @@ class Store:
     def __enter__(self) -> Store:
         self._hold.enter_context(held(self.folder, again=False))
         try:
-            said = "{} cannot be read any more and was moved to {}: the units in it are worked on again."
-            self.remark = " ".join(said.format(part, put_aside(part)) for part in self._damaged())
+            self._mend()
         except BaseException:
             self._hold.close()
             raise
@@ -105,45 +91,31 @@ class Store:
         Raises:
             OSError: it cannot be written.
         """
-        import pyarrow as pa
-
         with self._writing:
             with self._lock:
                 ends, self._waiting = self._waiting, []
-            if not ends:
-                return
-            parts = self._parts()
-            number = parts[-1].last + 1 if parts else 0
             try:
-                self._write(
-                    _Part(number, number), [pa.Table.from_pylist([_row(end) for end in ends], schema=_schema())]
-                )
+                if ends:
+                    self._append(_block(ends))
             except BaseException:
                 with self._lock:
                     self._waiting = ends + self._waiting
                 raise
-            self._merge()
 
     def digests(self) -> dict[str, str]:
         """Unit -> digest of what is known of it; "" for one that must be tried again."""
-        known: dict[str, str] = {}
-        for table in self._tables(["unit", "digest"]):
-            known.update(zip(table["unit"].to_pylist(), table["digest"].to_pylist(), strict=True))
-        return known
+        return dict(pair for index, _ in self._read() for pair in index)
 
     def ends(self, units: Sequence[str] | None = None) -> Iterator[UnitResult | FailedUnit]:
         """What is known last of each of these units, or of all, in the order in which it became known."""
         self.flush()
         wanted = None if units is None else set(units)
-        newest: dict[str, int] = {}
-        for k, unit in enumerate(u for table in self._tables(["unit"]) for u in table["unit"].to_pylist()):
-            newest[unit] = k
-        k = 0
-        for table in self._tables(None):
-            for row in table.to_pylist():
-                if newest.get(row["unit"]) == k and (wanted is None or row["unit"] in wanted):
-                    yield _end(row)
-                k += 1
+        newest = {unit: (k, n) for k, (index, _) in enumerate(self._read()) for n, (unit, _) in enumerate(index)}
+        for k, (index, rows) in enumerate(self._read()):
+            counts = [n for n, (unit, _) in enumerate(index)
+                      if newest.get(unit) == (k, n) and (wanted is None or unit in wanted)]  # fmt: skip
+            every = json.loads(rows) if counts else []
+            yield from (_end(every[n]) for n in counts)
 
     def _flush_often(self) -> None:
         while not self._ended.wait(self._settings.flush):
@@ -153,148 +125,85 @@ class Store:
                 self._error = error
                 return
 
-    def _parts(self) -> list[_Part]:
-        """The files that count, in order; those that were made part of another are deleted."""
-        found = [_NAME.fullmatch(file.name) for file in self.folder.iterdir()]
-        parts = [_Part(int(match[1]), int(match[2])) for match in found if match]
-        left: list[_Part] = []
-        for part in sorted(parts, key=lambda p: (p.first, -p.last)):
-            if left and left[-1].holds(part):  # the client was killed between making one file and deleting the others
-                (self.folder / part.name).unlink(missing_ok=True)
-            else:
-                left.append(part)
-        return left
-
-    def _damaged(self) -> list[Path]:
-        """Files of which not every row can be read."""
-        import pyarrow as pa
-
-        found = []
-        for part in self._parts():
+    def _append(self, block: bytes) -> None:
+        """All of it, or nothing."""
+        with named(self.path, self.folder):
+            handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             try:
-                for _ in self._groups(part, None):
-                    pass
-            except (pa.ArrowException, OSError):
-                found.append(self.folder / part.name)
-        return found
+                before = os.fstat(handle).st_size
+                try:
+                    while block:
+                        block = block[os.write(handle, block) :]
+                except OSError:
+                    os.ftruncate(handle, before)
+                    raise
+            finally:
+                os.close(handle)
 
-    def _tables(self, columns: list[str] | None) -> Iterator[Any]:
-        """Row group by row group, oldest first."""
-        for part in self._parts():
-            yield from self._groups(part, columns)
+    def _mend(self) -> None:
+        if all(_blocks(self.path)):
+            return
+        aside = put_aside(self.path)
+        with whole(self.path) as draft, draft.open("wb") as file:
+            file.writelines(block for block in _blocks(aside) if block)
+        self.remark = (f"{self.path} is damaged and was moved to {aside}: units that cannot be read from it are worked "
+                       "on again.")  # fmt: skip
 
-    def _groups(self, part: _Part, columns: list[str] | None) -> Iterator[Any]:
-        """The row groups of a file, each held against its checksum."""
-        import pyarrow.parquet as pq
-
-        with pq.ParquetFile(self.folder / part.name, page_checksum_verification=True) as file:
-            for group in range(file.num_row_groups):
-                yield file.read_row_group(group, columns=columns)
-
-    def _write(self, part: _Part, tables: Iterable[Any]) -> None:
-        import pyarrow.parquet as pq
-
-        with (
-            whole(self.folder / part.name) as draft,
-            pq.ParquetWriter(draft, _schema(), compression="zstd", write_page_checksum=True) as writer,
-        ):
-            for table in tables:
-                writer.write_table(table, row_group_size=self._settings.rows)
-
-    def _merge(self) -> None:
-        """The last `merge` files made one, as long as they hold the same number of flushes."""
-        while True:
-            last = self._parts()[-self._settings.merge :]
-            sizes = {self._level(part) for part in last}
-            if len(last) < self._settings.merge or len(sizes) > 1:
-                return
-            self._write(_Part(last[0].first, last[-1].last), self._thick(last))
-            self._parts()
-
-    def _level(self, part: _Part) -> int:
-        level, flushes = 0, part.last - part.first + 1
-        while flushes >= self._settings.merge:
-            level, flushes = level + 1, flushes // self._settings.merge
-        return level
-
-    def _thick(self, parts: Sequence[_Part]) -> Iterator[Any]:
-        """The rows of these files in row groups of full size."""
-        import pyarrow as pa
-
-        thick: list[Any] = []
-        for group in (group for part in parts for group in self._groups(part, None)):
-            thick.append(group)
-            if sum(table.num_rows for table in thick) >= self._settings.rows:
-                yield pa.concat_tables(thick)
-                thick = []
-        if thick:
-            yield pa.concat_tables(thick)
+    def _read(self) -> Iterator[tuple[list[tuple[str, str]], bytes]]:
+        """Units and digests of each sound block, and its rows as JSON."""
+        for block in _blocks(self.path):
+            if block:
+                index, _, rows = zlib.decompress(block[_HEAD.size :]).partition(b"\n")
+                yield json.loads(index), rows
 
 
-@cache
-def _schema() -> Any:
-    """The columns, for pyarrow."""
-    import pyarrow as pa
+def _blocks(path: Path) -> Iterator[bytes]:
+    """Each block of a file, its head too; b"" for one that is damaged or cut off."""
+    size = path.stat().st_size if path.exists() else 0
+    with path.open("rb") if size else BytesIO() as file:
+        while head := file.read(_HEAD.size):
+            length, check = _HEAD.unpack(head.ljust(_HEAD.size, b"\0"))
+            packed = file.read(min(length, size))
+            yield head + packed if len(packed) == length > 0 and zlib.crc32(packed) == check else b""
 
-    text, number = pa.string(), pa.float64()
-    parameter = [("symbol", text), ("value", number), ("unit", text), ("stderr", number), ("low", number),
-                 ("high", number), ("status", text)]  # fmt: skip
-    trace = [("file", text), ("test", text), ("misfit", number)]
-    return pa.schema(
-        [
-            ("unit", text),
-            ("digest", text),
-            ("why", text),
-            ("symbols", pa.list_(text)),
-            ("estimate", pa.list_(number)),
-            ("information", pa.list_(number)),
-            ("parameters", pa.list_(pa.struct(parameter))),
-            ("traces", pa.list_(pa.struct(trace))),
-            ("chi2_per_dof", number),
-            ("converged", pa.bool_()),
-            ("reason", text),
-            ("synthetic", pa.bool_()),
-            ("seconds", number),
-            ("warnings", pa.list_(text)),
-            ("widening", pa.list_(number)),
-        ]
-    )
+
+def _block(ends: Sequence[UnitResult | FailedUnit]) -> bytes:
+    lines = [[(end.unit, end.digest) for end in ends], [_row(end) for end in ends]]
+    packed = zlib.compress("\n".join(json.dumps(line, default=np.generic.item) for line in lines).encode())
+    return _HEAD.pack(len(packed), zlib.crc32(packed)) + packed
+
+
+_ALIKE = ("chi2_per_dof", "converged", "reason", "synthetic", "seconds", "warnings")
 
 
 def _row(end: UnitResult | FailedUnit) -> dict[str, Any]:
     """One unit's row."""
     if isinstance(end, FailedUnit):
-        return {"unit": end.unit, "digest": end.digest, "why": end.why}
+        return vars(end)
     return {
         "unit": end.unit,
         "digest": end.digest,
-        "why": None,
         "symbols": end.own.symbols,
-        "estimate": end.own.estimate,
-        "information": end.own.information.ravel(),
-        "parameters": [{"symbol": symbol, **vars(each)} for symbol, each in end.parameters.items()],
+        "estimate": end.own.estimate.tolist(),
+        "information": end.own.information.ravel().tolist(),
+        "parameters": {symbol: vars(each) for symbol, each in end.parameters.items()},
         "traces": [vars(each) for each in end.traces],
+        "widening": dict(end.widening),
         **{name: getattr(end, name) for name in _ALIKE},
-        "warnings": end.warnings,
-        "widening": [end.widening[symbol] for symbol in end.own.symbols] if end.widening else None,
     }
 
 
 def _end(row: Mapping[str, Any]) -> UnitResult | FailedUnit:
     """What `_row` made a row of."""
-    if row["why"] is not None:
-        return FailedUnit(row["unit"], row["why"], row["digest"])
+    if "why" in row:
+        return FailedUnit(**row)
     estimate = np.array(row["estimate"], dtype=float)
     information = np.array(row["information"], dtype=float).reshape(estimate.size, estimate.size)
     return UnitResult(
         own=UnitEstimate(row["unit"], tuple(row["symbols"]), estimate, information),
-        parameters={each.pop("symbol"): UnitParameter(**each) for each in row["parameters"]},
+        parameters={symbol: UnitParameter(**each) for symbol, each in row["parameters"].items()},
         traces=tuple(TraceMisfit(**each) for each in row["traces"]),
         digest=row["digest"],
-        warnings=tuple(row["warnings"]),
-        widening=dict(zip(row["symbols"], row["widening"], strict=True)) if row["widening"] else {},
-        **{name: row[name] for name in _ALIKE},
+        widening=row["widening"],
+        **{name: row[name] for name in _ALIKE} | {"warnings": tuple(row["warnings"])},
     )
-
-
-_ALIKE = ("chi2_per_dof", "converged", "reason", "synthetic", "seconds")

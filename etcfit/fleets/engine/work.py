@@ -54,27 +54,17 @@ class Trouble(NamedTuple):
 
 
 class Portion(NamedTuple):
-    """What came of some orders.
+    """What came of some orders."""
 
-    Args:
-        worker: address of who did it.
-        seconds: that it took.
-        ends: of the first orders, one each; None where the stored result still holds. Orders without an end were not
-            begun, because those before took longer than expected.
-    """
-
-    worker: str
-    seconds: float
+    worker: str  # address of who did it
+    seconds: float  # that it took
+    # ends of the first orders; None where the stored result still holds. The other orders were not begun, because
+    # these took longer than expected
     ends: tuple[UnitResult | FailedUnit | Trouble | None, ...]
 
 
 class Lost(NamedTuple):
-    """Nothing came back of some orders.
+    """Nothing came back of some orders."""
 
-    Args:
-        why: what to say of a unit that was alone.
-        deaths: workers that it cost; an existing scheduler may have tried several before it said so.
-    """
-
-    why: str
-    deaths: int = 1
+    why: str  # what to say of a unit that was alone
+    deaths: int = 1  # workers that it cost; an existing scheduler may have tried several before it said so

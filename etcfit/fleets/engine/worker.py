@@ -67,7 +67,7 @@ class FleetWorkerPlugin(WorkerPlugin):
 
 
 def version() -> str:
-    """Of etcfit, where this is called."""
+    """Version of etcfit in the process that calls it."""
     return __version__
 
 

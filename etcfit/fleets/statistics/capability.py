@@ -31,19 +31,14 @@ Names = Sequence[str | None]
 
 @dataclass(frozen=True)
 class Line:
-    """What is known of one quantity over the units, SI.
+    """What is known of one quantity over the units, SI."""
 
-    Args:
-        mean, stderr, degrees: of the mean and of freedom.
-        sd: between units.
-        sd_interval: lower and upper bound.
-    """
-
+    # mean, stderr, degrees: of the mean and of freedom
     mean: float
     stderr: float
     degrees: float
-    sd: float
-    sd_interval: tuple[float, float]
+    sd: float  # between units
+    sd_interval: tuple[float, float]  # lower and upper bound
 
     @classmethod
     def from_population(cls, found: Population, symbol: str) -> Line:
@@ -146,31 +141,21 @@ def _central(value: np.ndarray, level: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Gauge:
-    """Standard deviations of one symbol, SI; None where the measurements cannot tell.
+    """Standard deviations of one symbol, SI; None where the measurements cannot tell."""
 
-    Args:
-        repeatability: of the same part, rig and operator.
-        rig, operator: between them.
-        reproducibility: both together.
-        part: between parts.
-        total: of all.
-        rr_percent: 100 R&R / total.
-        ndc: number of distinct categories.
-        parts, measurements: how many were used.
-        untold: what cannot be told apart, each a sentence.
-    """
-
-    repeatability: float
+    repeatability: float  # of the same part, rig and operator
+    # rig, operator: between them
     rig: float | None
     operator: float | None
-    reproducibility: float | None
-    part: float
-    total: float
-    rr_percent: float
-    ndc: int
+    reproducibility: float | None  # both together
+    part: float  # between parts
+    total: float  # of all
+    rr_percent: float  # 100 R&R / total
+    ndc: int  # number of distinct categories
+    # parts, measurements: how many were used
     parts: int
     measurements: int
-    untold: tuple[str, ...]
+    untold: tuple[str, ...]  # what cannot be told apart, each a sentence
 
 
 def gauge(value: Float[np.ndarray, " N"], parts: Names, rigs: Names, operators: Names) -> Gauge | None:

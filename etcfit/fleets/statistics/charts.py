@@ -30,7 +30,7 @@ from scipy import stats
 
 from ..settings import DEFAULT
 from .distances import holm
-from .stack import MEDIAN_CHI2
+from .stack import sd_between
 
 WIDTH = 3.0  # w: of the control limits, standard deviations on either side
 ALLOWANCE = 0.5  # k of the CUSUM, standard deviations: half the shift that it is to find
@@ -41,24 +41,18 @@ FEWEST = 8  # units without which no drift is sought
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """The control chart of one parameter, N units in order, SI.
+    """The control chart of one parameter, N units in order, SI."""
 
-    Args:
-        units: their names.
-        value, stderr: their own, shape (N,).
-        centre: weighed median.
-        sd: short-term, between units, own uncertainty taken off.
-        lower, upper: limits of each unit, shape (N,).
-        cusum_high, cusum_low: in standard deviations, shape (N,); an alarm where one exceeds `DECISION`.
-    """
-
-    units: tuple[str, ...]
+    units: tuple[str, ...]  # their names
+    # value, stderr: their own, shape (N,)
     value: Float[np.ndarray, " N"]
     stderr: Float[np.ndarray, " N"]
-    centre: float
-    sd: float
+    centre: float  # weighed median
+    sd: float  # short-term, between units, own uncertainty taken off
+    # lower, upper: limits of each unit, shape (N,)
     lower: Float[np.ndarray, " N"]
     upper: Float[np.ndarray, " N"]
+    # cusum_high, cusum_low: in standard deviations, shape (N,); an alarm where one exceeds `DECISION`
     cusum_high: Float[np.ndarray, " N"]
     cusum_low: Float[np.ndarray, " N"]
 
@@ -81,15 +75,7 @@ def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[
 
 def short_term_sd(value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> float:
     """Standard deviation between neighbours, their own uncertainty taken off; 0 where it explains all."""
-    square, noise = np.diff(value) ** 2, stderr[1:] ** 2 + stderr[:-1] ** 2
-    low, high = 0.0, 2.0 * float(np.max(np.abs(np.diff(value)))) + 1e-150
-    if np.median(square) <= 0.0:
-        return 0.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        under = np.median(square / (2.0 * middle**2 + noise)) > MEDIAN_CHI2
-        low, high = (middle, high) if under else (low, middle)
-    return 0.0 if high < 1e-12 * np.max(np.abs(np.diff(value))) else 0.5 * (low + high)
+    return sd_between(0.5 * np.diff(value) ** 2, 0.5 * (stderr[1:] ** 2 + stderr[:-1] ** 2))
 
 
 def weighed_median(value: Float[np.ndarray, " N"], weight: Float[np.ndarray, " N"]) -> float:
@@ -113,23 +99,14 @@ def _sums(z: np.ndarray, k: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Drift:
-    """A change of the line in one parameter.
+    """A change of the line in one parameter."""
 
-    Args:
-        symbol: its name.
-        since: place in the order of the first unit after the change; of a trend the first unit of all.
-        size: SI: after less before; of a trend over all units.
-        size_sd: the same in short-term standard deviations between units; infinite where units do not differ.
-        p: of no change, for all symbols at once.
-        kind: "step" or "trend".
-    """
-
-    symbol: str
-    since: int
-    size: float
-    size_sd: float
-    p: float
-    kind: str
+    symbol: str  # its name
+    since: int  # place in the order of the first unit after the change; of a trend the first unit of all
+    size: float  # SI: after less before; of a trend over all units
+    size_sd: float  # the same in short-term standard deviations between units; infinite where units do not differ
+    p: float  # of no change, for all symbols at once
+    kind: str  # "step" or "trend"
 
 
 class _Change(NamedTuple):

@@ -26,19 +26,12 @@ FEWEST = 4  # units that tell a symbol; of fewer none can be called far
 
 @dataclass(frozen=True, eq=False)
 class Distances:
-    """Of N units.
+    """Of N units."""
 
-    Args:
-        squared: d^2, shape (N,).
-        rank: directions the unit informs, shape (N,).
-        scale: of the null, see `null_scale`.
-        p: that an ordinary unit is as far, in all symbols together or in any one alone, shape (N,); 1 where a unit
-            informs nothing.
-    """
-
-    squared: Float[np.ndarray, " N"]
-    rank: Float[np.ndarray, " N"]
-    scale: float
+    squared: Float[np.ndarray, " N"]  # d^2
+    rank: Float[np.ndarray, " N"]  # directions the unit informs
+    scale: float  # of the null, see `null_scale`
+    # chance that an ordinary unit is as far, in all symbols or in any one, shape (N,); 1 where a unit informs nothing
     p: Float[np.ndarray, " N"]
 
 
@@ -121,26 +114,8 @@ def null_scale(score: Float[np.ndarray, " N"], tail: float = TAIL) -> float:
 
 
 def rejected(p: Float[np.ndarray, " N"], rate: float) -> Bool[np.ndarray, " N"]:
-    """Reject all p <= p_(k), k the largest with p_(k) <= k rate / N.
-
-    Source: Benjamini and Hochberg 1995 (JRSS B 57), eq. 1. Differs from source: no.
-
-    Args:
-        p: of N hypotheses.
-        rate: false ones among those rejected, expected; the chance of any where all are true.
-    """
-    order = np.sort(p)
-    under = np.flatnonzero(order <= rate * np.arange(1, len(p) + 1) / max(len(p), 1))
-    return p <= order[under[-1]] if under.size else np.zeros(len(p), dtype=bool)
-
-
-def adjusted(p: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    """The least rate at which each would be rejected by `rejected`."""
-    order = np.argsort(p)
-    ratio = p[order] * len(p) / np.arange(1, len(p) + 1)
-    out = np.empty(len(p))
-    out[order] = np.minimum(1.0, np.minimum.accumulate(ratio[::-1])[::-1])
-    return out
+    """Hypotheses rejected so that a share `rate` of them is false, as expected: Benjamini and Hochberg 1995."""
+    return stats.false_discovery_control(p) <= rate
 
 
 def holm(p: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:

@@ -93,7 +93,7 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
 
 
 def _stderr(view: View, at: Spread) -> np.ndarray:
-    """Of each standard deviation if these were the truth, from the expected curvature, scaled, shape (Q,)."""
+    """Standard error of each standard deviation, from the expected curvature at these values, scaled, shape (Q,)."""
     size = len(at.d)
     free = ~view.held
     hessian = expected_hessian(weigh(view.data, at, view.prior), at, view.prior)[np.ix_(free, free)]
@@ -142,7 +142,7 @@ class _Profile:
 
 @cache
 def _ends(level: float) -> tuple[float, float]:
-    """Of the cut: where the truth is nought, and far from it."""
+    """The cut where the true value is 0, and where it is far from 0."""
     return float(stats.norm.ppf(level)) ** 2, float(stats.chi2.ppf(level, 1))
 
 

@@ -7,7 +7,7 @@
 
 The last term makes it restricted (REML): the spread is not estimated low because the mean was taken from the same few
 units. A prior of nu uncorrelated units' worth, -nu log|R| of the correlation matrix R, keeps correlations off +-1 where
-units are few, and is lost in the data where they are many. What standard deviations take of it says `View`.
+units are few, and is lost in the data where they are many. `View` says how far it moves standard deviations.
 
 Source: Laird and Ware 1982 (Biometrics 38), eqs. 3.2-3.5; Harville 1977 (JASA 72). Differs from source: information
 instead of design matrices; the prior is that of Lewandowski, Kurowicka and Joe 2009; Fisher scoring instead of EM,
@@ -41,16 +41,11 @@ class Spread:
     |d_j| is a standard deviation and C C^T the correlation matrix, whatever a is: no bound is ever hit, d_j = 0 is an
     ordinary point, and a profile over one standard deviation is an ordinary fit with d_j held. Shared symbols have no
     d.
-
-    Args:
-        own: whether a symbol differs between units, shape (P,).
-        d: of those Q that do, shape (Q,).
-        a: the strictly lower triangle, row by row, shape (Q (Q - 1) / 2,).
     """
 
-    own: Bool[np.ndarray, " P"]
-    d: Float[np.ndarray, " Q"]
-    a: Float[np.ndarray, " A"]
+    own: Bool[np.ndarray, " P"]  # whether a symbol differs between units
+    d: Float[np.ndarray, " Q"]  # of those Q that do
+    a: Float[np.ndarray, " A"]  # the strictly lower triangle, row by row, Q (Q - 1) / 2 entries
 
     @property
     def vector(self) -> Float[np.ndarray, " K"]:
@@ -58,7 +53,7 @@ class Spread:
         return np.concatenate([self.d, self.a])
 
     def at(self, vector: Float[np.ndarray, " K"]) -> Spread:
-        """Of the same symbols."""
+        """The spread of the same symbols with other numbers."""
         return Spread(self.own, vector[: len(self.d)], vector[len(self.d) :])
 
     @property
@@ -75,7 +70,7 @@ class Spread:
 
     @property
     def squared_lengths(self) -> Float[np.ndarray, " A"]:
-        """Of the row of each entry of a, before it was scaled: its last entry was 1."""
+        """Squared length of the row of each entry of a before scaling, when its last entry was 1."""
         row, _ = np.tril_indices(len(self.d), -1)
         return np.diag(self.rows)[row] ** -2
 
@@ -110,21 +105,13 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Units under one covariance between them.
+    """Units under one covariance between them."""
 
-    Args:
-        value: -2 log L, restricted, prior included.
-        mean: mu, shape (P,).
-        mean_covariance: (sum W)^-1, shape (P, P).
-        weight: W, shape (N, P, P).
-        pull: W (x - mu), shape (N, P).
-    """
-
-    value: float
-    mean: Float[np.ndarray, " P"]
-    mean_covariance: Float[np.ndarray, "P P"]
-    weight: Float[np.ndarray, "N P P"]
-    pull: Float[np.ndarray, "N P"]
+    value: float  # -2 log L, restricted, prior included
+    mean: Float[np.ndarray, " P"]  # mu
+    mean_covariance: Float[np.ndarray, "P P"]  # (sum W)^-1
+    weight: Float[np.ndarray, "N P P"]  # W
+    pull: Float[np.ndarray, "N P"]  # W (x - mu)
 
 
 def weights(data: Scaled, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +139,7 @@ def weigh(data: Scaled, spread: Spread, prior: float) -> Weighed:
 
 
 def gradient(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, " K"]:
-    """Of -2 log L in (d, a): sum tr[(W - r r^T - W C W) dOmega],   C = (sum W)^-1."""
+    """Gradient of -2 log L in (d, a): sum tr[(W - r r^T - W C W) dOmega],   C = (sum W)^-1."""
     own, size = spread.own, int(spread.own.sum())
     all_symbols = at.pull.shape[1]
     lifted = at.weight @ at.mean_covariance
@@ -165,7 +152,7 @@ def gradient(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, " K
 
 
 def expected_hessian(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, "K K"]:
-    """Of -2 log L in (d, a): sum tr(W E_k W E_l),   E_k = dOmega / d(d, a)_k."""
+    """Expected Hessian of -2 log L in (d, a): sum tr(W E_k W E_l),   E_k = dOmega / d(d, a)_k."""
     own, size, e = spread.own, int(spread.own.sum()), spread.slopes
     flat = at.weight[:, own][:, :, own].reshape(len(at.weight), size * size)
     four = (flat.T @ flat).reshape(size, size, size, size)  # sum W_ab W_cd
@@ -221,18 +208,12 @@ class View(NamedTuple):
     correlations are to be told besides. Few units tell none, and a prior that keeps them off +-1 draws the standard
     deviations with it: where units are fewer than `ENOUGH` a symbol each symbol is taken for itself, with its marginal
     errors. Where they are more, one unit's worth of prior will do, and draws by a unit's share.
-
-    Args:
-        data: units as they are looked at.
-        start: where the search starts.
-        held: entries of (d, a) that it leaves alone.
-        prior: of the correlations, units' worth.
     """
 
-    data: Scaled
-    start: Spread
-    held: Bool[np.ndarray, " K"]
-    prior: float
+    data: Scaled  # units as they are looked at
+    start: Spread  # where the search starts
+    held: Bool[np.ndarray, " K"]  # entries of (d, a) that it leaves alone
+    prior: float  # of the correlations, units' worth
 
 
 def spread_view(data: Scaled, start: Spread, settings: PopulationSettings) -> View:

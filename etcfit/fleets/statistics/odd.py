@@ -27,7 +27,7 @@ from ...errors import first_names
 from ...model.effects import EFFECT_BY_NAME
 from ..settings import DEFAULT
 from ..unit import UnitResult
-from .distances import LEAST, MANY, TAIL, adjusted, distances, rejected
+from .distances import LEAST, MANY, TAIL, distances, rejected
 from .population import Population
 from .stack import Scaled, Stack, scaled
 
@@ -39,48 +39,28 @@ COMMON = 0.5  # share of the units that must have a file for its name to be the 
 
 @dataclass(frozen=True)
 class TraceScore:
-    """A trace against those like it.
+    """A trace against those like it."""
 
-    Args:
-        file: below the unit's folder.
-        misfit: root mean square of its whitened residual.
-        z: of log misfit, robust standard deviations above the median.
-    """
-
-    file: str
-    misfit: float
-    z: float
+    file: str  # below the unit's folder
+    misfit: float  # root mean square of its whitened residual
+    z: float  # of log misfit, robust standard deviations above the median
 
 
 @dataclass(frozen=True)
 class OddUnit:
-    """One of them.
+    """One of them."""
 
-    Args:
-        unit: its name.
-        distance: Mahalanobis distance from the population, d, in the null's standard deviations.
-        rank: directions in which that is measured: an ordinary unit has d near sqrt(rank).
-        p: that an ordinary unit is as odd, on either ground.
-        rate: the least rate of false ones at which it would still be called odd.
-        symbols: that make it odd, worst first; none where only its traces do.
-        scores: z of every symbol that its data tell.
-        drives: share of each in the distance, signed.
-        misfit: z of its chi2 per degree of freedom among the fleet's; 0 where none is known.
-        traces: that make it odd, worst first.
-        why: one line.
-    """
-
-    unit: str
-    distance: float
-    rank: int
-    p: float
-    rate: float
-    symbols: tuple[str, ...]
-    scores: Mapping[str, float]
-    drives: Mapping[str, float]
-    misfit: float
-    traces: tuple[TraceScore, ...]
-    why: str
+    unit: str  # its name
+    distance: float  # Mahalanobis distance from the population, d, in the null's standard deviations
+    rank: int  # directions in which that is measured: an ordinary unit has d near sqrt(rank)
+    p: float  # that an ordinary unit is as odd, on either ground
+    rate: float  # the least rate of false ones at which it would still be called odd
+    symbols: tuple[str, ...]  # that make it odd, worst first; none where only its traces do
+    scores: Mapping[str, float]  # z of every symbol that its data tell
+    drives: Mapping[str, float]  # share of each in the distance, signed
+    misfit: float  # z of its chi2 per degree of freedom among the fleet's; 0 where none is known
+    traces: tuple[TraceScore, ...]  # that make it odd, worst first
+    why: str  # one line
 
 
 def odd_units(
@@ -104,7 +84,8 @@ def odd_units(
     far = distances(data, mean, omega, c, inside)
     left = misfits(results) if results else None
     p = np.minimum(1.0, 2.0 * np.minimum(far.p, left.p)) if left else far.p
-    rates, odd = adjusted(p), rejected(p, rate)
+    rates = stats.false_discovery_control(p)
+    odd = rates <= rate
     level = float(np.max(p[odd])) if np.any(odd) else 0.0
     out = []
     for u in sorted(np.flatnonzero(odd), key=lambda u: (p[u], -far.squared[u])):
@@ -155,17 +136,11 @@ def _why(
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """N units.
+    """N units."""
 
-    Args:
-        whole: z of chi2 per degree of freedom, shape (N,).
-        traces: of each unit, worst first.
-        p: that an ordinary unit is as badly explained, shape (N,).
-    """
-
-    whole: Float[np.ndarray, " N"]
-    traces: tuple[tuple[TraceScore, ...], ...]
-    p: Float[np.ndarray, " N"]
+    whole: Float[np.ndarray, " N"]  # z of chi2 per degree of freedom
+    traces: tuple[tuple[TraceScore, ...], ...]  # of each unit, worst first
+    p: Float[np.ndarray, " N"]  # that an ordinary unit is as badly explained
 
 
 def misfits(results: Sequence[UnitResult]) -> Misfits:
@@ -216,25 +191,15 @@ def _trace_scores(results: Sequence[UnitResult]) -> tuple[tuple[TraceScore, ...]
 
 @dataclass(frozen=True)
 class EffectInFleet:
-    """One effect.
+    """One effect."""
 
-    Args:
-        effect: its name.
-        symbol: the amplitude that stands for its strength.
-        units: that have it.
-        of: units whose data tell.
-        median: of the strength over these, SI.
-        strength: by unit, SI: as estimated, below nought too.
-        p: by unit, of its being absent.
-    """
-
-    effect: str
-    symbol: str
-    units: tuple[str, ...]
-    of: int
-    median: float
-    strength: Mapping[str, float]
-    p: Mapping[str, float]
+    effect: str  # its name
+    symbol: str  # the amplitude that stands for its strength
+    units: tuple[str, ...]  # that have it
+    of: int  # units whose data tell
+    median: float  # of the strength over these, SI
+    strength: Mapping[str, float]  # by unit, SI: as estimated, below nought too
+    p: Mapping[str, float]  # by unit, of its being absent
 
 
 def effects_in(stack: Stack, names: Sequence[str], rate: float = DEFAULT.effect_rate) -> tuple[EffectInFleet, ...]:

@@ -34,37 +34,21 @@ LEAST_SHARE = 0.7  # of the units that stays in the population, whatever the oth
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """The design and its spread, SI.
+    """The design and its spread, SI."""
 
-    Args:
-        symbols: told by the fleet's data, P of them.
-        mean: mu, shape (P,).
-        covariance: Omega, zero for shared symbols, shape (P, P).
-        mean_covariance: of mu if Omega were known, shape (P, P).
-        mean_stderr: of mu, from the scatter of the units, shape (P,); NaN where one unit alone tells it.
-        degrees: of freedom of `mean_stderr`, shape (P,).
-        mean_interval: lower and upper bound, shape (P, 2); NaN where there is none.
-        sd_interval: of the standard deviation between units, shape (P, 2); NaN for shared symbols.
-        shared: whether one value holds for all units, shape (P,).
-        informed: number of units whose own data alone tell it, shape (P,).
-        uninformed: symbols that the fleet's data do not tell.
-        units: that the population is estimated from.
-        left_out: those too far from it.
-    """
-
-    symbols: tuple[str, ...]
-    mean: Float[np.ndarray, " P"]
-    covariance: Float[np.ndarray, "P P"]
-    mean_covariance: Float[np.ndarray, "P P"]
-    mean_stderr: Float[np.ndarray, " P"]
-    degrees: Float[np.ndarray, " P"]
-    mean_interval: Float[np.ndarray, "P 2"]
-    sd_interval: Float[np.ndarray, "P 2"]
-    shared: Bool[np.ndarray, " P"]
-    informed: Int[np.ndarray, " P"]
-    uninformed: tuple[str, ...]
-    units: tuple[str, ...]
-    left_out: tuple[str, ...]
+    symbols: tuple[str, ...]  # told by the fleet's data, P of them
+    mean: Float[np.ndarray, " P"]  # mu
+    covariance: Float[np.ndarray, "P P"]  # Omega, zero for shared symbols
+    mean_covariance: Float[np.ndarray, "P P"]  # of mu if Omega were known
+    mean_stderr: Float[np.ndarray, " P"]  # by the scatter of the units; NaN where one unit alone tells the symbol
+    degrees: Float[np.ndarray, " P"]  # of freedom of `mean_stderr`
+    mean_interval: Float[np.ndarray, "P 2"]  # lower and upper bound; NaN where there is none
+    sd_interval: Float[np.ndarray, "P 2"]  # of the standard deviation between units; NaN for shared symbols
+    shared: Bool[np.ndarray, " P"]  # whether one value holds for all units
+    informed: Int[np.ndarray, " P"]  # number of units whose own data alone tell it
+    uninformed: tuple[str, ...]  # symbols that the fleet's data do not tell
+    units: tuple[str, ...]  # that the population is estimated from
+    left_out: tuple[str, ...]  # those too far from it
 
     @property
     def sd(self) -> Float[np.ndarray, " P"]:
@@ -191,21 +175,13 @@ def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> tup
 
 @dataclass(frozen=True, eq=False)
 class Shrunk:
-    """N units, P symbols of the population, SI.
+    """N units, P symbols of the population, SI."""
 
-    Args:
-        units: their names.
-        symbols: of the population.
-        estimate: posterior means, shape (N, P).
-        covariance: given the population, shape (N, P, P).
-        stderr: that of the population's mean included, shape (N, P).
-    """
-
-    units: tuple[str, ...]
-    symbols: tuple[str, ...]
-    estimate: Float[np.ndarray, "N P"]
-    covariance: Float[np.ndarray, "N P P"]
-    stderr: Float[np.ndarray, "N P"]
+    units: tuple[str, ...]  # their names
+    symbols: tuple[str, ...]  # of the population
+    estimate: Float[np.ndarray, "N P"]  # posterior means
+    covariance: Float[np.ndarray, "N P P"]  # given the population
+    stderr: Float[np.ndarray, "N P"]  # that of the population's mean included
 
 
 def shrink(stack: Stack, of: Population) -> Shrunk:

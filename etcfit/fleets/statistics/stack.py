@@ -12,27 +12,20 @@ from ..unit import UnitEstimate, UnitResult
 
 MEDIAN_CHI2 = 0.4549364231195724  # of one degree of freedom
 NULL = 1e-11  # share of a unit's largest eigenvalue of information (scaled) below which a direction has none
-# by how much a unit's standard errors are widened at most by what its own traces say, times that of the middle unit:
-# where it tells of the population one that is too sure harms it, and where the population tells of the unit one that is
-# not sure enough of itself is drawn to the mean and away from its own value
+# Largest widening of a unit's standard errors by its own traces, over that of the median unit: 3 where the unit
+# informs the population, which a unit with too small errors distorts; 2 where the population informs the unit, which
+# is pulled to the mean when its errors are too large
 MOST_WIDENED, MOST_WIDENED_TO_SHRINK = 3.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Estimates of N units in the union of their symbols; what a unit does not have is without information.
+    """Estimates of N units in the union of their symbols; what a unit does not have is without information."""
 
-    Args:
-        units: their names.
-        symbols: in the order in which the units bring them.
-        estimate: SI, shape (N, P).
-        information: 1/SI^2, shape (N, P, P).
-    """
-
-    units: tuple[str, ...]
-    symbols: tuple[str, ...]
-    estimate: Float[np.ndarray, "N P"]
-    information: Float[np.ndarray, "N P P"]
+    units: tuple[str, ...]  # their names
+    symbols: tuple[str, ...]  # in the order in which the units bring them
+    estimate: Float[np.ndarray, "N P"]  # SI
+    information: Float[np.ndarray, "N P P"]  # 1/SI^2
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Stack:
         """Those units alone."""
@@ -105,28 +98,17 @@ class Scaled:
 
     H_u has a zero row for every direction that the unit does not inform. All statistics are written with H and x, so
     that a direction without information takes part with weight nought, and a strong one loses no digits.
-
-    Args:
-        stack: what it is made from.
-        centre: robust, SI, shape (P,).
-        scale: SI, shape (P,).
-        root: H, shape (N, P, P).
-        x: shape (N, P).
-        rank: directions that each unit informs, shape (N,).
-        tells: whether a unit's data alone tell a symbol, shape (N, P).
-        variance: of its own estimate then, marginal, infinite where it tells nothing, shape (N, P).
-        spread: robust standard deviation between units, symbol by symbol, shape (P,).
     """
 
-    stack: Stack
-    centre: Float[np.ndarray, " P"]
-    scale: Float[np.ndarray, " P"]
-    root: Float[np.ndarray, "N P P"]
+    stack: Stack  # what it is made from
+    centre: Float[np.ndarray, " P"]  # robust, SI
+    scale: Float[np.ndarray, " P"]  # SI
+    root: Float[np.ndarray, "N P P"]  # H
     x: Float[np.ndarray, "N P"]
-    rank: Float[np.ndarray, " N"]
-    tells: Bool[np.ndarray, "N P"]
-    variance: Float[np.ndarray, "N P"]
-    spread: Float[np.ndarray, " P"]
+    rank: Float[np.ndarray, " N"]  # directions that each unit informs
+    tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone tell a symbol
+    variance: Float[np.ndarray, "N P"]  # of the unit's own estimate, marginal; infinite where it tells nothing
+    spread: Float[np.ndarray, " P"]  # robust standard deviation between units, symbol by symbol
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Scaled:
         """Those units alone, in the same scale."""
@@ -154,7 +136,7 @@ def scaled(stack: Stack) -> Scaled:
         noise = own[p] ** 2 * np.where(tells[seen, p], variance[seen, p], 1.0)
         # the half whose own estimates are best says where the middle is
         centre[p] = np.median(value[noise <= np.median(noise)])
-        spread[p] = _sd_between(value - np.median(value), noise)
+        spread[p] = sd_between((value - np.median(value)) ** 2, noise)
         wide[p] = np.hypot(spread[p], np.sqrt(np.median(noise)))
     ratio = wide / own
     return Scaled(stack, centre, wide, root * ratio, (stack.estimate - centre) / wide, rank, tells,
@@ -175,13 +157,13 @@ def _roots(f: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
     return root, good.sum(axis=1).astype(float), tells, variance
 
 
-def _sd_between(error: np.ndarray, noise: np.ndarray) -> float:
-    """The sd for which median(error^2 / (sd^2 + noise)) is that of chi2 with one degree of freedom; 0 where below."""
-    high = 10.0 * float(np.max(np.abs(error))) + 1e-300
-    if np.median(error**2 / noise) <= MEDIAN_CHI2:
-        return 0.0
-    low = 0.0
-    for _ in range(60):
+def sd_between(square: Float[np.ndarray, " n"], noise: Float[np.ndarray, " n"]) -> float:
+    """The sd for which median(square / (sd^2 + noise)) is that of chi2 with one degree of freedom; 0 where below."""
+    low, high = 0.0, 10.0 * float(np.sqrt(np.max(square))) + 1e-300
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if not np.median(np.where(square > 0.0, square / noise, 0.0)) > MEDIAN_CHI2:
+            return 0.0
+    for _ in range(80):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if np.median(error**2 / (middle**2 + noise)) > MEDIAN_CHI2 else (low, middle)
+        low, high = (middle, high) if np.median(square / (middle**2 + noise)) > MEDIAN_CHI2 else (low, middle)
     return 0.5 * (low + high)

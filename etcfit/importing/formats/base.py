@@ -20,22 +20,14 @@ _ANOTHER_RATE = 0.5  # of the longest channel's values: fewer are another rate, 
 
 @dataclass(frozen=True)
 class Source:
-    """A file to be read.
+    """A file to be read."""
 
-    Args:
-        where: what messages call it, as the user gave it.
-        buses: DBC files that say what the frames of a bus log mean.
-        most: bytes that its numbers may take in memory.
-        motor: the one to take of a file that has several; None where nobody said.
-        servo: family whose registers the columns are, see `servo`; None where they are quantities.
-    """
-
-    path: Path
-    where: str
-    buses: tuple[Path, ...] = ()
-    most: int = MOST_BYTES
-    motor: str | None = None
-    servo: str | None = None
+    path: Path  # of the file
+    where: str  # what messages call it, as the user gave it
+    buses: tuple[Path, ...] = ()  # DBC files that say what the frames of a bus log mean
+    most: int = MOST_BYTES  # bytes that its numbers may take in memory
+    motor: str | None = None  # the one to take of a file that has several; None where nobody said
+    servo: str | None = None  # family whose registers the columns are, see `servo`; None where they are quantities
 
     def refuse_larger(self, size: int) -> None:
         """Refuse a recording by its own counts, before it is unpacked.
@@ -61,21 +53,13 @@ def _shown(size: int, up: bool = False) -> str:
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of file.
+    """A kind of file."""
 
-    Args:
-        name: for messages.
-        suffixes: of its files, in lower case with the dot.
-        read: every sheet of a file; imports what is heavy when it is called.
-        library: of the extra `import` that reads it; "" where the main install does.
-        motors: its parts are motors, `motor` or `motor: test`, of which one makes a rig.
-    """
-
-    name: str
-    suffixes: tuple[str, ...]
-    read: Callable[[Source], list[Sheet]]
-    library: str = ""
-    motors: bool = False
+    name: str  # for messages
+    suffixes: tuple[str, ...]  # of its files, in lower case with the dot
+    read: Callable[[Source], list[Sheet]]  # every sheet of a file; imports what is heavy when it is called
+    library: str = ""  # of the extra `import` that reads it; "" where the main install does
+    motors: bool = False  # its parts are motors, `motor` or `motor: test`, of which one makes a rig
 
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:

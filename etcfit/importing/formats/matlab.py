@@ -192,7 +192,8 @@ def _sheets(where: str, part: str, scope: Mapping[str, Any], missing: Sequence[s
 def _cut_to_one_length(by_length: dict[int, list[Column]]) -> list[str]:
     """Vectors without a time of their own, nearly as long as others: cut to what all have; and what that lacks."""
     lacking = []
-    for length in [n for n, columns in by_length.items() if not any(_rises(each.values) for each in columns)]:
+    timed = {n for n, columns in by_length.items() if any(np.all(np.diff(each.values) > 0.0) for each in columns)}
+    for length in [n for n in by_length if n not in timed]:
         near = [n for n in by_length if n != length and min(n, length) >= _APART * max(n, length)]
         if near and length in by_length:
             other = min(near, key=lambda n: abs(n - length))
@@ -202,10 +203,6 @@ def _cut_to_one_length(by_length: dict[int, list[Column]]) -> list[str]:
             kept = min(other, length)
             by_length.setdefault(kept, []).extend(replace(each, values=each.values[:kept]) for each in columns)
     return lacking
-
-
-def _rises(values: np.ndarray) -> bool:
-    return bool(np.all(np.diff(values) > 0.0))
 
 
 def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:

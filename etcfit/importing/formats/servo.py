@@ -30,21 +30,13 @@ from ..sheet import TIME, Column, Sheet
 
 
 class Register(NamedTuple):
-    """How one register is read.
+    """How one register is read."""
 
-    Args:
-        quantity: of a measurement folder's CSV.
-        unit: of one count, as `rig.units` reads it.
-        sign: bit that is the sign; None where there is none.
-        width: bits of a number in two's complement; 0 where it is not.
-        most: largest magnitude in counts that it can have; None for any.
-    """
-
-    quantity: str
-    unit: str
-    sign: int | None = None
-    width: int = 0
-    most: int | None = None
+    quantity: str  # of a measurement folder's CSV
+    unit: str  # of one count, as `rig.units` reads it
+    sign: int | None = None  # bit that is the sign; None where there is none
+    width: int = 0  # bits of a number in two's complement; 0 where it is not
+    most: int | None = None  # largest magnitude in counts that it can have; None for any
 
 
 @dataclass(frozen=True)

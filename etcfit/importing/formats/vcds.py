@@ -51,7 +51,9 @@ def read_vcds(text: str, where: str) -> list[Sheet]:
     stamps, width = rows[clocked[-1]], max(map(len, rows[first:]))
     clocks = [k for k, cell in enumerate(stamps) if cell == stamps[1]]
     names, units = _names_and_units(rows[:first], clocked[-1], clocks, width)
-    values = np.array([[_number(cell) for cell in [*cells, *[""] * width][:width]] for cells in rows[first:]])
+    # words say the state of a control unit and are no signal
+    values = np.array([[np.nan if (found := number_in(cell)) is None else found
+                        for cell in [*cells, *[""] * width][:width]] for cells in rows[first:]])  # fmt: skip
     if any(np.any(np.diff(values[np.isfinite(values[:, k]), k]) < 0.0) for k in clocks):
         raise unreadable(where, "a clock falls", _KIND)
     instants = np.unique(values[:, clocks][np.isfinite(values[:, clocks])])
@@ -61,7 +63,8 @@ def read_vcds(text: str, where: str) -> list[Sheet]:
         there = np.isfinite(clock)
         columns.append(column(names[k], with_gaps(instants.size, np.searchsorted(instants, clock[there]),
                                                   values[there, k]), units[k]))  # fmt: skip
-    return [Sheet(where, "", (time_base(instants), *columns), _remarks(len(clocks)))]
+    remark = f"{len(clocks)} groups with clocks of their own: every instant is a row"
+    return [Sheet(where, "", (time_base(instants), *columns), (remark,) if len(clocks) > 1 else ())]
 
 
 def _names_and_units(
@@ -82,13 +85,3 @@ def _names_and_units(
     names = [" ".join(filter(None, (cells[k] for cells in named))) for k in range(width)]
     names = ["" if k in clocks else name for k, name in enumerate(names)]
     return names, [unit.replace("*", "°") for unit in units]  # a degree is *C there
-
-
-def _number(cell: str) -> float:
-    """NaN where the cell holds words: what a control unit says of a state is no signal."""
-    found = number_in(cell)
-    return np.nan if found is None else found
-
-
-def _remarks(clocks: int) -> tuple[str, ...]:
-    return (f"{clocks} groups with clocks of their own: every instant is a row",) if clocks > 1 else ()

@@ -123,7 +123,7 @@ def _text(payload: bytes, at: int) -> tuple[str, int]:
 
 
 def _value(entry: _Entry, payload: bytes, where: str) -> float | str | None:
-    """Of a record; None of an entry that is not read."""
+    """Value of a record; None where its entry is not read."""
     if entry.name.startswith(_STATE):
         return payload.decode("utf-8", "replace")
     form = _NUMBERS.get(entry.kind)
@@ -148,7 +148,7 @@ def _unit(metadata: str) -> str:
 
 
 def _by_motor(entries: list[_Entry], states: list[_Entry]) -> dict[str, list[tuple[str, _Entry]]]:
-    """Of each motor by name what its entries are called there."""
+    """Entries of each motor, and their names without the motor's."""
     routines = tuple(map(_routine, states))
     motors: dict[str, list[tuple[str, _Entry]]] = {}
     if states:  # a robot logs hundreds of other entries

@@ -19,7 +19,6 @@ from typing import Any
 
 import jax
 
-from ...control.linearise import stops
 from ...control.pid.loop import lagging
 from ...control.setpoint import trapezoid
 from ...control.settings import LoopSettings
@@ -204,7 +203,7 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
     if not needed <= pid.keys():
         return None
     config, first = result.rig.config, trapezoid()
-    lower, upper = stops(result.fitted())
+    lower, upper = config.stops
     curve = pid["bias_curve"] if pid.get("feed_forward") else None  # that the gains were found with
     bias = None if curve is None else {"angles": curve["angles_rad"], "volts": curve["hold_V"]}
     gains = {name: float(pid["gains"][name]) for name in ("Kp", "Ki", "Kd")}

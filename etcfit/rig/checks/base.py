@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeVar
 
 from ...errors import first_names
 from ..base import Channel, Finding, Measurement, RigConfig
-from ..units import NUMBER
+from ..rows import NUMBER
 from .circuit import Circuit, OtherCurrent, other_current, read_circuit
 from .line import Spectrum, spectrum
 
@@ -30,7 +30,7 @@ class Records:
     blamed: frozenset[str] = frozenset()
 
     def without(self, tests: Iterable[str]) -> Records:
-        """As one that does not trust the circuit of these tests."""
+        """The records, the circuit of these tests not trusted."""
         blamed = self.blamed | {*tests}
         return self if blamed == self.blamed else replace(self, blamed=blamed)
 
@@ -62,7 +62,7 @@ class Records:
 
     @cached_property
     def spectra(self) -> Mapping[tuple[str, str], Spectrum]:
-        """By file and measured channel, about the frequencies of the mains; without those that cannot tell."""
+        """Spectra about the mains' frequencies, by file and measured channel, where the record is fit for one."""
         logged = [(t.file, name, c) for t in self.traces for name, c in t.channels.items() if name not in COMMANDS]
         return _present({(file, name): spectrum(channel, LOWER_MAINS) for file, name, channel in logged})
 
@@ -119,8 +119,7 @@ def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Fin
 
 def column(channel: Channel, factor: float = 1.0) -> str:
     """The header under which a channel's numbers, times this factor, are what they should be."""
-    name = channel.header.partition("[")[0].strip() or channel.header
-    return f"{name} [{scaled_unit(channel.unit, factor)}]"
+    return f"{channel.name} [{scaled_unit(channel.unit, factor)}]"
 
 
 def scaled_unit(unit: str, factor: float) -> str:

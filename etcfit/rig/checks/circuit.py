@@ -32,7 +32,7 @@ import numpy as np
 
 from .. import TEST_BY_NAME
 from ..base import Channel, Measurement, RigConfig
-from ..signals import BISQUARE, MAD_TO_SIGMA, drive_voltage, on_times, robust_fit
+from ..signals import BISQUARE, MAD_TO_SIGMA, drive_voltage, jumps, on_times, robust_fit
 
 SAMPLES, LEAST_SAMPLES, WINDOWS = 20, 5, 20  # in a window, at least, and how many windows a short trace is cut into
 FEWEST = 12  # windows that carry a reading
@@ -114,7 +114,7 @@ def windows_of(trace: Measurement, config: RigConfig) -> Windows | None:
 
 
 def _angle(trace: Measurement, gear_apart: bool) -> Channel | None:
-    """Of the plate, or of the motor alone by its speed, rad."""
+    """Angle of the plate, or of the motor alone by its speed, rad."""
     channel = trace.channels.get("motor_speed" if gear_apart else "position")
     if channel is None or not gear_apart:
         return channel
@@ -133,9 +133,7 @@ def _cut(volts: Channel, current: Channel | None, angle: Channel | None) -> Wind
     turned = np.zeros(time.size) if angle is None else on_times(angle, time)
     threshold = 0.0 if current is None else SEEN * current.sigma
     sign = np.sign(amperes) * (np.abs(amperes) > threshold)
-    change = np.abs(np.diff(volts.value))
-    jump = change > max(JUMP * volts.sigma, JUMP_SHARE * float(np.ptp(volts.value)))
-    jumps = np.concatenate(([0.0], np.cumsum(jump.astype(float))))
+    passed = np.concatenate(([0], np.cumsum(jumps(volts, JUMP, JUMP_SHARE))))
 
     def gain(value: np.ndarray) -> np.ndarray:
         return np.diff(value[ends])
@@ -147,7 +145,7 @@ def _cut(volts: Channel, current: Channel | None, angle: Channel | None) -> Wind
         turn=gain(turned),
         brushes=gain(_integral(time, sign)),
         seconds=gain(time),
-        calm=(gain(jumps) == 0.0).astype(float),
+        calm=(gain(passed) == 0).astype(float),
         heard=(0.0 if current is None else current.sigma, 0.0 if angle is None else angle.sigma),
     )
     return whole if current is None else whole.where(gain(np.cumsum(_in_gaps(current.time, time))) == 0.0)
@@ -164,7 +162,7 @@ def _in_gaps(logged: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _integral(time: np.ndarray, value: np.ndarray) -> np.ndarray:
-    """By trapezoids, from the first sample, shape as `value`."""
+    """Integral from the first sample by trapezoids, shape as `value`."""
     return np.concatenate(([0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(time))))
 
 
@@ -231,7 +229,7 @@ class OtherCurrent:
 
     @cached_property
     def sign(self) -> np.ndarray:
-        """Of the motor's current in each window, were it logged without it, shape (n,)."""
+        """Sign of the motor's current in each window, if the log lost it, shape (n,)."""
         sign = np.sign(self.motor.volts)
         for _ in range(ROUNDS):
             values = values_of(_signed(self.motor, sign)) or {}
@@ -240,7 +238,7 @@ class OtherCurrent:
 
     @cached_property
     def unsigned(self) -> Windows:
-        """With that of the motor, were it logged without its sign."""
+        """Windows with the motor's current, if the log lost its sign."""
         return _signed(self.motor, self.sign)
 
     def better(self, other: Windows, part: float, rows: np.ndarray | None = None) -> tuple[float, Value] | None:

@@ -101,8 +101,7 @@ def hum(records: Records) -> Iterator[Finding]:
             channel = next(t.channels[name] for t in traces if name in t.channels)
             if mains and mains.is_clear(HUM_CHANCE) and mains.amplitude > HUM_NOISES * channel.sigma:
                 size, unit = mains.amplitude / abs(channel.scale), channel.unit
-                header = channel.header.partition("[")[0].strip().replace(" ", "_")
-                key = f"{header}_{unit.replace('/', '_').replace(' ', '')}"
+                key = f"{channel.name.replace(' ', '_')}_{unit.replace('/', '_').replace(' ', '')}"
                 noise = np.hypot(channel.sigma / abs(channel.scale), size / np.sqrt(2))
                 yield Finding("hum", size, unit, mains.chance,
                               f"In {test} '{channel.header}' carries a line of {mains.nominal:g} Hz, amplitude "

@@ -65,7 +65,6 @@ def unit_scale(records: Records) -> Iterator[Finding]:
             logged = next(t.channels[channel] for t in records.tests[test] if channel in t.channels)
             key = logged.unit, round(c) if c > 1.0 else -round(1.0 / c)
             unit = BETTER.get(key) or scaled_unit(logged.unit, 1.0 / c)
-            name = logged.header.partition("[")[0].strip()
             what = f"{c:.4g} times too large" if c > 1.0 else f"{1.0 / c:.4g} times too small"
             off = [f"{ratio:.3g} times the {each}" for ratio, each in ((r, "resistance"), (s, "back-EMF constant"))
                    if ratio is not None and abs(log(ratio)) > 0.2]  # fmt: skip
@@ -73,8 +72,8 @@ def unit_scale(records: Records) -> Iterator[Finding]:
                      "what the other tests show.")  # fmt: skip
             gear = " If the unit is right, gear_ratio in rig.toml is wrong." if channel == "motor_speed" else ""
             sure = max(c, 1.0 / c) > SURELY or abs(log(abs(seen) / c)) < CLOSELY
-            yield Finding("unit_scale", c, "", 0.0, found, f"Head the column '{name} [{unit}]' there.{gear}", test,
-                          channel=channel, sure=sure)  # fmt: skip
+            mend = f"Head the column '{logged.name} [{unit}]' there.{gear}"
+            yield Finding("unit_scale", c, "", 0.0, found, mend, test, channel=channel, sure=sure)
 
 
 def _sure(records: Records, name: str) -> dict[str, float]:

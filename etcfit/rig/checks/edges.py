@@ -26,6 +26,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..base import Finding, Measurement
+from ..signals import jumps
 from .base import Records
 
 MIN_RISE = 0.02  # part of its way that the current must go within one sample for a phase to be read
@@ -56,7 +57,7 @@ def on_circle(points: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"] 
 
 
 def apart(points: Float[np.ndarray, " n"], mean: float) -> Float[np.ndarray, " n"]:
-    """By how much points lie ahead of a mean, the shorter way round, turns."""
+    """Distance of points ahead of a mean, the shorter way round, turns."""
     return (points - mean + 0.5) % 1.0 - 0.5
 
 
@@ -112,7 +113,7 @@ def edge_phase(traces: Sequence[Measurement]) -> EdgePhase | None:
 
 
 def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
-    """Of every edge that shows its phase, in sample intervals, shape (edges,)."""
+    """Phase of each edge that shows one, in sample intervals, shape (edges,)."""
     read = [row for trace in traces for row in _edges(trace)]
     if not read:
         return np.empty(0)
@@ -136,12 +137,11 @@ def edge_phases(traces: Sequence[Measurement]) -> np.ndarray:
 
 
 def _edges(trace: Measurement) -> list[tuple[np.ndarray, float]]:
-    """Of each lone edge the current's rise over the voltage's, A/V, shape (AFTER,), and the noise of one value."""
+    """For each lone edge: rise of the current over that of the voltage, A/V, shape (AFTER,), and noise of a value."""
     voltage, current = trace.channels.get("voltage"), trace.channels.get("current")
     if voltage is None or current is None or not np.array_equal(voltage.time, current.time):
         return []
-    change, v, i = np.diff(voltage.value), voltage.value, current.value
-    large = np.abs(change) > max(JUMP * voltage.sigma, JUMP_SHARE * float(np.ptp(v)))
+    v, i, large = voltage.value, current.value, jumps(voltage, JUMP, JUMP_SHARE)
     out = []
     for k in np.flatnonzero(large) + 1:
         crowded = large[k - 1 - BEFORE : k - 1].any() or large[k : k + AFTER].any()

@@ -31,7 +31,7 @@ import numpy as np
 
 from .. import TEST_BY_NAME
 from ..base import Channel, Finding, Measurement, RigConfig
-from ..signals import drive_voltage, on_times
+from ..signals import drive_voltage, jumps, on_times
 from .base import Records, found_in
 from .circuit import Value
 
@@ -73,7 +73,7 @@ class Rise(NamedTuple):
 
 
 def slow_current(records: Records) -> Iterator[Finding]:
-    """By the two time constants of a held winding; else by an L/R that no winding has."""
+    """A low-pass in the current's channel: two time constants with the plate held, or an L/R that no winding has."""
     found = []
     for test, traces in records.tests.items():
         if not TEST_BY_NAME[test].boundary.plate_held or test in records.blamed:
@@ -104,7 +104,7 @@ def _of_two_lags(rises: dict[str, Rise], traces: tuple[Measurement, ...], record
 
 
 def _of_circuit(records: Records) -> Iterator[Finding]:
-    """By L/R; in every test, where no other test has a shorter one."""
+    """An L/R that no winding has; a finding of every test where none has a shorter one."""
     lags = {name: Value(c.L.value / c.R.value, c.L.error / c.R.value) for name, c in records.circuits.items()
             if c.L and c.R and c.R.value > 0.0}  # fmt: skip
     test = next((name for name in WINDING if name in lags), None)
@@ -123,7 +123,7 @@ def _of_circuit(records: Records) -> Iterator[Finding]:
 
 
 def _rise(trace: Measurement, config: RigConfig) -> Rise | None:
-    """Of the one step of a trace; None where it has none, or more."""
+    """Rise of the current after a trace's only voltage step; None without exactly one."""
     volts, current = drive_voltage(trace, config), trace.channels.get("current")
     if volts is None or current is None or not np.array_equal(volts.time, current.time):
         return None
@@ -140,12 +140,12 @@ def _rise(trace: Measurement, config: RigConfig) -> Rise | None:
 
 
 def _fitted(current: Channel, k: int) -> Rise:
-    """Both models on the rise that begins about sample k."""
+    """Fit both models to the rise that begins about sample k."""
     from scipy.optimize import least_squares  # takes longer to import than a check of most folders
 
     t, y = current.time - current.time[k], current.value
     interval, length = float(np.median(np.diff(t))), float(t[-1])
-    noise = max(current.sigma, current.quantum / np.sqrt(12.0))
+    noise = current.error
 
     def miss(p: np.ndarray) -> np.ndarray:
         shape = _shape(np.maximum(t - interval * p[0], 0.0), *np.exp(p[1:]))
@@ -218,7 +218,7 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
     if span == 0.0 or np.ptp(y) == 0.0 or np.unique(np.round(50.0 * u / span)).size < LEVELS:
         return None
     k = np.arange(LAGS, u.size - 1)
-    k = k[~_about_lone_edges(u, drive.sigma)[k + 1]]
+    k = k[~_about_lone_edges(drive)[k + 1]]
     if k.size < FEWEST:
         return None
     own = np.column_stack([np.ones(k.size), *(u[k - j] for j in range(LAGS))])
@@ -235,16 +235,16 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
     return Look(slope / max(error, 1e-300), new, rate)
 
 
-def _about_lone_edges(u: np.ndarray, sigma: float) -> np.ndarray:
+def _about_lone_edges(drive: Channel) -> np.ndarray:
     """True at samples whose regression sees a lone edge, shape (n,)."""
-    steps = np.abs(np.diff(u))
+    steps = np.abs(np.diff(drive.value))
     padded = np.concatenate((np.zeros(2), steps, np.zeros(2)))
     others = np.max([padded[j : j + steps.size] for j in (0, 1, 3, 4)], axis=0)
-    lone = (steps > max(EDGE * sigma, EDGE_SHARE * float(np.ptp(u)))) & (others < ALONE * steps)
-    out = np.zeros(u.size, dtype=bool)
+    lone = jumps(drive, EDGE, EDGE_SHARE) & (others < ALONE * steps)
+    out = np.zeros(drive.value.size, dtype=bool)
     for j in range(-1, 3):
         at = np.flatnonzero(lone) + j
-        out[at[(at >= 0) & (at < u.size)]] = True
+        out[at[(at >= 0) & (at < out.size)]] = True
     return out
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import TEST_BY_NAME
 from ..base import Channel, Finding, Measurement, RigConfig
-from ..signals import drive_voltage
+from ..signals import drive_voltage, runs
 from .base import COMMANDS, Records, found_in
 from .circuit import Value
 
@@ -98,14 +98,14 @@ def _zero(trace: Measurement, name: str, records: Records) -> Value | None:
         return None
     half = inside.size // 2  # a second half that differs: a plate that falls already, a coil that discharges still
     change = float(np.mean(inside[half:]) - np.mean(inside[:half]))
-    if abs(change) > 4.0 * _error(channel) / np.sqrt(half):
+    if abs(change) > 4.0 * channel.error / np.sqrt(half):
         return None
     other = trace.channels.get("current" if name == "motor_speed" else "motor_speed")
     if other is not None:  # not zero either: a motor alone that creeps into a slot, and sends a current
         early = other.value[: inside.size]
-        if abs(float(np.mean(early))) > CREEPS * _error(other) / np.sqrt(max(early.size, 1)):
+        if abs(float(np.mean(early))) > CREEPS * other.error / np.sqrt(max(early.size, 1)):
             return None
-    found = Value(float(np.mean(inside)), _error(channel) / np.sqrt(inside.size))
+    found = Value(float(np.mean(inside)), channel.error / np.sqrt(inside.size))
     return found if name != "current" else _unexplained(found, marker, inside.size, trace, records)
 
 
@@ -114,15 +114,11 @@ def _unexplained(current: Value, volts: Channel, samples: int, trace: Measuremen
     because the resistance is unknown: that of the trace's test, else of any."""
     circuits = [records.circuits.get(trace.test), *records.circuits.values()]
     ohms = next((c.R.value for c in circuits if c is not None and c.R is not None and c.R.value > 0.0), None)
-    mean, error = float(np.mean(volts.value[:samples])), _error(volts) / np.sqrt(samples)
+    mean, error = float(np.mean(volts.value[:samples])), volts.error / np.sqrt(samples)
     if ohms is None:
         return current if abs(mean) < CREEPS * error else None
     error = np.hypot(error, volts.quantum / np.sqrt(12.0))
     return Value(current.value - mean / ohms, float(np.hypot(current.error, error / ohms)))
-
-
-def _error(channel: Channel) -> float:
-    return max(channel.sigma, channel.quantum / np.sqrt(12.0))
 
 
 def saturation(records: Records) -> Iterator[Finding]:
@@ -154,12 +150,11 @@ def _on_rail(channel: Channel, rail: float) -> int:
 
 
 def _is_piled(channels: Mapping[str, Channel], rests: Mapping[str, int], rail: float, side: float) -> bool:
-    """In a long run in one trace, or far more often in all than on the steps below."""
+    """True for a long rest on the rail in one trace, or far more samples there than on the steps below in all."""
     for file in rests:
         value = channels[file].value
-        same = np.concatenate(([False], (value[1:] == rail) & (np.diff(value) == 0.0), [False]))
-        starts, stops = np.flatnonzero(np.diff(same.astype(int))).reshape(-1, 2).T
-        if np.max(stops - starts + 1, initial=0) >= max(RUN, round(RUN_SHARE * value.size)):
+        rest = max((stop - start for start, stop in runs(value == rail)), default=0)
+        if rest >= max(RUN, round(RUN_SHARE * value.size)):
             return True
     step = max(c.quantum for c in channels.values()) or max(c.sigma for c in channels.values())
     below = side * (rail - np.concatenate([channels[file].value for file in rests])) if rests else np.empty(0)

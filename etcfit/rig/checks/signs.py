@@ -82,7 +82,7 @@ def _opposed(trace: Measurement, name: str) -> bool:
 
 
 def _driver(trace: Measurement, signs: Signs) -> str:
-    """Of voltage and current the one that the motion is against; with the plate held the one below zero."""
+    """Voltage or current: the one that contradicts the motion; with the plate held the one below zero."""
     if signs.k:
         return "current" if signs.k > 0 else "voltage"
     return "current" if float(np.mean(trace.channels["current"].value)) < 0.0 else "voltage"
@@ -140,7 +140,7 @@ def _inverse(trace: Measurement, records: Records) -> bool:
 
 
 def _resistances(trace: Measurement, records: Records) -> tuple[float | None, list[float]]:
-    """Of the trace's test, and of the others."""
+    """Resistance in the trace's test, ohm, and in each of the others."""
     R = {test: c.R.value for test, c in records.circuits.items() if c.R and c.R.value > 0.0}
     return R.get(trace.test), [value for test, value in R.items() if test != trace.test]
 
