@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -33,8 +34,8 @@ _COUNTS = 200.0  # of rusEFI, a volt
 class Ends:
     """What a sensor shows with the plate closed and open, in `Sensors.unit`."""
 
-    closed: float
-    opened: float
+    closed: float  # with the plate closed
+    opened: float  # with the plate open
 
     @property
     def span(self) -> float:
@@ -114,7 +115,7 @@ class Setting:
     ecu: str  # for which
     name: str  # as that ECU calls it
     value: float  # in `unit`
-    unit: str
+    unit: str  # of it
 
 
 def two_sensors(
