@@ -139,7 +139,7 @@ def two_sensors(
     crossed = ""
     if blind > _BLIND and other < _BLIND:
         crossed = "the first one stops half way while the second goes on. Exchange their inputs."
-        one, two, opens = two, one, opens * _sign(one, two)
+        one, two, opens = two, one, opens * (float(np.sign(np.cov(one, two)[0, 1])) or 1.0)
     ends, dwelt = _ends(time, one, opens)
     share = (one - ends.closed) / ends.span
     low, high, late, stops = _second(share, two)
@@ -157,10 +157,6 @@ def two_sensors(
 
 def _as_logged(one: np.ndarray, two: np.ndarray, share: np.ndarray, stops: float) -> np.ndarray:
     return np.where(share <= stops, two - one, 0.0) if stops < 1.0 else two - one
-
-
-def _sign(one: np.ndarray, two: np.ndarray) -> float:
-    return float(np.sign(np.cov(one, two)[0, 1])) or 1.0
 
 
 def _like(ends: Ends, tps: tuple[float, float]) -> bool:

@@ -98,10 +98,6 @@ def _array(content: bytes) -> np.ndarray:
     return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
 
 
-def _is_named_tuple(value: Any) -> bool:
-    return isinstance(value, tuple) and hasattr(value, "_fields")
-
-
 def _name(kind: type) -> str:
     """`module:qualified name` of a class of this package."""
     if kind.__module__.partition(".")[0] != _PACKAGE or "<locals>" in kind.__qualname__:
@@ -162,7 +158,7 @@ class _Writer:
         if dataclasses.is_dataclass(value):
             fields = [field.name for field in dataclasses.fields(value)]
             return ["object", _name(type(value)), {name: self.encode(getattr(value, name)) for name in fields}]
-        if _is_named_tuple(value):
+        if isinstance(value, tuple) and hasattr(value, "_fields"):
             return ["named", _name(type(value)), {name: self.encode(v) for name, v in value._asdict().items()}]
         if type(value).__module__.partition(".")[0] == _PACKAGE and not getattr(value, "__dict__", {}):
             return ["plain", _name(type(value))]

@@ -46,7 +46,8 @@ class Record:
 
     def within(self, path: str) -> dict[str, Key]:
         """Its keys, for a record of which it is a part: taken from that attribute, dotted, of what the other is of."""
-        return {name: each.taken_from(_beyond(path, each.source)) for name, each in self.keys.items()}
+        return {name: each.taken_from(lambda source, own=each.source: _taken(_taken(source, path), own))
+                for name, each in self.keys.items()}  # fmt: skip
 
     def written(self, source: Any, *names: str) -> dict[str, Any]:
         """The object of what it is taken from, or these keys of it; a mapping that lacks a key leaves it out."""
@@ -286,10 +287,6 @@ def schema_of_file(kind: str, record: Record) -> dict[str, Any]:
         "additionalProperties": True,
         **({"$defs": refs} if refs else {}),
     }
-
-
-def _beyond(path: str, own: Source) -> Callable[[Any], Any]:
-    return lambda source: _taken(_taken(source, path), own)
 
 
 def _taken(source: Any, where: Source) -> Any:

@@ -41,7 +41,8 @@ class Held:
         if self.found.as_foretold:
             meant = "the model can be trusted with the next step" if self.made_with != "proposed" else "keep them"
             return f"As foretold for {gains}: {', '.join(map(_found, self.found.figures))}. So {meant}."
-        off = [_off(figure) for figure in self.found.figures if not figure.as_foretold]
+        off = [f"{_found(each)}, foretold {between(each.low, each.high)}"
+               for each in self.found.figures if not each.as_foretold]  # fmt: skip
         off += ["the plate tracks no better than with the gains before"] if self.found.better is False else []
         said = f"Not as foretold for {gains}: {'; '.join(off)}."
         if self.found.unchanged:
@@ -71,7 +72,3 @@ def _allowed(figure: Figure) -> str:
 
 def _found(figure: Figure) -> str:
     return f"{figure.name} {or_never(figure.found)}" + (f" {figure.unit}" if isfinite(figure.found) else "")
-
-
-def _off(figure: Figure) -> str:
-    return f"{_found(figure)}, foretold {between(figure.low, figure.high)}"

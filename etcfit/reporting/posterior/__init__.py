@@ -48,7 +48,7 @@ def parameters_table(posterior: Mapping[str, Any]) -> Table:
         Column("meaning", lambda row: row.get("meaning", ""), "prose", spare=1),
         Column("mean", lambda row: mean_digits(row)(row["mean"])),
         Column("95 % interval", lambda row: mean_digits(row).span(*(row["ci95"] or (None, None)))),
-        Column("sd: Laplace", lambda row: "-" if _is_lost(row) else short(row.get("laplace_sd")), spare=3),
+        Column("sd: Laplace", lambda row: "-" if row.get("status") == LOST else short(row.get("laplace_sd")), spare=3),
         Column("sd: profile", _profiled, spare=4),
         Column("sd: posterior", lambda row: mean_digits(row)(row["sd"]), spare=5),
         Column("apart", lambda row: Cell("> 20 %", "bad") if row.get("apart") else "", "word"),
@@ -58,10 +58,6 @@ def parameters_table(posterior: Mapping[str, Any]) -> Table:
         Column("status", lambda row: status_cell({"status": "", **row}), "prose"),
     )
     return Table(title, columns, rows, file="RUN/posterior.json")
-
-
-def _is_lost(row: Mapping[str, Any]) -> bool:
-    return row.get("status") == LOST
 
 
 def _profiled(row: Mapping[str, Any]) -> str:

@@ -193,7 +193,7 @@ def test_every_caption_is_a_sentence(full: Path) -> None:
 
 
 def test_the_page_has_a_dark_dress_for_the_screen_and_none_for_paper() -> None:
-    css = (Path(render.__code__.co_filename).parent / "template" / "style.css").read_text(encoding="utf-8")
+    css = (Path(render.__code__.co_filename).parents[1] / "assets" / "printed.css").read_text(encoding="utf-8")
     assert "@media screen and (prefers-color-scheme: dark)" in css
     assert not re.search(r"background: #fff;(?! border-radius)", css)  # but for the card below a picture
 
