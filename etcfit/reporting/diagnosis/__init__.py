@@ -46,7 +46,7 @@ def how_sure(found: Found) -> Part:
     said += [CALIBRATED] if said else []
     rows = [(each["effect"], each["certainty"], f"{each['probability']:.2f}",
              likely_in_one_line(each["instead"]) or "nothing that was tried", each["told_by"])
-            for each in found.get("statements") or ()]  # fmt: skip
+            for each in found.get("statements") or () if "certainty" in each]  # fmt: skip
     if not rows:
         return Notes("How sure", said)
     prose: dict[str, Kind] = {"what else could be": "prose", "what would tell": "prose"}
