@@ -190,7 +190,8 @@ def evidence(s: CandidateModel) -> Evidence:
     found = (*shares("torque", along, [a["torque"] for a in along]),
              *shares("voltage", along, volts))  # fmt: skip
     found = tuple(sorted(found, key=lambda share: -share.share))
-    return Evidence(tuple(rows), _is_noise(s, along, rows), found, tuple(sentences(rows, found)))
+    noise = _is_noise(s, along, rows)
+    return Evidence(tuple(rows), noise, found, tuple(sentences(rows, found, noise)))
 
 
 def is_white(s: CandidateModel) -> bool:
@@ -323,12 +324,21 @@ def explained(axis: np.ndarray, y: np.ndarray, bins: int) -> float:
     return float(np.clip(1.0 - within / total * fair, 0.0, 1.0))
 
 
-def sentences(rows: Sequence[Whiteness], found: Sequence[Share]) -> list[str]:
-    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_TOLD`."""
+def sentences(rows: Sequence[Whiteness], found: Sequence[Share], noise: bool) -> list[str]:
+    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_TOLD`.
+
+    Args:
+        noise: whether all rows are white, or would be without one event.
+    """
     odd = [row for row in rows if not row.white]
     if not odd:
         return [f"All {len(rows)} residuals are white: noise, as far as these tests see."]
     worst = max(odd, key=lambda row: row.rms)
+    if noise:
+        return [
+            f"All {len(rows)} residuals are noise but for one moment in {worst.file}. One moment of one trace is no "
+            "evidence: most often it is the instant of an edge, which nobody logged."
+        ]
     out = [
         f"{len(odd)} of {len(rows)} residuals are not white; the largest, {worst.channel} in {worst.file}, is "
         f"{worst.rms:.3g} times its noise and goes along with {worst.strongest} (correlation {worst.correlation:+.2f})."
