@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 from scipy.special import log_ndtr, ndtr
 
 from ..estimation.identifiability import listed
@@ -219,5 +219,5 @@ def widening(sd: float, weights: np.ndarray, spread: np.ndarray) -> float:
     def beyond(q: float) -> float:
         return 2.0 * (rest * float(ndtr(-q / sd)) + float(weights @ ndtr(-q / spread))) - _TAIL
 
-    largest = float(np.max(spread, initial=sd))
-    return float(brentq(beyond, Z_95 * sd, 1.01 * Z_95 * largest, rtol=1e-6)) / (Z_95 * sd) if largest > sd else 1.0
+    low, high = Z_95 * sd, 1.01 * Z_95 * float(np.max(spread, initial=sd))
+    return float(root_scalar(beyond, bracket=(low, high), rtol=1e-6).root) / low if beyond(low) > 0.0 else 1.0
