@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...diagnosis.probabilities import likely_hypotheses
+from ...diagnosis.probabilities import WORTH_NAMING, likely_hypotheses
 from ...errors import command
 from ...estimation.goodness import Left
 from ...run_folder.manifest import read_records
@@ -18,7 +18,6 @@ from . import NEXT_LOG, Closing, first_few, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line
-_WORTH_SAYING = 0.2  # probability of such a name
 
 
 def of_run(run: Path, *pages: Path) -> Closing:
@@ -93,7 +92,7 @@ def _nothing_added(contents: Contents) -> str:
     if _is_sound(contents) and left_unexplained(contents) is None:
         return "No effect of the catalogue is missing, as far as these data show."
     names = [f"{name} (P {p:.2f})" for name, p in likely_hypotheses(found.get("probabilities") or {})
-             if name not in ("nothing", "unexplained") and p >= _WORTH_SAYING][:_GUESSES]  # fmt: skip
+             if name not in ("nothing", "unexplained") and p >= WORTH_NAMING][:_GUESSES]  # fmt: skip
     guess = f"; it may be {' or '.join(names)}, not proven" if names else ""
     return f"Something is missing, and no known effect explains it{guess}."
 
