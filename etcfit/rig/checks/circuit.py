@@ -54,6 +54,14 @@ class Value(NamedTuple):
         return 0 if abs(self.value) <= errors * self.error else (1 if self.value > 0.0 else -1)
 
 
+def weighted_mean(values: Iterable[Value]) -> Value:
+    """The mean of readings, each weighted by its error: sum(x / e^2) / sum(1 / e^2)."""
+    value, error = np.array(list(values)).T
+    weight = 1.0 / error**2
+    whole = max(float(np.sum(weight)), 1e-300)  # not 0 where no reading has a finite error
+    return Value(float(np.sum(weight * value)) / whole, whole**-0.5)
+
+
 @dataclass(frozen=True, eq=False)
 class Windows:
     """Integrals and gains over each window, SI, shape (n,) each."""
