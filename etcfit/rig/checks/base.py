@@ -53,7 +53,7 @@ class Records:
 
     @cached_property
     def currents(self) -> Mapping[str, OtherCurrent]:
-        """The current of each rig test in each of its readings, where windows tell them apart."""
+        """The current of each rig test in each of its readings, where enough windows compare them."""
         return _present({name: other_current(traces, self.config) for name, traces in self._trusted.items()})
 
     @cached_property
@@ -76,7 +76,7 @@ class Records:
                 yield traces, found
 
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
-        """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test.
+        """Signs of R, L and k in a trace; where it shows none, that of all traces of its test.
 
         One trace separates little: a sign of its own is believed against its test's only for a value about as large.
         """

@@ -199,7 +199,7 @@ def _solved(w: Windows) -> Circuit | None:
 
 
 def values_of(w: Windows) -> dict[str, Value] | None:
-    """R, L, k and drop that these windows tell, those of them that they tell; None where there are too few."""
+    """R, L, k and drop, those of them that these windows show; None where there are too few."""
     columns = {"R": w.amperes} if np.any(w.amperes) else {}
     for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
         if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
@@ -274,7 +274,7 @@ def _signed(w: Windows, sign: np.ndarray) -> Windows:
 
 
 def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurrent | None:
-    """The current of one rig test in each reading; None where too few windows tell."""
+    """The current of one rig test in each reading; None for too few windows."""
     if TEST_BY_NAME[traces[0].test].boundary.terminals_open:
         return None
     drives = {t.file: v for t in traces if "current" in t.channels and (v := drive_voltage(t, config)) is not None}

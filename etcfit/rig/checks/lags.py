@@ -37,7 +37,7 @@ from .circuit import Value
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-WINDING = ("inductance", "response")  # tests that tell L, best first
+WINDING = ("inductance", "response")  # tests that show L, best first
 CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with one ten times faster than the "
         "winding, or put y + T dy/dt in the place of the column y.")  # fmt: skip
 SLOW = (0.03, 0.2)  # parts of the record at which the search for one lag begins
