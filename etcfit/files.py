@@ -242,9 +242,13 @@ def plain(value: Any) -> Any:
     return value
 
 
+def write_text(path: Path, text: str) -> None:
+    """A file of UTF-8, written whole or not at all."""
+    with whole(path) as draft:
+        draft.write_text(text, encoding="utf-8")
+
+
 def write_json(path: Path, kind: str, content: Mapping[str, Any]) -> None:
     """Write one object of schema `etcfit.<kind>/1`: UTF-8, floats at full precision, null for what is not known."""
     stamped = {"schema": f"etcfit.{kind}/1", **plain(content)}
-    text = json.dumps(stamped, indent=2, ensure_ascii=False, allow_nan=False)
-    with whole(path) as draft:
-        draft.write_text(text + "\n", encoding="utf-8")
+    write_text(path, json.dumps(stamped, indent=2, ensure_ascii=False, allow_nan=False) + "\n")

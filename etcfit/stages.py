@@ -103,7 +103,6 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
     """The run folder, for the stages below.
 
     Args:
-        run: the folder.
         out: where files will be written; RUN itself where None.
         folder: the measurements, where they will be fitted.
     Raises:
@@ -143,7 +142,7 @@ def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
 
     result = fit(rig, part_of(report, 0.0, 0.98))
     keep_fit(run, result, part_of(report, 0.98, 1.0))
-    return Done(fit_table(result), failure(result), closing=of_run(run.path))
+    return Done(fit_table(result), _failure(result), closing=of_run(run.path))
 
 
 @_alone("diagnose")
@@ -170,7 +169,7 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
     except KeyboardInterrupt:
         raise KeyboardInterrupt(rounds.when_interrupted()) from None
     keep_diagnosis(run, found, part_of(report, 0.98, 1.0))
-    return Done(diagnosis_table(found), failure(found.after), rounds.remark, of_run(run.path))
+    return Done(diagnosis_table(found), _failure(found.after), rounds.remark, of_run(run.path))
 
 
 @_alone("sample")
@@ -199,7 +198,7 @@ def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.mos
     here = posterior.convergence
     why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
     table = cautioned(posterior_table(posterior, profiled), result.state)
-    return Done(table, why or failure(result), posterior.remark, of_posterior(posterior, run.path))
+    return Done(table, why or _failure(result), posterior.remark, of_posterior(posterior, run.path))
 
 
 def _can_sample() -> None:
@@ -230,7 +229,7 @@ def reduce_run(
     keep_reduction(run, result, reduction, response, pade_order, report)
     table = reduction_table(result.fitted(), reduction, pade_order)
     shown = table if response is None else Group(table, sine_table(result.fitted(), response))
-    return Done(shown, failure(result), closing=of_plant(reduction, result.state, run.path))
+    return Done(shown, _failure(result), closing=of_plant(reduction, result.state, run.path))
 
 
 @_alone("design")
@@ -251,7 +250,7 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
     found = design_of(fitted, asked, drawn, part_of(report, 0.0, 0.95))
     keep_design(run, result, found, asked.recorded(), part_of(report, 0.95, 1.0))
-    return Done(design_table(found), failure(result), closing=of_design(found, result.state, run.path))
+    return Done(design_table(found), _failure(result), closing=of_design(found, result.state, run.path))
 
 
 def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: TuneRequest) -> Done:
@@ -263,7 +262,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     from .reporting.tune import tune_table
 
     found = tune(files, run, asked, report)
-    unfinished = "" if found.result is None else failure(found.result)
+    unfinished = "" if found.result is None else _failure(found.result)
     shown, closing = tune_table(tuned_json(found)), of_tune(found, run.path, files)
     return Done(shown, unfinished, closing=closing, stopped=found.why_not)
 
@@ -291,10 +290,8 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
 
     Args:
         location: of the fleet, a folder or an address that fsspec opens.
-        run: the run folder.
         workers: processes of this machine; None for one a core.
         scheduler: address of one that is there already; None for processes of this machine.
-        report: progress.
         watch: told where the workers can be watched.
     """
     keep_compiled()
@@ -361,7 +358,7 @@ def export_run(
     done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into,
                     anyway)  # fmt: skip
     closing = of_export(done.files, done.cannot_hold, format_.title, result.state, run.path)
-    return Done("\n".join(map(str, done.files)), failure(result), "\n".join(done.cannot_hold), closing)
+    return Done("\n".join(map(str, done.files)), _failure(result), "\n".join(done.cannot_hold), closing)
 
 
 @_alone()
@@ -395,9 +392,10 @@ def write_interactive(run: RunFolder, report: Report) -> Done:
     return Done(None, page.failure, closing=of_run(run.path, page.path))
 
 
-def failure(result: FitResult) -> str:
-    """Why a model that is shown did not converge, or ""."""
-    return "" if result.converged else f"the fit of the model that is shown did not converge: {result.reason}"
+def _failure(result: FitResult) -> str:
+    from .run_folder.manifest import failure_of
+
+    return failure_of(result.converged, result.reason)
 
 
 @dataclass(frozen=True)
@@ -472,8 +470,6 @@ def run_all(
     """Run every stage that is not done yet, in order; one that was made with options before, with the same ones.
 
     Args:
-        folder: the measurements.
-        path: the run folder; made if absent.
         progress: opened for each stage in turn, with how long it will take; None where nothing is known of that.
         show: called after each stage with its name and what came of it, None where it was done before this run.
         stages: in order; the same one may come again, and runs where what it shows has changed.
@@ -571,11 +567,9 @@ def run(
     """Everything from a measurement folder to RUN/report.html, in order; what is done already is not done again.
 
     Args:
-        folder: the measurements.
         out: the run folder; made if absent.
         profile: name of the make of ECU that gains are designed for; None for what they were before, else for none.
         until: the last stage: fit, diagnose, reduce, design or sample; the page is written all the same.
-        quiet: show no progress.
     Returns:
         The last model in it, as `etcfit.load` gives it.
     Raises:

@@ -42,8 +42,6 @@ class Reduced(View):
         G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0)
 
     Args:
-        fit: the model.
-        reduction: of it.
         response: what the rig's sine traces say; None where it has none.
     """
 
@@ -110,7 +108,6 @@ class Reduced(View):
         """Write transfer_function.json and the Bode plot to a run folder, and what the sine traces say.
 
         Args:
-            run: made if absent.
             pade_order: of the delay in `with_delay_and_lag` of the file; 0 leaves that out.
         Raises:
             UsageError: another model lies in RUN.
@@ -148,7 +145,6 @@ class Designed(View):
 
     Args:
         fit: the model, or the fleet.
-        design: in full.
         log: file of the log among the scenarios, or None.
     """
 
@@ -223,8 +219,6 @@ class Designed(View):
     def save(self, run: str | Path) -> Path:
         """Write pid.json and the responses to a run folder.
 
-        Args:
-            run: made if absent.
         Raises:
             UsageError: another model, or another fleet, lies in RUN.
         """

@@ -31,11 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosed(View):
-    """What a model lacked: `etcfit.diagnose(fit)`.
-
-    Args:
-        diagnosis: in full.
-    """
+    """What a model lacked: `etcfit.diagnose(fit)`."""
 
     diagnosis: Diagnosis
 
@@ -106,11 +102,7 @@ class Diagnosed(View):
         return diagnosis_table(self.diagnosis)
 
     def save(self, run: str | Path) -> Path:
-        """Write the diagnosis, and the fit that it began from, to a run folder, whole.
-
-        Args:
-            run: made if absent.
-        """
+        """Write the diagnosis, and the fit that it began from, to a run folder, whole."""
         from ..run_folder.folder import RunFolder
         from .work import keep_diagnosis, keep_fit
 
@@ -155,11 +147,7 @@ class Diagnosed(View):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sampled(View):
-    """How sure: `etcfit.sample(fit)`.
-
-    Args:
-        posterior: every step of the chain.
-    """
+    """How sure: `etcfit.sample(fit)`."""
 
     posterior: Posterior
 
@@ -215,9 +203,6 @@ class Sampled(View):
     def save(self, run: str | Path, quiet: bool = False) -> Path:
         """Write posterior.json, posterior.nc and the pictures to a run folder; profiles are computed for it.
 
-        Args:
-            run: made if absent.
-            quiet: show no progress.
         Raises:
             UsageError: another model lies in RUN.
         """

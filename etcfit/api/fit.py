@@ -18,7 +18,7 @@ from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
 from ..reporting.table import Table
 from ..reporting.tables import LOST, parameter_rows, parameters_table
-from ..run_folder.fit import keys_of_fit
+from ..run_folder.fit import fit_json
 from . import views
 from .progress import Report, silent
 from .trace import FittedTrace, named, traces_of
@@ -35,17 +35,13 @@ _KEYS = ("value", "stderr", "low", "high", "unit", "status")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(View):
-    """The joint fit of a rig: `etcfit.fit(rig)`.
-
-    Args:
-        result: the fit in full.
-    """
+    """The joint fit of a rig: `etcfit.fit(rig)`."""
 
     result: FitResult
 
     @cached_property
     def _parameters(self) -> dict[str, dict[str, Any]]:
-        return keys_of_fit(self.result, "parameters")["parameters"]
+        return fit_json(self.result, "parameters")["parameters"]
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -78,7 +74,7 @@ class Fit(View):
     @property
     def combinations(self) -> pd.DataFrame:
         """What the plate feels of several parameters together (J_eq, B_eq, ...): columns as in `parameters`."""
-        return frame(parameter_rows(keys_of_fit(self.result, "lumped")["lumped"]), "symbol", _KEYS)
+        return frame(parameter_rows(fit_json(self.result, "lumped")["lumped"]), "symbol", _KEYS)
 
     @property
     def influence(self) -> pd.DataFrame:
@@ -141,8 +137,6 @@ class Fit(View):
     def trace(self, file: str) -> FittedTrace:
         """One trace beside its simulation.
 
-        Args:
-            file: as in `traces`.
         Raises:
             UsageError: there is no such trace.
         """
@@ -161,11 +155,7 @@ class Fit(View):
         return fit_table(self.result)
 
     def save(self, run: str | Path) -> Path:
-        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit.
-
-        Args:
-            run: made if absent.
-        """
+        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit."""
         from ..run_folder.folder import RunFolder
         from .work import keep_fit
 

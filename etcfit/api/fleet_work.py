@@ -57,10 +57,6 @@ def work_through(
     """Fit every unit that is not done, study them together, and write what comes of it.
 
     Args:
-        location: of the fleet.
-        run: the run folder; made where it is not there.
-        place: where to work.
-        report: progress.
         watch: told where the workers can be watched.
         remark: told what of the results that were stored could not be used.
     Raises:

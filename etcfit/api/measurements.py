@@ -29,11 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Checked(View):
-    """What is in a measurement folder, and what it can identify: `etcfit.check(rig)`.
-
-    Args:
-        result: in full.
-    """
+    """What is in a measurement folder, and what it can identify: `etcfit.check(rig)`."""
 
     result: CheckResult
 
@@ -110,11 +106,7 @@ class Checked(View):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Advised(View):
-    """What one more trace of each rig test would tell: `etcfit.advise(rig)`.
-
-    Args:
-        advice: in full.
-    """
+    """What one more trace of each rig test would tell: `etcfit.advise(rig)`."""
 
     advice: Advice
 
@@ -151,11 +143,7 @@ class Advised(View):
         return advice_table(self.advice)
 
     def save(self, run: str | Path) -> Path:
-        """Write advice.json.
-
-        Args:
-            run: the folder; made if absent.
-        """
+        """Write advice.json."""
         from ..run_folder.plan import save_advice
 
         save_advice(Path(run), self.advice)
@@ -177,11 +165,7 @@ class Advised(View):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Planned(View):
-    """The next tests, as files to play: `etcfit.plan(fit)`.
-
-    Args:
-        campaign: in full.
-    """
+    """The next tests, as files to play: `etcfit.plan(fit)`."""
 
     campaign: Campaign
 
@@ -242,7 +226,6 @@ class Driven(View):
 
     Args:
         config: of the rig, or what stands for it where no rig.toml lies beside the logs.
-        studies: a log each.
         foretold: the one log beside what `etcfit tune` foretold: `says`, `found.as_foretold`, `found.figures`; None
             where that was not asked.
     """

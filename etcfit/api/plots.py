@@ -56,11 +56,7 @@ def _by_name(jobs: list[tuple[Path, Callable[[], Figure]]]) -> dict[str, Callabl
 
 @dataclass(frozen=True, eq=False)
 class FitPlots:
-    """Pictures of a fit.
-
-    Args:
-        result: the fit.
-    """
+    """Pictures of a fit."""
 
     result: FitResult
 
@@ -144,11 +140,7 @@ def _glance(panel: Axes, each: FittedTrace, off: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DiagnosisPlots:
-    """Pictures of a diagnosis.
-
-    Args:
-        diagnosis: what was found.
-    """
+    """Pictures of a diagnosis."""
 
     diagnosis: Diagnosis
 
@@ -196,11 +188,7 @@ class DiagnosisPlots:
 
 @dataclass(frozen=True, eq=False)
 class PosteriorPlots:
-    """Pictures of a posterior.
-
-    Args:
-        posterior: what was sampled.
-    """
+    """Pictures of a posterior."""
 
     posterior: Posterior
 
@@ -247,11 +235,7 @@ class ReductionPlots:
 
 @dataclass(frozen=True, eq=False)
 class DesignPlots:
-    """Pictures of PID gains.
-
-    Args:
-        design: the gains.
-    """
+    """Pictures of PID gains."""
 
     design: Design
 
@@ -281,11 +265,7 @@ def log_panels(config: RigConfig, study: Study) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FleetPlots:
-    """Pictures of a fleet; each gives its panels, shape (K,).
-
-    Args:
-        files: what lies in its run folder.
-    """
+    """Pictures of a fleet; each gives its panels, shape (K,)."""
 
     files: FleetFiles
 

@@ -43,12 +43,7 @@ def part_of(report: Report, low: float, high: float) -> Report:
 
 
 class Remaining:
-    """Seconds left: those expected less those gone; else, at the pace so far, (1 - s) (t - t_0) / (s - s_0).
-
-    Args:
-        expected: how long it will take; None where nothing is known of that.
-        clock: time, s.
-    """
+    """Seconds left: those expected less those gone; else, at the pace so far, (1 - s) (t - t_0) / (s - s_0)."""
 
     def __init__(self, expected: Expected | None = None, clock: Clock = time.monotonic) -> None:
         self._whole, self._clock = (0.0 if expected is None else expected.seconds), clock
@@ -102,12 +97,7 @@ def in_words(seconds: float) -> str:
 
 @contextmanager
 def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[Report]:
-    """For a verb that computes: models compiled before are found again, and progress is shown.
-
-    Args:
-        quiet: show nothing.
-        expected: how long it will take; None where nothing is known of that.
-    """
+    """For a verb that computes: models compiled before are found again, and progress is shown."""
     keep_compiled()
     with progress(quiet, expected) as report:
         yield report
@@ -119,8 +109,6 @@ def progress(
     """Show progress where somebody looks, on stderr or below the notebook's cell.
 
     Args:
-        quiet: show nothing.
-        expected: how long it will take; None where nothing is known of that.
         say: prints a line of an output that is neither a terminal nor a notebook; None: such an output gets nothing.
     """
     if quiet:
@@ -143,9 +131,6 @@ class Lines:
     """A line for each new stage, and one at least every half minute while nothing is reported.
 
     Args:
-        say: prints a line.
-        expected: how long it will take; None where nothing is known of that.
-        clock: time, s.
         every: most time between two lines, s.
     """
 
@@ -206,7 +191,6 @@ def terminal_bar(expected: Expected | None = None, console: Any = None) -> Itera
     """A bar on stderr that is wiped away at the end.
 
     Args:
-        expected: how long it will take; None where nothing is known of that.
         console: a rich Console to draw on instead.
     """
     from rich.console import Console
@@ -236,7 +220,6 @@ def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterat
     """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing.
 
     Args:
-        expected: how long it will take; None where nothing is known of that.
         every: least time between two updates, s.
     """
     from IPython.core.display import HTML

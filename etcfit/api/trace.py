@@ -11,6 +11,7 @@ import pandas as pd
 from ..errors import UsageError
 from ..estimation.result import FitResult
 from ..problem.trace import Trace
+from ..reporting.table import role
 from ..rig.base import Channel
 
 
@@ -19,7 +20,6 @@ class FittedTrace:
     """One measured trace beside what the model says of it.
 
     Args:
-        trace: as measured.
         predicted: free-running simulation, SI, shape (n, M).
         whitened: what the fit minimised, independent of sample to sample where the model is right, sigma, shape (n, M);
             None where the trace was held out.
@@ -81,8 +81,8 @@ class FittedTrace:
         return what if len(self.channels) == 1 else f"{name}_{what}"
 
     def __repr__(self) -> str:
-        role = "held out" if self.held_out else "fitted"
-        return f"FittedTrace({self.file!r}, {role}, {', '.join(self.channels)}, {self.trace.instants.size} samples)"
+        what = f"{role(self.held_out)}, {', '.join(self.channels)}, {self.trace.instants.size} samples"
+        return f"FittedTrace({self.file!r}, {what})"
 
 
 def traces_of(result: FitResult) -> dict[str, FittedTrace]:

@@ -112,7 +112,6 @@ class Tuned(View):
     """What logs of a car came to.
 
     Args:
-        asked: for which ECU, and what is known of it.
         input: what the logs hold, and what drives the model.
         lacks: what to record next.
         result: the final model; None where the logs stop it before.
@@ -168,11 +167,6 @@ class Tuned(View):
 def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report: Report = silent) -> Tuned:
     """From logs to gains; the run folder has what every stage made, and tune.json with its picture.
 
-    Args:
-        files: logs of any known format, all of one car.
-        run: the run folder.
-        asked: for which ECU, and what is known of it.
-        report: progress.
     Raises:
         MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
         UsageError: no such make of ECU, or a field given that its source fixes otherwise.
@@ -418,7 +412,6 @@ def tuned_json(found: Tuned, pid: str | None = None) -> dict[str, Any]:
     """The object of tune.json.
 
     Args:
-        found: what logs came to.
         pid: SHA-256 of the pid.json that it goes with.
     """
     from ..reporting.tune import says_of

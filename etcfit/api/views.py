@@ -61,8 +61,6 @@ def card(config: RigConfig, title: str, *parts: str, alarm: str = "") -> str:
 
     Args:
         config: of the rig; names it, and its data as made up where they were.
-        title: what this is.
-        parts: HTML.
         alarm: what a reader must know before all else, as "NOT CONVERGED: ...".
     """
     tag = f' <b style="color:{_PURPLE}">SYNTHETIC DATA</b>' if config.synthetic else ""
@@ -115,7 +113,6 @@ def frame(rows: Iterable[Mapping[str, Any]], index: str | None, keys: Sequence[s
     """The rows of a table as they are, SI, NaN for None.
 
     Args:
-        rows: records.
         index: key that names them; None for numbers.
         keys: that are shown; all but the index where none is named.
     """

@@ -60,9 +60,7 @@ def plant_of(
     """Linearise a fitted model, and fit the rig's sine traces where it has some.
 
     Args:
-        result: the fit.
         input_unit, output_unit, share: as `control.linearise.reduce` takes them.
-        report: progress.
         settings: which sine traces count; the defaults where None.
     """
     from ..control.frequency import frequency_response
@@ -90,10 +88,7 @@ def design_of(
     """Gains by every rule for an ECU that reads the position by an ADC over its travel.
 
     Args:
-        fitted: the model.
-        asked: what gains are asked for.
         drawn: coordinates of further models, shape (D, P), or None.
-        report: progress.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
     Raises:
         MeasurementError: the log cannot be read, or has no setpoint.
@@ -121,7 +116,6 @@ def fleet_design_of(
     """Gains by every rule that nearly all units of a fleet meet the requirements with.
 
     Args:
-        model: the units.
         asked, report, settings: see `design_of`; no `parts`.
     Raises:
         MeasurementError, UsageError: as `design_of`.
@@ -182,7 +176,6 @@ class Exported(NamedTuple):
     """An export on the disk.
 
     Args:
-        files: where they are.
         cannot_hold: what the format leaves out, a sentence each; the files say so too.
     """
 
@@ -203,8 +196,6 @@ def exported(
     """Write a model in a format.
 
     Args:
-        result: the fit.
-        to: the format.
         folder: that takes the files; made if absent.
         settings: step and operating point.
         pid: the object of pid.json; None where no gains were designed.

@@ -61,7 +61,7 @@ class Figure:
     # low, high: foretold; infinite for never
     low: float
     high: float
-    # least, most: that still are as foretold
+    # least, most: that still are as foretold; infinite where there is no such limit
     least: float
     most: float
     found: float  # in the log; infinite for never

@@ -46,7 +46,6 @@ def judge(
     """Every judgement that the log allows, and why one is not there.
 
     Args:
-        log: the log.
         follows, steps, cycle, duty, pair: what was found in it.
         rested: s at rest in which an oscillation would be seen.
     """

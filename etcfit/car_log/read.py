@@ -215,14 +215,11 @@ def _shown(column: Column) -> str:
     return f"{column.label} [{unit}]" if unit and column.label == column.name else column.label
 
 
-def _may_be_target(name: str) -> bool:
-    return any(word in name.casefold() for word in _TARGETS)
-
-
 def _of_setpoint(sheet: Sheet) -> str:
     """How to name the setpoint among columns of which none is known to be it."""
     like = [_shown(c) for c in sheet.columns
-            if _may_be_target(c.name) and not c.stated and not is_engines(c.name) and not is_about(c.name)]  # fmt: skip
+            if any(word in c.name.casefold() for word in _TARGETS)
+            and not c.stated and not is_engines(c.name) and not is_about(c.name)]  # fmt: skip
     there = f"Columns that may be it: {', '.join(like[:_MOST])}. " if like else "No column looks like it. "
     example = like[0] if like else "TP Target"
     return f'No setpoint was found. {there}Name it in rig.toml: [columns] {toml_string(example)} = "setpoint [%]".'

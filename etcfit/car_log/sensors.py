@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -33,8 +34,8 @@ _COUNTS = 200.0  # of rusEFI, a volt
 class Ends:
     """What a sensor shows with the plate closed and open, in `Sensors.unit`."""
 
-    closed: float
-    opened: float
+    closed: float  # with the plate closed
+    opened: float  # with the plate open
 
     @property
     def span(self) -> float:
@@ -46,7 +47,7 @@ class Ends:
 class Sensors:
     """Both sensors of a plate, from one sweep or drive."""
 
-    unit: str  # "V", or "%" where the log holds what the ECU made of them
+    unit: Literal["V", "%"]  # "%" where the log holds what the ECU made of them
     # first, second: their ends, as far as the log shows them
     first: Ends
     second: Ends
@@ -114,11 +115,11 @@ class Setting:
     ecu: str  # for which
     name: str  # as that ECU calls it
     value: float  # in `unit`
-    unit: str
+    unit: str  # of it
 
 
 def two_sensors(
-    first: Series, second: Series, unit: str, opens: float, tps: tuple[float, float] | None = None
+    first: Series, second: Series, unit: Literal["V", "%"], opens: float, tps: tuple[float, float] | None = None
 ) -> Sensors | None:
     """Study a pair; None where the first one hardly moves.
 
@@ -138,7 +139,7 @@ def two_sensors(
     crossed = ""
     if blind > _BLIND and other < _BLIND:
         crossed = "the first one stops half way while the second goes on. Exchange their inputs."
-        one, two, opens = two, one, opens * _sign(one, two)
+        one, two, opens = two, one, opens * (float(np.sign(np.cov(one, two)[0, 1])) or 1.0)
     ends, dwelt = _ends(time, one, opens)
     share = (one - ends.closed) / ends.span
     low, high, late, stops = _second(share, two)
@@ -156,10 +157,6 @@ def two_sensors(
 
 def _as_logged(one: np.ndarray, two: np.ndarray, share: np.ndarray, stops: float) -> np.ndarray:
     return np.where(share <= stops, two - one, 0.0) if stops < 1.0 else two - one
-
-
-def _sign(one: np.ndarray, two: np.ndarray) -> float:
-    return float(np.sign(np.cov(one, two)[0, 1])) or 1.0
 
 
 def _like(ends: Ends, tps: tuple[float, float]) -> bool:

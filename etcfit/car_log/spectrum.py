@@ -33,7 +33,11 @@ def spectrum(position: Series) -> Spectrum | None:
     Source: Welch 1967. Differs from source: the peak is read off a parabola through its three highest points, in log.
     """
     step = position.step
-    evens = [_even(piece, step) for piece in position.pieces if piece.time.size > 1]
+    evens = [
+        np.interp(np.arange(piece.time[0], piece.time[-1], step), piece.time, piece.value)
+        for piece in position.pieces
+        if piece.time.size > 1
+    ]
     samples = min(max(even.size for even in evens), round(_SEGMENT / step))
     if samples * step < 1.0 / _SLOWEST:
         return None
@@ -46,11 +50,6 @@ def spectrum(position: Series) -> Spectrum | None:
     grown = np.cumsum(power)
     half = float(np.interp(0.5 * grown[-1], grown, frequency))
     return Spectrum(frequency, np.sqrt(power), dominant, half)
-
-
-def _even(piece: Series, step: float) -> np.ndarray:
-    """Its values at even steps (s)."""
-    return np.interp(np.arange(piece.time[0], piece.time[-1], step), piece.time, piece.value)
 
 
 def _over_pieces(evens: Sequence[np.ndarray], samples: int, step: float) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ class Usage:
     shares: np.ndarray  # of the time in each bin, shape (n,), sums to 1
     bounds: tuple[float, float]  # two positions, per cent
     between: float  # share of the time between them
-    shortest: tuple[float, float]  # the shortest interval that holds `SHARE` of the time, per cent
+    shortest: tuple[float, float]  # the shortest interval that holds 77 % of the time, per cent
 
 
 def usage(position: Series, bounds: tuple[float, float] = BOUNDS) -> Usage:

@@ -16,6 +16,7 @@ from ..rig.base import SLOW_LOG
 from .candidate_model import CandidateModel
 from .evidence import is_white, motions
 from .exchange import exchanged, merged, pruned
+from .faint_effects import allowing_for_faint_effects
 from .findings import Diagnosis, Question, SetTried, Unexplained
 from .free_sets import FREE_SPREAD, searched_free
 from .model_discrepancy import formula_covariance, percent_off
@@ -169,6 +170,7 @@ def diagnose(
     rest = Allowed(after)
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
+    rest = replace(rest, after=allowing_for_faint_effects(rest.after, progress.model, report))
     return _assembled(result, rest, first, progress, left, sets)
 
 

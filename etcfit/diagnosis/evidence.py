@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -23,6 +23,7 @@ from ..problem.free_parameters import SERIES, Form, Pick
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import run
+from ..problem.trace import Trace
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
 from .findings import Evidence, Motion, Share, Whiteness
@@ -40,7 +41,8 @@ from .findings import Evidence, Motion, Share, Whiteness
 # Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
 
 
-WHITE_P = 1e-4  # p-value of a test for autocorrelation or correlation below which a residual is not white
+WHITE_P = 1e-5  # p-value of a test for autocorrelation or correlation below which a residual is not white
+EVENT = 0.1  # longest part of a trace that counts as one event
 LARGE_RMS = 0.03  # excess of a residual's RMS over 1 sigma that a wrong estimate of the noise may explain
 # standard deviations of the RMS of white noise, 1/sqrt(2 n), that are allowed beside that excess
 LARGE_RMS_DEVIATIONS = 5.0
@@ -161,6 +163,10 @@ def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: 
 # Per channel and trace: Ljung and Box's test, the size of the whitened residual, and its correlation with what the
 # plate and its input did. Over all traces: how much of the missing torque and voltage is a function of one quantity
 # alone.
+#
+# What a single event of a single trace shows is no evidence: the instant of an edge that nobody logged, while the plate
+# turns back, bends what follows until the plate rests again. So a residual that is white but for one event counts as
+# noise.
 
 _AXES = {"torque": ("angle", "speed", "current", "load", "time"), "voltage": ("current", "speed", "angle", "time")}
 
@@ -184,25 +190,59 @@ def evidence(s: CandidateModel) -> Evidence:
     found = (*shares("torque", along, [a["torque"] for a in along]),
              *shares("voltage", along, volts))  # fmt: skip
     found = tuple(sorted(found, key=lambda share: -share.share))
-    return Evidence(tuple(rows), all(row.white for row in rows), found, tuple(sentences(rows, found)))
+    noise = _is_noise(s, along, rows)
+    return Evidence(tuple(rows), noise, found, tuple(sentences(rows, found, noise)))
 
 
 def is_white(s: CandidateModel) -> bool:
     """`Evidence.white` alone, for whoever decides by it: nothing is said of what the residual goes along with."""
     along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings.guide))
-    return all(row.white for row in _rows(s, along))
+    return _is_noise(s, along, _rows(s, along))
 
 
 def _rows(s: CandidateModel, along: Sequence[Signals]) -> list[Whiteness]:
-    """Each channel of each trace, judged by its noise alone: far from the data samples were weighed down."""
+    """Each channel of each trace."""
+    return [row for trace, r, signal in _residuals(s, along) for row in rows_of(trace, r, signal)]
+
+
+def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[tuple[Trace, np.ndarray, Signals]]:
+    """Each trace with its whitened residual, shape (n, M), judged by its noise alone: far from the data samples were
+    weighed down."""
     weighed_down = s.problem.sigma / s.problem.batch.slots.sigma if s.far else 1.0
     r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * weighed_down)
-    out = []
-    for trace, part, signal in zip(s.problem.batch.traces, r, along, strict=True):
-        for m, channel in enumerate(trace.channels):
-            place = Place(trace.measurement.file, trace.measurement.test, channel)
-            out.append(whiteness(place, part[:, m], np.isfinite(trace.data[:, m]), signal))
-    return out
+    return zip(s.problem.batch.traces, r, along, strict=True)
+
+
+def _is_noise(s: CandidateModel, along: Sequence[Signals], rows: Sequence[Whiteness]) -> bool:
+    """Whether every residual is white, or would be without one event of one trace."""
+    odd = {row.file for row in rows if not row.white}
+    if len(odd) != 1:
+        return not odd
+    return any(white_but_for_one_event(*each) for each in _residuals(s, along) if each[0].measurement.file in odd)
+
+
+def white_but_for_one_event(trace: Trace, r: np.ndarray, along: Signals) -> bool:
+    """Whether some `EVENT` of a trace holds all that is not white in it.
+
+    Args:
+        trace: whose residual it is.
+        r: whitened residual, shape (n, M).
+        along: see `whiteness`.
+    """
+    step = max(1, round(0.5 * EVENT * len(r)))
+    for begin in range(0, len(r) - step, step):
+        beside = np.ones(len(r), dtype=bool)
+        beside[begin : begin + 2 * step] = False
+        if all(row.white for row in rows_of(trace, np.where(beside[:, None], r, np.nan), along)):
+            return True
+    return False
+
+
+def rows_of(trace: Trace, r: np.ndarray, along: Signals) -> Iterator[Whiteness]:
+    """Each channel of one trace, by the samples that it has and whose residual, shape (n, M), is finite."""
+    for m, channel in enumerate(trace.channels):
+        place = Place(trace.measurement.file, trace.measurement.test, channel)
+        yield whiteness(place, r[:, m], np.isfinite(trace.data[:, m]) & np.isfinite(r[:, m]), along)
 
 
 def whiteness(place: Place, r: np.ndarray, logged: np.ndarray, along: Signals) -> Whiteness:
@@ -284,12 +324,21 @@ def explained(axis: np.ndarray, y: np.ndarray, bins: int) -> float:
     return float(np.clip(1.0 - within / total * fair, 0.0, 1.0))
 
 
-def sentences(rows: Sequence[Whiteness], found: Sequence[Share]) -> list[str]:
-    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_TOLD`."""
+def sentences(rows: Sequence[Whiteness], found: Sequence[Share], noise: bool) -> list[str]:
+    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_TOLD`.
+
+    Args:
+        noise: whether all rows are white, or would be without one event.
+    """
     odd = [row for row in rows if not row.white]
     if not odd:
         return [f"All {len(rows)} residuals are white: noise, as far as these tests see."]
     worst = max(odd, key=lambda row: row.rms)
+    if noise:
+        return [
+            f"All {len(rows)} residuals are noise but for one moment in {worst.file}. One moment of one trace is no "
+            "evidence: most often it is the instant of an edge, which nobody logged."
+        ]
     out = [
         f"{len(odd)} of {len(rows)} residuals are not white; the largest, {worst.channel} in {worst.file}, is "
         f"{worst.rms:.3g} times its noise and goes along with {worst.strongest} (correlation {worst.correlation:+.2f})."

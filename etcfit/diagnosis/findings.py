@@ -60,7 +60,7 @@ class Evidence:
 
     Args:
         rows: by trace and channel.
-        white: all of them are white.
+        white: all of them are white, or would be without one event of one trace.
         shares: what the missing torque and voltage depend on, largest first.
         sentences: rows and shares in words.
     """

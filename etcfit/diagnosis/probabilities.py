@@ -27,6 +27,7 @@ LEAST_CREDIT = 0.5  # share of what is missing where it acts that a name must ex
 
 
 _PRINTED_FROM = 0.02
+WORTH_NAMING = 0.2  # probability, that of its ties added, from which on an effect is stated by name
 
 
 def likely_hypotheses(probabilities: Mapping[str, float | None]) -> list[tuple[str, float]]:
@@ -199,7 +200,7 @@ class NamedEffects(NamedTuple):
 
     Args:
         names: that are stated, in the order found.
-        doubts: that are not stated: something else is likelier, or they are less likely than something that was missed.
+        doubts: that are not stated: something else is likelier, or they are too unlikely (`WORTH_NAMING`).
         questions, probabilities: see the functions.
     """
 
@@ -227,7 +228,9 @@ def named_effects(
     names = tuple(name for name in present if name not in doubts)
     asked = questions(rounds, names, curve, settings, slow, doubts)
     chance = probabilities(asked, rounds, names, curve, settings, doubts)
-    unlikely = [name for name in names if chance.get(name, 1.0) < settings.missed]
+    alike = {str(each.added): (str(each.added), *each.ties) for each in rounds}
+    likely = {n: sum(chance.get(e, 0.0) for e in alike.get(n, (n,))) for n in names if n in chance}
+    unlikely = [name for name, p in likely.items() if p < WORTH_NAMING]
     if unlikely:
         return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow)
     return NamedEffects(names, tuple(doubts), asked, chance)

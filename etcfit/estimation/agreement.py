@@ -180,6 +180,11 @@ class Influence:
         return tuple(pull for pull in self.pulls[:most] if abs(pull.pull) >= least)
 
 
+def root(variance: np.ndarray, instead: float) -> np.ndarray:
+    """sqrt(variance), shape (P,); `instead` where rounding leaves none, of what the data do not tell."""
+    return np.sqrt(np.where(variance > 0.0, variance, instead))
+
+
 def influence(
     symbols: Sequence[str],
     traces: Mapping[tuple[str, str], Statement],
@@ -189,8 +194,7 @@ def influence(
 ) -> Influence:
     """Leave out every test and, where it has more than one, every trace of it."""
     everything = reduce(add, traces.values(), believed)
-    variance = np.diag(np.linalg.inv(everything.information))
-    sd = np.sqrt(np.where(variance > 0.0, variance, np.inf))  # by rounding, of what the data do not tell
+    sd = root(np.diag(np.linalg.inv(everything.information)), np.inf)
     known = sd < unknown * reach
     pulls, alone = [], {}
     for (test, file), own in parts(traces).items():

@@ -16,7 +16,7 @@ from ..problem.residual import WeightedData
 from ..problem.trace import Trace
 from ..rig.base import Rig
 from ..rig.paper_readings import Readings
-from .agreement import Z_95, Compromise, Influence, agreement
+from .agreement import Z_95, Compromise, Influence, agreement, root
 from .contradiction import Contradiction
 from .explained import drives_of_another_session
 from .fitted_model import FitState, Fitted
@@ -262,7 +262,6 @@ def outcome(optimum: Optimum) -> FitResult:
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     agreed = agreement(problem, weighted, x, pieces, known.covariance, (end.far, chi2), optimum.settings)
     wider = np.diag(agreed.covariance) / np.maximum(np.diag(known.certain), 1e-300)
-    factor = np.sqrt(np.where(wider >= 0.0, wider, np.nan))  # negative by rounding, of what the data do not tell
     return FitResult(
         rig=optimum.rig,
         free_parameters=problem.free_parameters,
@@ -279,7 +278,7 @@ def outcome(optimum: Optimum) -> FitResult:
         converged=end.converged,
         reason=end.reason,
         starts=optimum.starts,
-        widening=dict(zip(problem.layout.free, map(float, factor), strict=True)),
+        widening=dict(zip(problem.layout.free, map(float, root(wider, np.nan)), strict=True)),
         warnings=(
             *optimum.rig.warnings,
             *optimum.notes,

@@ -97,7 +97,7 @@ class KnownEcu:
 class LogCheck:
     """One thing that a log must have."""
 
-    name: str
+    name: str  # of it
     passed: bool  # whether it has it
     stops: bool  # without it there are no gains
     says: str  # what was found

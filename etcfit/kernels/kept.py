@@ -30,7 +30,7 @@ from jaxlib.version import __version__ as _jaxlib
 
 from .. import IMPORTED_AT
 from ..backend import own_folder
-from ..files import whole
+from ..files import write_text
 from .machine import Kernel, ObjectCode, available, processor
 
 _PACKAGE = __name__.partition(".")[0]
@@ -69,9 +69,7 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
         return found
     made = make()
     with suppress(OSError, NotWrittenError):
-        text = json.dumps(written(made))
-        with whole(path) as draft:
-            draft.write_text(text, "utf-8")
+        write_text(path, json.dumps(written(made)))
     return made
 
 

@@ -156,10 +156,15 @@ def _at_slashes(console: Console, text: Text, width: int) -> list[Text]:
 
 def rig_title(config: RigConfig, rest: str) -> Text:
     """Names the rig, and made-up data as such."""
-    text = Text(f"{config.name}: {rest}", style="bold")
-    if config.synthetic:
-        text.append("  SYNTHETIC DATA", style="bold magenta")
-    return text
+    return headline(f"{config.name}: {rest}", config.synthetic)
+
+
+def headline(text: str, synthetic: bool) -> Text:
+    """What a command prints first; made-up data are called so."""
+    head = Text(text, style="bold")
+    if synthetic:
+        head.append("  SYNTHETIC DATA", style="bold magenta")
+    return head
 
 
 def sentences(title: str, texts: Sequence[str]) -> Padding | None:

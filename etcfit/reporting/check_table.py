@@ -16,7 +16,7 @@ from ..rig.base import Finding
 from .blocks import PlainTable, dashed, headed, rig_title, sentences, shown, spaced, stacked
 from .car_log import good_enough
 from .numbers import short
-from .table import Cell, Column, Kind, Table, of_texts
+from .table import Cell, Column, Kind, Table, of_texts, role
 
 
 def check_table(result: CheckResult) -> RenderableType:
@@ -49,7 +49,7 @@ def traces_table(traces: Iterable[TraceCheck]) -> Table:
         Column("file", "file", "path"), Column("samples", "samples", spare=2),
         Column("duration s", "duration", spare=3, digits=4), Column("rate Hz", "rate", digits=4),
         Column("clock jitter %", lambda row: f"{100.0 * row['jitter']:.1f}"), Column("gaps", gaps),
-        Column("use", lambda row: "held out" if row["held_out"] else "fitted", "word"),
+        Column("use", lambda row: role(row["held_out"]), "word"),
         Column("channels", "channels", "prose", spare=1)), rows)  # fmt: skip
 
 

@@ -14,25 +14,25 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup, escape
 
-from .numbers import Digits, short
+from .numbers import SUPERSCRIPT, short
 from .table import Cell
 
 if TYPE_CHECKING:
     import jinja2
 
 
-def environment(*rooms: tuple[str, str]) -> jinja2.Environment:
-    """Templates of HTML pages, looked for in these rooms, (package, folder in it), in this order."""
+def environment(*rooms: Room) -> jinja2.Environment:
+    """Templates of HTML pages, looked for in these rooms, in this order, then among those that every page shares."""
     import jinja2
 
     made = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package, folder) for package, folder in rooms]),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package, folder) for package, folder in (*rooms, SHARED)]),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    made.filters |= {"coded": coded, "typeset": typeset, "figures": figures}
+    made.filters |= {"coded": coded, "typeset": typeset, "figures": figures, "symbol": symbol}
     return made
 
 
@@ -51,11 +51,7 @@ _VENDOR: Room = ("etcfit.reporting.interactive", "page")  # the package's list o
 
 @dataclass(frozen=True)
 class Parts:
-    """Files of a page, by name.
-
-    Args:
-        own: rooms where they are looked for before those that every page shares.
-    """
+    """Files of a page, by name."""
 
     own: tuple[Room, ...]
 
@@ -76,13 +72,32 @@ class Parts:
         return [self(name) for name in names]
 
 
+def scripted(
+    part: Parts, carried: dict[str, Any], style: str, scripts: Sequence[str], before: Sequence[str] = (), **given: Any
+) -> str:
+    """A page to work with, whole, from `page.html` of its own room.
+
+    Args:
+        style, scripts: names of files beyond those that all such pages have.
+        before: scripts that are in no file.
+        given: what else the template shows.
+    """
+    template = environment(*part.own).get_template("page.html")
+    return template.render(
+        text=as_text(carried),
+        styles=part.every((LIBRARY_STYLE, "base.css", style)),
+        scripts=[*before, *part.every((LIBRARY, *scripts))],
+        licence=part(LICENCE),
+        **given,
+    )
+
+
 def as_text(data: dict[str, Any]) -> str:
     """The object as it stands inside a <script type="application/json">: no tag can end in it."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _UNITS = {"ohm": "Ω", "1": "", "deg": "°"}
 _GREEK = {"delta": "δ", "mu": "μ", "omega": "ω", "tau": "τ", "theta": "θ"}
 
@@ -109,14 +124,14 @@ def unit(text: str | None) -> str:
     if not text or text in _UNITS:
         return _UNITS.get(text or "1", "")
     text = re.sub(r"\bohm\b", "Ω", text).replace("**", "")
-    text = re.sub(r"(?<=[a-zA-Z])-?\d", lambda power: power[0].translate(_SUPERSCRIPT), text)
+    text = re.sub(r"(?<=[a-zA-Z])-?\d", lambda power: power[0].translate(SUPERSCRIPT), text)
     return text.replace("*", " · ") if "*" in text else text.replace(" ", " ")
 
 
 def figure(text: str) -> str:
     """1.2e-06 with a power of ten, a true minus sign."""
     mantissa, e, exponent = text.partition("e")
-    power = f" × 10{str(int(exponent)).translate(_SUPERSCRIPT)}" if e else ""
+    power = f" × 10{str(int(exponent)).translate(SUPERSCRIPT)}" if e else ""
     return mantissa.replace("-", "−") + power if mantissa != "-" else "–"
 
 
@@ -144,30 +159,6 @@ def typeset(cell: Cell) -> Markup | str:
 def number(value: float | None, digits: int = 3) -> str:
     """A few significant digits."""
     return figure(short(value, digits))
-
-
-def measured(value: float | None, stderr: float | None) -> str:
-    """Value ± standard error, the digits that the error warrants."""
-    if value is None:
-        return "–"
-    digits = Digits.of_value(value, stderr)
-    return figure(digits(value)) if stderr is None else _both(digits(value), "±", digits(stderr))
-
-
-def span(interval: Any, stderr: float | None = None) -> str:
-    """Both ends of an interval."""
-    if not interval or interval[0] is None or interval[1] is None:
-        return "–"
-    low, high = interval
-    digits = Digits.of_value(max(abs(low), abs(high)), stderr or abs(high - low) / 3.92)
-    return _both(digits(low), "…", digits(high))
-
-
-def _both(first: str, sign: str, second: str) -> str:
-    """Two numbers of one power of ten, which stands once."""
-    left, e, exponent = first.partition("e")
-    pair = f"{figure(left)} {sign} {figure(second.partition('e')[0])}"
-    return f"({pair}){figure('1e' + exponent)[1:]}" if e else pair
 
 
 def polynomial(coefficients: Iterable[float], variable: str = "s") -> Markup:

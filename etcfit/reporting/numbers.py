@@ -6,7 +6,9 @@ Tables, pictures and pages use it, and so does what `api` shows in a notebook. I
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,11 @@ class Digits:
         return f"{self(low)} ... {self(high)}"
 
 
+def mean_digits(row: Mapping[str, Any]) -> Digits:
+    """Those of `mean` of a record, by its `sd`."""
+    return Digits.of_value(row["mean"] or 0.0, row["sd"])
+
+
 def short(value: float | None, digits: int = 3) -> str:
     """A few significant digits, no exponent where the number reads well without one."""
     if value is None or not math.isfinite(value):
@@ -65,3 +72,28 @@ def is_share(symbol: str, unit: str) -> bool:
     Pictures and the verdict leave these out: one near 0 has no meaningful error in per cent.
     """
     return "." in symbol and not unit
+
+
+def with_error(value: float, stderr: float | None, spread: float | None = None) -> str:
+    """ "1.513 ± 0.012": the digits that the error warrants, or, where there is none, the spread."""
+    digits = Digits.of_value(value, spread if stderr is None else stderr)
+    return digits(value) + ("" if stderr is None else f" ± {digits(stderr)}")
+
+
+def or_never(value: float | None, digits: int = 3) -> str:
+    """A time; one that never comes is infinite, and null in JSON."""
+    return "never" if value is None or math.isinf(value) else short(value, digits)
+
+
+def between(low: float | None, high: float | None, digits: int = 3) -> str:
+    """ "0.1..0.3", or one number where both ends read alike; an infinite end is "never"."""
+    ends = dict.fromkeys(or_never(end, digits) for end in (low, high))
+    return "..".join(ends)
+
+
+def counted(count: int, thing: str) -> str:
+    """ "1 unit", "2,000 units"."""
+    return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -25,7 +25,7 @@ from ..rig.paper_readings import known
 from ..run_folder.fit import readings_of
 from . import style, traces
 from .drawing import Job
-from .numbers import Digits, is_share, short
+from .numbers import counted, is_share, short, with_error
 from .tables import model_words
 
 _AT_THE_MOTOR = {"K_b": 1, "K_m": 1, "B_m": 2}  # symbol -> power of N that takes it to the plate
@@ -80,7 +80,6 @@ class ParameterPicture:
     """What the picture of the parameters shows.
 
     Args:
-        rig: its name.
         model: in words.
         intervals: by symbol.
         units: SI, by symbol.
@@ -106,12 +105,8 @@ def draw_parameters(picture: ParameterPicture) -> Figure:
     """
     free = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable", "compromise")}
     shown = {s: i for s, i in free.items() if not is_share(s, picture.units[s])}
-    title = style.wrapped(f"{picture.rig}  ·  parameters of {picture.model}", 11.0, 13)
-    head = 0.75 + 0.24 * title.count("\n")
-    tall = 0.75 + head + 0.42 * max(1, len(shown))
-    fig = style.figure(11.0, tall, picture.synthetic)
-    panel = fig.subplots(1, 1)
-    fig.subplots_adjust(left=0.2, right=0.64, top=1.0 - head / tall, bottom=0.62 / tall)
+    title = f"{picture.rig}  ·  parameters of {picture.model}"
+    fig, panel = style.titled(title, 1.6 + 0.42 * max(1, len(shown)), (0.2, 0.64), picture.synthetic)
     panel.axvline(0.0, color="black", lw=0.8)
     others = [(picture.table_2, _TABLE_2), (picture.readings, _READING)]
     for row, (symbol, interval) in enumerate(shown.items()):
@@ -121,12 +116,11 @@ def draw_parameters(picture: ParameterPicture) -> Figure:
         text = _words(interval, picture.units[symbol])
         panel.text(1.02, row, text, transform=panel.get_yaxis_transform(), va="center", fontsize=10)
     _axes(panel, list(shown))
-    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
     known = {symbol for symbol, interval in shown.items() if interval.low is not None}
     for values, mark in reversed(others):
         if values.keys() & known:
             panel.plot([], [], ls="none", **vars(mark))
-    style.legend(fig, [panel], 0.2, 1.0 - (head - 0.37) / tall, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 
@@ -156,11 +150,9 @@ def _relative(value: float, fitted: float) -> float:
 def _words(interval: Interval, unit: str) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of_value(interval.value, interval.spread)
-    spread = "" if interval.stderr is None else f" ± {digits(interval.stderr)}"
     remarks = [interval.remark] if interval.remark else []
     remarks += ["compromise"] if interval.status == "compromise" else []
-    return ", ".join([f"{digits(interval.value)}{spread} {unit}", *remarks])
+    return ", ".join([f"{with_error(interval.value, interval.stderr, interval.spread)} {unit}", *remarks])
 
 
 def _axes(panel: Axes, symbols: list[str]) -> None:
@@ -205,12 +197,8 @@ def briefly(result: FitResult) -> str:
     whole = model_words(result)
     first, *others = whole.split(" + ")
     of_throttle = " + ".join([first, *(name for name in others if name in EFFECT_BY_NAME)])
-    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), f"{first} + {counted(others)}")
-
-
-def counted(effects: Sequence[str]) -> str:
-    """ "2 effects"."""
-    return f"{len(effects)} effect{'s' if len(effects) > 1 else ''}"
+    brief = f"{first} + {counted(len(others), 'effect')}"
+    return next((each for each in (whole, of_throttle) if len(each) <= _BRIEF), brief)
 
 
 def file_name(trace: Trace) -> str:
@@ -254,8 +242,7 @@ def _lines(result: FitResult, test: str) -> tuple[str, ...]:
 def _fitted(interval: Interval) -> str:
     if interval.status == "not identifiable":
         return "not identifiable"
-    digits = Digits.of_value(interval.value, interval.spread)
-    return digits(interval.value) + ("" if interval.stderr is None else f" ± {digits(interval.stderr)}")
+    return with_error(interval.value, interval.stderr, interval.spread)
 
 
 def _units(result: FitResult) -> dict[str, str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..problem.prediction_error import PredictionError, pooled
 from .numbers import short
-from .table import Column, Table
+from .table import Column, Table, role
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def errors_table(rows: Sequence[Entry], compared: bool, file: str = "") -> Table
 
     columns = [
         Column("test", lambda row: row.test, "word"), Column("channel", lambda row: row.channel, "word"),
-        Column("data", lambda row: "held out" if row.held_out else "fitted", "word"),
+        Column("data", lambda row: role(row.held_out), "word"),
         Column("traces", lambda row: row.before.traces, spare=2),
         Column("samples", lambda row: row.before.samples, spare=1),
         *(column(head, of, "rms") for head, of in models.items()),

@@ -72,6 +72,32 @@ def figure(width: float, height: float, synthetic: bool) -> Figure:
     return fig
 
 
+def title(fig: Figure, text: str, x: float = 0.015, bold: bool = False) -> None:
+    """A title a tenth of an inch below the upper edge; x as a part."""
+    fig.suptitle(text, x=x, y=1.0 - 0.1 / fig.get_figheight(), ha="left", va="top", fontsize=13,
+                 fontweight="bold" if bold else "normal")  # fmt: skip
+
+
+def titled(
+    text: str, tall: float, sides: tuple[float, float], synthetic: bool, bold: bool = False
+) -> tuple[Figure, Axes]:
+    """A figure of one panel below a title that is broken to fit; between both is room for `legend_above`.
+
+    Args:
+        text: of the title.
+        tall: inches, with a title of one line.
+        sides: left and right edge of the panel, parts of the width.
+    """
+    head = wrapped(text, 11.0, 13)
+    top = 0.85 + 0.24 * head.count("\n")
+    tall += top - 0.85
+    fig = figure(11.0, tall, synthetic)
+    panel = fig.subplots(1, 1)
+    fig.subplots_adjust(left=sides[0], right=sides[1], top=1.0 - top / tall, bottom=0.62 / tall)
+    title(fig, head, bold=bold)
+    return fig, panel
+
+
 def caution(fig: Figure, said: Sequence[str], y: float) -> None:
     """What a reader must know of the fit behind a picture, on the right below the tag of made-up data; y as a part."""
     text = "\n".join(textwrap.fill(each, 62) for each in said)
@@ -147,6 +173,12 @@ def legend(
     for handle in drawn.legend_handles:
         if isinstance(handle, Line2D):
             handle.set_markersize(7)
+
+
+def legend_above(fig: Figure, panel: Axes) -> None:
+    """The legend of a panel in a line above it."""
+    box = panel.get_position()
+    legend(fig, [panel], box.x0, box.y1 + 0.36 / fig.get_figheight(), "upper left")
 
 
 def wrapped(text: str, width: float, size: float) -> str:

@@ -124,6 +124,11 @@ class Notes:
 Part = Table | Notes
 
 
+def role(held_out: bool) -> str:
+    """Of a trace."""
+    return "held out" if held_out else "fitted"
+
+
 def there(*parts: Part | None) -> list[Part]:
     """Those that hold anything."""
     return [part for part in parts if part is not None and (part.rows if isinstance(part, Table) else part.texts)]
@@ -136,8 +141,3 @@ def text_of(value: Any, digits: int = 3) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return str(value) if isinstance(value, int) else short(value, digits)
-
-
-def or_never(value: float | None, digits: int = 3) -> str:
-    """A time; one that never comes is null in JSON."""
-    return "never" if value is None else short(value, digits)

@@ -13,7 +13,7 @@ from ..estimation.explained import explained, motion_explained, share_of
 from ..estimation.identifiability import listed
 from ..estimation.joint_fit import FitResult
 from ..model.effects import PAPER
-from ..run_folder.fit import keys_of_fit
+from ..run_folder.fit import fit_json
 from .blocks import all_shown, outcome, rig_title, sentences, spaced, stacked
 from .numbers import Digits, short
 from .pool import entries, errors_table
@@ -27,7 +27,7 @@ _Z_95 = 1.96
 
 def fit_table(result: FitResult) -> RenderableType:
     """A fit for stdout: parameters, score, what is not identifiable, starts and warnings."""
-    fit = keys_of_fit(result, "parameters", "lumped", "influence", "only_told_by", "intervals", "budget",
+    fit = fit_json(result, "parameters", "lumped", "influence", "only_told_by", "intervals", "budget",
                       "not_identifiable")  # fmt: skip
     ended = outcome(result.converged, ("Converged", "NOT CONVERGED"),
                     f"{result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}")  # fmt: skip

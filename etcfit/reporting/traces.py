@@ -21,6 +21,7 @@ from ..problem.trace import Trace
 from ..rig.base import AbstractRigTest, Channel, Graph, Measurement, RigConfig
 from . import style
 from .numbers import short
+from .table import role
 
 _LEFT, _RIGHT = 0.105, 0.985  # edges of the panels, shares of the width
 
@@ -41,7 +42,7 @@ def headed(fig: Figure, panels: Sequence[Axes], title: str, line: str) -> Figure
         style.quiet_axis(panel)
     panels[-1].set_xlabel("time [s]")
     _align_labels(fig, panels)
-    fig.suptitle(title, x=_LEFT, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, title, _LEFT)
     fig.text(_LEFT, 1.0 - 0.4 / tall, line, ha="left", va="top", fontsize=10.5)
     style.legend(fig, panels, _RIGHT, 1.0 - 0.4 / tall)
     return fig
@@ -65,8 +66,7 @@ def _align_labels(fig: Figure, panels: Sequence[Axes]) -> None:
 
 def name_of(trace: Trace) -> str:
     """Its file, and whether it was fitted."""
-    role = "held out" if trace.measurement.held_out else "fitted"
-    return f"{trace.measurement.file}  ·  {role}"
+    return f"{trace.measurement.file}  ·  {role(trace.measurement.held_out)}"
 
 
 def source(trace: Trace, name: str) -> Channel:
@@ -107,7 +107,6 @@ class TracePicture:
     """What a trace's picture shows.
 
     Args:
-        trace: as measured.
         predicted: free-run simulation, SI, shape (n, M).
         residual: in sigma, shape (n, M).
         residual_label: what the residual is.
@@ -255,14 +254,7 @@ def draw_test(picture: TestPicture) -> Figure:
 def _test_head(fig: Figure, panels: Sequence[Axes], picture: TestPicture, tall: float) -> None:
     shown, there = sum(panel.axison for panel in panels), len(picture.graphs) or len(picture.traces)
     count = f"  ·  {shown} of {there} shown" if shown < there else ""
-    fig.suptitle(
-        f"{picture.test.title}  ·  {picture.model_words}{count}",
-        x=0.015,
-        y=1.0 - 0.1 / tall,
-        ha="left",
-        va="top",
-        fontsize=13,
-    )
+    style.title(fig, f"{picture.test.title}  ·  {picture.model_words}{count}")
     fig.text(0.015, 1.0 - 0.42 / tall, "\n".join(picture.lines), ha="left", va="top", fontsize=10, linespacing=1.35)
     style.legend(fig, panels, 0.01, 1.0 - (0.47 + 0.2 * len(picture.lines)) / tall, "upper left")
 

@@ -15,7 +15,7 @@ from ..model.ecus import named
 from ..run_folder.pid import design_json
 from .blocks import sentences, shown, spaced, stacked
 from .control.sentence import missed_in_corner, missed_on_nominal, place_of_corner
-from .numbers import short
+from .numbers import between, short
 from .table import Table, of_texts
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from ..control.proposal import GainStep
 
-NAMES = {"present": "present", "half_way": "half way", "proposed": "proposed"}
 _SECONDS = 8.0  # of the held-out part that are drawn
 
 
@@ -70,7 +69,7 @@ def _gains(told: Mapping[str, Any]) -> Table:
         factors = (step["factors"] or {}) if step is not told["steps"][0] else {}
         cells = [short(gain, 4) + (f"  x {factors[key]:.2f}" if factors.get(key) else "")
                  for key, gain in step["gains"].items()]  # fmt: skip
-        rows.append((NAMES[step["name"]], *cells))
+        rows.append((_spoken(step["name"]), *cells))
     head = (f"{name}\n{told['unit'][key]}" for name, key in zip(named(told["ecu"]).gains, "PID", strict=True))
     title = "Gains, as this ECU writes them; x: over the present gain; half way: about the root of that factor"
     return of_texts(title, ("step", *head), rows)
@@ -81,7 +80,7 @@ def _figures(told: Mapping[str, Any]) -> Table:
     for step in steps:
         chances = (None if value is None else f"{value:.2f}"
                    for value in (step["probability_met"], step["probability_better"]))  # fmt: skip
-        rows.append((NAMES[step["name"]], range_of(step["overshoot_pct"]), range_of(step["settling_s"]),
+        rows.append((_spoken(step["name"]), range_of(step["overshoot_pct"]), range_of(step["settling_s"]),
                      short(step["rmse_pct"]), short(step["gain_margin_db"]), short(step["phase_margin_deg"]),
                      *(chance or "-" for chance in chances)))  # fmt: skip
     never = "; never: not before the next step" if any(None in step["settling_s"] for step in steps) else ""
@@ -90,10 +89,14 @@ def _figures(told: Mapping[str, Any]) -> Table:
                   "phase\nmargin deg", "P(meets all\nrequirements)", "P(tracks\nbetter)"), rows)  # fmt: skip
 
 
+def _spoken(name: str) -> str:
+    """Of a step, "half way"."""
+    return name.replace("_", " ")
+
+
 def range_of(each: Sequence[float | None]) -> str:
     """What 95 % of the models that fit do; None is without end."""
-    low, _, high = ("never" if value is None else short(value, 2) for value in each)
-    return low if low == high else f"{low}..{high}"
+    return between(each[0], each[2], 2)
 
 
 def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -222,7 +225,7 @@ def draw_tune(path: Path, found: Any) -> None:
         _steps(fig.add_subplot(grid[1, 0]), found)
         title = f"{found.profile.title}  ·  " + ("NOT FROM THIS LOG: the model is no estimate" if found.why_not else
                                                  "from the log to gains")  # fmt: skip
-        fig.suptitle(title, x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+        style.title(fig, title)
         style.save(fig, path)
 
 
@@ -258,7 +261,7 @@ def _steps(panel: Axes, found: Any) -> None:
     panel.plot(step.time, 100.0 * step.asked, color="black", lw=1.0, ls="--", label="target")
     colours = {"present": style.MEASURED, "half_way": style.CLOSING, "proposed": style.READING}
     for step in found.steps:
-        panel.plot(step.time, 100.0 * step.position, color=colours[step.name], lw=1.6, label=NAMES[step.name])
+        panel.plot(step.time, 100.0 * step.position, color=colours[step.name], lw=1.6, label=_spoken(step.name))
     panel.set_title("large steps, simulated with the fitted model", loc="left", fontsize=10)
     panel.set(xlabel="time [s]", ylabel="throttle [% of travel]", yticks=range(0, 101, 10))
     panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.2)

@@ -6,14 +6,14 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
-from typing import Any, NamedTuple
+from typing import Any
 
 from ..errors import unseen
 from .accuracy import read_accuracy
 from .base import CHANNELS, Fixed, Knowledge, Prior, RigConfig, Start, Tied, TpsCalibration
 from .columns import DROP, HeaderError, parse_header
 from .ecu import read_ecu
-from .toml import Toml, closest, parse, read_text, shown
+from .toml import Limits, Toml, closest, parse, read_text, shown
 from .toml_slips import EXAMPLES as EXAMPLE_VALUES
 from .units import EXAMPLES, UnitError, to_channel
 from .user_text import VISIBLE
@@ -28,22 +28,13 @@ UNIT_SLUGS = {"rad_s": "rad/s", "deg_s": "deg/s", "N_m": "N*m", "mN_m": "mN*m", 
 LEAST_TRAVEL = 0.1  # degrees between the stops
 
 
-class Range(NamedTuple):
-    """Least and greatest value, and the cure for one beyond them."""
-
-    low: float
-    high: float
-    unit: str
-    mend: str
-
-
 # nameplates: limits so wide that only a slip of digits or units lies beyond them, not an unusual rig
-GEAR_RATIO = Range(0.01, 1e4, "", "Count the teeth: motor turns for one turn of the plate, as 20.68.")
-SUPPLY = Range(1.0, 100.0, " V", "Give it in volts, as 12.0.")
-STOP = Range(-3600.0, 3600.0, " degrees", "Give it in degrees, as 90.0; inf and -inf mean no stop.")
-SENSOR = Range(-100.0, 100.0, " V", "Give it in volts, as 4.73.")
-SENSOR_TRAVEL = Range(0.1, 3600.0, " degrees", "Give the angle from closed_V to open_V in degrees, as 90.0.")
-SERIES = Range(0.0, 1e4, " ohm", "Give it in ohms, as 0.5.")
+GEAR_RATIO = Limits(0.01, 1e4, "", "Count the teeth: motor turns for one turn of the plate, as 20.68.")
+SUPPLY = Limits(1.0, 100.0, " V", "Give it in volts, as 12.0.")
+STOP = Limits(-3600.0, 3600.0, " degrees", "Give it in degrees, as 90.0; inf and -inf mean no stop.")
+SENSOR = Limits(-100.0, 100.0, " V", "Give it in volts, as 4.73.")
+SENSOR_TRAVEL = Limits(0.1, 3600.0, " degrees", "Give the angle from closed_V to open_V in degrees, as 90.0.")
+SERIES = Limits(0.0, 1e4, " ohm", "Give it in ohms, as 0.5.")
 
 
 def read_config(path: str | Path) -> RigConfig:
@@ -84,7 +75,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
         synthetic=synthetic,
         gear_ratio=1.0 if gear_ratio is None else gear_ratio,
         gear_ratio_given=gear_ratio is not None,
-        supply_V=within(toml, "rig.supply_V", rig["supply_V"], SUPPLY) if "supply_V" in rig else None,
+        supply_V=toml.within("rig.supply_V", rig["supply_V"], SUPPLY) if "supply_V" in rig else None,
         travel=travel,
         tps=tps,
         columns=_columns(toml),
@@ -104,7 +95,7 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
     """N, given as [rig] gear_ratio or as a parameter; None where it is not."""
     given = {}
     if "gear_ratio" in rig:
-        given["rig.gear_ratio"] = within(toml, "rig.gear_ratio", rig["gear_ratio"], GEAR_RATIO)
+        given["rig.gear_ratio"] = toml.within("rig.gear_ratio", rig["gear_ratio"], GEAR_RATIO)
     if "N" in (parameters := toml.table("parameters")):
         value = parameters["N"]
         inner = value["fixed"] if isinstance(value, dict) and set(value) == {"fixed"} else value
@@ -112,7 +103,7 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
             raise toml.wrong("parameters.N", f"found {shown(value)}.",
                              "The gear ratio is counted in teeth, never fitted.",
                              "Write [rig] gear_ratio = 20.68.")  # fmt: skip
-        given["parameters.N"] = within(toml, "parameters.N", inner, GEAR_RATIO)
+        given["parameters.N"] = toml.within("parameters.N", inner, GEAR_RATIO)
     if len(set(given.values())) > 1:
         raise toml.wrong("parameters.N", f"found {given['parameters.N']:g}, but [rig] gear_ratio is "
                          f"{given['rig.gear_ratio']:g}.", "They are the same quantity.", "Delete one.")  # fmt: skip
@@ -131,7 +122,7 @@ def _travel(toml: Toml, rig: Mapping[str, Any]) -> tuple[float, float]:
                          "Swap them, or correct them.")  # fmt: skip
     for stop in (closed, opened):
         if math.isfinite(stop):
-            within(toml, "rig.travel_deg", stop, STOP)
+            toml.within("rig.travel_deg", stop, STOP)
     if opened - closed < LEAST_TRAVEL:
         raise toml.wrong("rig.travel_deg", f"found {shown(value)}.",
                          f"The stops must lie {LEAST_TRAVEL:g} degrees apart, or more.", STOP.mend)  # fmt: skip
@@ -151,11 +142,11 @@ def _tps(toml: Toml) -> TpsCalibration | None:
                 f"Add {key} = {EXAMPLE_VALUES[key]}, or put a # before every line of [tps].",
             )
     # a sensor that falls while the plate opens is the second track of many throttles; closed_V > open_V says so
-    closed, opened = (within(toml, f"tps.{key}", table[key], SENSOR) for key in TPS_KEYS[:2])
+    closed, opened = (toml.within(f"tps.{key}", table[key], SENSOR) for key in TPS_KEYS[:2])
     if abs(opened - closed) < LEAST_TPS_VOLTS:
         raise toml.wrong("tps.open_V", f"found {shown(opened)}, the same as closed_V.", "The two ends must differ.",
                          "Measure the sensor at both stops.")  # fmt: skip
-    travel = within(toml, "tps.travel_deg", table["travel_deg"], SENSOR_TRAVEL)
+    travel = toml.within("tps.travel_deg", table["travel_deg"], SENSOR_TRAVEL)
     return TpsCalibration(closed, opened, math.radians(travel))
 
 
@@ -217,7 +208,7 @@ def _series_ohm(toml: Toml) -> dict[str, float | None]:
             if isinstance(value, str) or (number := toml.finite(key, value)) < 0:
                 raise toml.wrong(key, f"found {shown(value)}.", 'It must be "free" or a number of ohms, 0 or more.',
                                  "Correct it.")  # fmt: skip
-            series[test] = within(toml, key, number, SERIES)
+            series[test] = toml.within(key, number, SERIES)
     return series
 
 
@@ -262,17 +253,3 @@ def _refuse_circles(toml: Toml, known: Mapping[str, Knowledge]) -> None:
                                  "One of them must be free or have a value.", "Untie one.")  # fmt: skip
             seen.append(knowledge.to)
             knowledge = known.get(knowledge.to, Start(0.0))
-
-
-def within(toml: Toml, key: str, value: Any, limits: Range) -> float:
-    """A number that a rig can have.
-
-    Raises:
-        MeasurementError: it is none, not finite, or lies beyond the limits.
-    """
-    number = toml.positive(key, value) if limits.low > 0.0 else toml.finite(key, value)
-    if not limits.low <= number <= limits.high:
-        raise toml.wrong(key, f"found {shown(value)}.",
-                         f"It must lie between {limits.low:g} and {limits.high:g}{limits.unit}.",
-                         limits.mend)  # fmt: skip
-    return number

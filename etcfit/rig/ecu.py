@@ -9,21 +9,23 @@ from typing import Any
 
 from ..model.ecu import ERRORS, FORMS, OUTPUTS, BiasPoints, Ecu, Notation, Terms
 from .base import Fixed, Knowledge, Prior, Start
-from .toml import Toml, shown
+from .toml import Limits, Toml, shown
 
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
 TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
 SUPPLY_SD = 0.1  # of the supply under load, a share of the nameplate's
-MOST_MS = 1000.0  # of any time in it
-LIMITS: Mapping[str, tuple[str, float, float]] = {
-    "duty": ("duty", 1.0, 1.0),
-    "integral": ("integral", 1.0, 10.0),
-    "slew_V_per_s": ("slew", 1.0, 1e6),
-    "dead_band_deg": ("dead_band", math.pi / 180.0, 90.0),
-    "setpoint_weight": ("setpoint_weight", 1.0, 1.0),
-    "derivative_weight": ("derivative_weight", 1.0, 1.0),
+CLOCK = Limits(0.01, 1000.0, " ms", "Correct it; an ECU's clock ticks every 1 to 10 ms.")
+TIME = CLOCK._replace(low=0.0)
+_MEND = "Correct it, or leave it out."
+LIMITS: Mapping[str, tuple[str, float, Limits]] = {
+    "duty": ("duty", 1.0, Limits(1e-3, 1.0, "", _MEND)),  # one of 0 would be no output at all
+    "integral": ("integral", 1.0, Limits(0.0, 10.0, "", _MEND)),
+    "slew_V_per_s": ("slew", 1.0, Limits(0.0, 1e6, "", _MEND)),
+    "dead_band_deg": ("dead_band", math.pi / 180.0, Limits(0.0, 90.0, "", _MEND)),
+    "setpoint_weight": ("setpoint_weight", 1.0, Limits(0.0, 1.0, "", _MEND)),
+    "derivative_weight": ("derivative_weight", 1.0, Limits(0.0, 1.0, "", _MEND)),
 }
-"""Key -> what `Ecu` calls it, its unit in SI, and the largest number that it may be."""
+"""Key -> what `Ecu` calls it, its unit in SI, and what it may be."""
 KEYS = ("P", "I", "D", "unit", "form", "period_ms", *TIMES, *LIMITS, "bias_percent")
 
 
@@ -49,10 +51,10 @@ def read_ecu(
     if supply is None:
         raise toml.wrong("ecu", "no [rig] supply_V.", "An ECU's output is clamped at the supply.",
                          "Add supply_V = 12.0 below [rig].")  # fmt: skip
-    period = _ms(toml, "period_ms", table["period_ms"], least=0.01)
-    given = {field: _ms(toml, key, table[key]) for key, field in TIMES.items() if key in table}
-    given |= {field: unit * _within(toml, key, table[key], most)
-              for key, (field, unit, most) in LIMITS.items() if key in table}  # fmt: skip
+    period = 1e-3 * toml.within("ecu.period_ms", table["period_ms"], CLOCK)
+    given = {field: 1e-3 * toml.within(f"ecu.{key}", table[key], TIME) for key, field in TIMES.items() if key in table}
+    given |= {field: unit * toml.within(f"ecu.{key}", table[key], allowed)
+              for key, (field, unit, allowed) in LIMITS.items() if key in table}  # fmt: skip
     ecu = Ecu(period, toml.positive("rig.supply_V", supply), **given)
     notation = _notation(toml, table, travel)
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
@@ -69,24 +71,6 @@ def read_ecu(
             raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
                              "Delete it here.")  # fmt: skip
     return ecu, notation if "unit" in table else None, gains, _bias(toml, table.get("bias_percent", []), travel)
-
-
-def _ms(toml: Toml, key: str, value: Any, least: float = 0.0) -> float:
-    """A time, ms in the file, s here."""
-    number = toml.finite(f"ecu.{key}", value)
-    if not least <= number <= MOST_MS:
-        raise toml.wrong(f"ecu.{key}", f"found {shown(value)}.", f"It must lie within {least:g} and {MOST_MS:g} ms.",
-                         "Correct it; an ECU's clock ticks every 1 to 10 ms.")  # fmt: skip
-    return 1e-3 * number
-
-
-def _within(toml: Toml, key: str, value: Any, most: float) -> float:
-    """What limits it: a number from 0 to the largest; a largest duty of 0 would be no output at all."""
-    number = toml.finite(f"ecu.{key}", value)
-    if not 0.0 <= number <= most or (key == "duty" and number == 0.0):
-        raise toml.wrong(f"ecu.{key}", f"found {shown(value)}.", f"It must lie within 0 and {most:g}.",
-                         "Correct it, or leave it out.")  # fmt: skip
-    return number
 
 
 def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> BiasPoints:

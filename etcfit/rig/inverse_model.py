@@ -80,16 +80,6 @@ class Equations:
         return float(np.linalg.norm(self.right - self.rows @ np.asarray(lumped)) / np.linalg.norm(self.right))
 
 
-def relative_torque_error(trace: Measurement, lumped: Mapping[str, float]) -> float:
-    """|torque - prediction| / |torque| of a torque-driven trace at values of `LUMPED`, absent ones 0.
-
-    Rest and stops count; 1/bandwidth at each end, where the filters have no data, and logging gaps do not.
-    Source: Janot, Gautier, Brunot 2019, who publish 4.0834 % on the EMPS data and 5.9824 % on its pulses. Differs from
-    source: they drop the first border only.
-    """
-    return equations(trace, trace.channels["torque"]).error([lumped.get(symbol, 0.0) for symbol in LUMPED])
-
-
 def equations(trace: Measurement, right: Channel, config: RigConfig | None = None) -> Equations:
     """Filtered regressors and right-hand side of a trace; with a rig, without rest and stops."""
     position = trace.channels["position"]

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import MeasurementError
 from ..files import read_regular
@@ -18,6 +18,15 @@ from .toml_slips import DOTS_FOUND, DOTS_REQUIRED, filled, left_blank, slip
 from .user_text import toml_string
 
 MOST_BYTES = 16_000_000  # of a rig.toml: an import notes every guess in it, some 100 bytes a column
+
+
+class Limits(NamedTuple):
+    """Least and greatest value, and the cure for one beyond them."""
+
+    low: float
+    high: float
+    unit: str
+    mend: str
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,15 @@ class Toml:
         number = self.finite(key, value)
         if number <= 0:
             raise self.wrong(key, f"found {shown(value)}.", "It must be above 0.", "Correct it, or leave the key out.")
+        return number
+
+    def within(self, key: str, value: Any, limits: Limits) -> float:
+        """A number that a rig can have."""
+        number = self.positive(key, value) if limits.low > 0.0 else self.finite(key, value)
+        if not limits.low <= number <= limits.high:
+            raise self.wrong(key, f"found {shown(value)}.",
+                             f"It must lie between {limits.low:g} and {limits.high:g}{limits.unit}.",
+                             limits.mend)  # fmt: skip
         return number
 
     def string(self, key: str, value: Any) -> str:

@@ -44,8 +44,6 @@ def save(path: Path, value: Any, known: Mapping[str, Any] | None = None) -> None
     """Write an object, whole or not at all.
 
     Args:
-        path: of the file.
-        value: what to write.
         known: objects that are saved elsewhere, by name; where one of them is met its name is written.
     Raises:
         TypeError: part of it is of a kind that cannot be written.
@@ -58,7 +56,6 @@ def load(path: Path, known: Mapping[str, Any] | None = None) -> Any:
     """Read an object that `save` wrote.
 
     Args:
-        path: of the file.
         known: objects that were saved elsewhere, by the names given to `save`.
     Raises:
         Unreadable: no such file, not whole, or written by another version.
@@ -99,10 +96,6 @@ def _write(path: Path, value: Any, known: Mapping[str, Any]) -> None:
 
 def _array(content: bytes) -> np.ndarray:
     return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
-
-
-def _is_named_tuple(value: Any) -> bool:
-    return isinstance(value, tuple) and hasattr(value, "_fields")
 
 
 def _name(kind: type) -> str:
@@ -165,7 +158,7 @@ class _Writer:
         if dataclasses.is_dataclass(value):
             fields = [field.name for field in dataclasses.fields(value)]
             return ["object", _name(type(value)), {name: self.encode(getattr(value, name)) for name in fields}]
-        if _is_named_tuple(value):
+        if isinstance(value, tuple) and hasattr(value, "_fields"):
             return ["named", _name(type(value)), {name: self.encode(v) for name, v in value._asdict().items()}]
         if type(value).__module__.partition(".")[0] == _PACKAGE and not getattr(value, "__dict__", {}):
             return ["plain", _name(type(value))]

@@ -82,7 +82,6 @@ def settle(run: Path, finish: Callable[[Path, Mapping[str, Any]], None] = lambda
     """Put files that count in their places, where that was not done yet.
 
     Args:
-        run: the run folder.
         finish: does what was noted, from RUN and the note, once the files are there; it may be done again.
     Raises:
         Busy: another process has been doing so for very long.

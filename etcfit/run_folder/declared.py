@@ -8,8 +8,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+import linecache
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from inspect import cleandoc, getfile
+from types import NoneType
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from ..model.figure import figures_of
 
@@ -39,11 +46,12 @@ class Record:
 
     def within(self, path: str) -> dict[str, Key]:
         """Its keys, for a record of which it is a part: taken from that attribute, dotted, of what the other is of."""
-        return {name: each.taken_from(_beyond(path, each.source)) for name, each in self.keys.items()}
+        return {name: each.taken_from(lambda source, own=each.source: _taken(_taken(source, path), own))
+                for name, each in self.keys.items()}  # fmt: skip
 
-    def written(self, source: Any) -> dict[str, Any]:
-        """The object of what it is taken from; a mapping that lacks a key leaves it out."""
-        every = {name: each.value(source) for name, each in self.keys.items()}
+    def written(self, source: Any, *names: str) -> dict[str, Any]:
+        """The object of what it is taken from, or these keys of it; a mapping that lacks a key leaves it out."""
+        every = {name: self.keys[name].value(source) for name in names or self.keys}
         return {name: value for name, value in every.items() if value is not _ABSENT}
 
     def schema(self) -> dict[str, Any]:
@@ -177,6 +185,92 @@ def figures(result: Any, meaning: str, symbols: Iterable[str] | None = None, ref
     return Record(meaning, ref, **{s: key("number?", f"{declared[s].meaning} In {declared[s].unit}.") for s in shown})
 
 
+def record_of(
+    result: Any,
+    null: Collection[str] = (),
+    optional: Collection[str] = (),
+    without: Collection[str] = (),
+    shares: Collection[str] = (),
+    ref: str = "",
+    **others: Key,
+) -> Record:
+    """The fields of a dataclass, each with its type and, as its meaning, the comment that stands at it.
+
+    Args:
+        result: the class.
+        null: fields that may be infinite or NaN, or hold such numbers, which JSON has as null.
+        optional: that may be absent, see `key`.
+        without: that are not written.
+        shares: that lie from 0 to 1, or hold such numbers.
+        ref: see `Record`.
+        others: keys in place of a field's, or behind them.
+    """
+    said, hints, keys = _said_of_fields(result), get_type_hints(result), {}
+    for name in (each.name for each in fields(result) if each.name not in without):
+        kind, more = _kind(hints[name])
+        if name in null and isinstance(kind, str):
+            kind = (
+                re.sub(r"number(?!\?)(?=[\]}])", "number?", kind) if kind[0] in "[{" else f"{kind.removesuffix('?')}?"
+            )
+        if name in shares:
+            within = {"minimum": 0, "maximum": 1}
+            more |= {"each": within} if isinstance(kind, str) and kind[0] in "[{" else within
+        keys[name] = others.get(name) or key(kind, said.get(name, ""), optional=name in optional, **more)
+    return Record(cleandoc(result.__doc__).partition("\n")[0], ref, **keys | others)
+
+
+def _said_of_fields(result: Any) -> dict[str, str]:
+    """What the docstring of a class has under Args, or else the comment behind a field or above it.
+
+    A comment that begins with names is of all of these. What is None, NaN or infinite there is null in JSON.
+    """
+    section = cleandoc(result.__doc__).partition("Args:\n")[2]
+    listed = re.findall(r"^    (\w[\w, ]*): (.*(?:\n {8}.*)*)", section, re.MULTILINE)
+    said = {name: " ".join(text.split()) for names, text in listed for name in names.split(", ")}
+    source = "".join(linecache.getlines(getfile(result))).partition(f"\nclass {result.__name__}")[2]
+    body, own, above = re.split(r"\n    (?:def|@)|\n(?=\S)", source)[0], result.__annotations__, list[str]()
+    for line in body.splitlines():
+        field = re.match(r"    (\w+): [^#]*(?:#  ?(.*))?", line)
+        if comment := re.match(r"    # (.*)", line):
+            above.append(comment[1])
+        elif field and field[1] in own:
+            text = " ".join(above) or field[2] or ""
+            several = re.match(r"((?:\w+, )*\w+): (.*)", text)
+            names = several[1].split(", ") if several else []
+            of_names = bool(names) and all(name in own for name in names)
+            said |= dict.fromkeys(names, several[2]) if several and of_names else {field[1]: text} if text else {}
+            above = []
+    return {name: _sentence(text) for name, text in said.items()}
+
+
+def _sentence(text: str) -> str:
+    text = re.sub(r"\b(None|NaN|infinite)\b", "null", text).removesuffix(".") + "."
+    return text if re.match(r"s\b", text) else text[0].upper() + text[1:]
+
+
+_KINDS = {float: "number", int: "whole", bool: "flag", str: "text", np.ndarray: "[number]"}
+
+
+def _kind(hint: Any) -> tuple[str | Record | Many, dict[str, Any]]:
+    """What `key` calls a type, and further keywords for it."""
+    inner = [each for each in get_args(hint) if each not in (NoneType, Ellipsis)]
+    if hint in _KINDS:
+        return _KINDS[hint], {}
+    if get_origin(hint) is Literal:
+        return "text", {"enum": inner}
+    if NoneType in get_args(hint):
+        kind, more = _kind(inner[0])
+        return (f"{kind}?", more) if isinstance(kind, str) else (kind, {"null": True})
+    if is_dataclass(hint):
+        return record_of(hint), {}
+    kind, _ = _kind(inner[-1])
+    listed = get_origin(hint) is tuple
+    if isinstance(kind, Record):
+        return (list_of if listed else by_name)(kind), {}
+    pair = {} if not listed or Ellipsis in get_args(hint) else {"minItems": len(inner), "maxItems": len(inner)}
+    return f"[{kind}]" if listed else f"{{{kind}}}", pair
+
+
 def schema_of_file(kind: str, record: Record) -> dict[str, Any]:
     """The JSON schema of a file of one kind; it welcomes keys of later versions."""
     stamp = key("text", "Kind and version of this file.", const=f"etcfit.{kind}/1").schema()
@@ -193,10 +287,6 @@ def schema_of_file(kind: str, record: Record) -> dict[str, Any]:
         "additionalProperties": True,
         **({"$defs": refs} if refs else {}),
     }
-
-
-def _beyond(path: str, own: Source) -> Callable[[Any], Any]:
-    return lambda source: _taken(_taken(source, path), own)
 
 
 def _taken(source: Any, where: Source) -> Any:

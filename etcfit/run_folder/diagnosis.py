@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..diagnosis.findings import Diagnosis
+from ..diagnosis.findings import Candidate, Diagnosis, Question, SetTried, Share, Statement, Whiteness
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..errors import command
@@ -16,17 +16,19 @@ from ..estimation.intervals import intervals
 from ..estimation.result import FitResult
 from ..files import plain, put_aside
 from . import codec
-from .declared import Record, by_name, key, list_of
+from .declared import Record, by_name, key, list_of, record_of
 from .fit import AGREEMENT, PARAMETER, ROW, SCORE, described, rows_of, score_of
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
 from .shared import CONVERGED, FILES, FOLDER, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS, effects_of
 
 
-def diagnosis_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The object of diagnosis.json. Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers
-    are in the unit that stands beside them.
+def diagnosis_json(diagnosis: Diagnosis, *keys: str) -> dict[str, Any]:
+    """The object of diagnosis.json, or some keys of it.
+
+    Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that
+    stands beside them.
     """
-    return plain(DIAGNOSIS.written(diagnosis))
+    return plain(DIAGNOSIS.written(diagnosis, *keys))
 
 
 def _rounds(found: Diagnosis) -> list[dict[str, Any]]:
@@ -47,41 +49,14 @@ def _mistakes(found: Diagnosis) -> list[dict[str, Any]]:
 EFFECTS = Record(
     effects=key("[text]", "Names, those of Eqs. 1-2 among them.", effects_of),
 )  # fmt: skip
-EVIDENCE = Record(
-    "One channel of one trace.", "evidence",
-    file=key("text", "The trace."),
-    test=key("text", "Rig test."),
-    channel=key("text", "Quantity."),
-    n=key("whole", "Samples."),
-    rms=key("number?", "Of the whitened residual; 1 where nothing is missing."),
-    ljung_box=key("number?", "p-value of Ljung and Box's test of no autocorrelation."),
-    strongest=key("text", "The signal that the residual goes along with most: input, speed, sign of speed, angle, "
-        "current or time."),
-    correlation=key("number?", "With that signal."),
-    p=key("number?", "Its p-value, corrected for the number of signals tried."),
-    white=key("flag", "Neither too large, nor correlated."),
-)  # fmt: skip
-SHARE = Record(
-    "One share.",
-    enters=key("text", "torque or voltage."),
-    axis=key("text", "angle, speed, current, load or time."),
-    share=key("number?", "Of the variance, taken away by a smooth curve over the axis."),
-)  # fmt: skip
-CANDIDATE = Record(
-    "One effect of the catalogue in one round.", "candidate",
-    effect=key("text", "Name."),
-    screened=key("number?", "By how much the score test expects it to lower chi2.", optional=True),
-    own=key("number?", "Share of its signature that no fitted parameter can imitate; 0 means it is the same as a "
-        "shift of those.", optional=True),
-    refitted=key("flag", "Whether it was refitted in full; the next four are null where not.", optional=True),
-    fit_rms_ratio=key("number?", "Free-running error of the fitted traces with it over that without it."),
-    holdout_rms_ratio=key("number?", "The same of the held-out traces; null where there are none."),
-    holdout_chi2_change=key("number?", "Change of chi2 of the held-out residual.", optional=True),
-    bic_change=key("number?", "Change of the Bayesian information criterion, `prior` included; below -10 it is worth "
-        "its parameters."),
-    prior=key("number?", "-2 ln prior of a mistake of the rig of this size; 0 of other effects. Not written by every "
-        "version.", optional=True),
-)  # fmt: skip
+EVIDENCE = record_of(Whiteness, null=("rms", "ljung_box", "correlation", "p"), ref="evidence")
+SHARE = record_of(Share, null=("share",))
+CANDIDATE = record_of(
+    Candidate,
+    null=("screened", "own"),
+    optional=("screened", "own", "refitted", "holdout_chi2_change", "prior"),
+    ref="candidate",
+)
 ROUND = Record(
     "One turn.",
     effects=key("[text]", "The model it began with."),
@@ -97,13 +72,7 @@ ROUND = Record(
     ties=key("[text]", "Effects that would have done as well.", optional=True),
     why=key("text", "One sentence."),
 )  # fmt: skip
-SET = Record(
-    "One set.",
-    effects=key("[text]", "Names; all that were found from there on."),
-    bic_change=key("number?", "Of taking it in place of what the rounds found; null where they do not compare: one is "
-        "far from its data, or one of the pair is not worth its parameters."),
-    taken=key("flag", "Whether it was."),
-)  # fmt: skip
+SET = record_of(SetTried)
 SHAPE = Record(
     axis=key("[number]", "Where."),
     axis_unit=key("text", "Of it."),
@@ -123,21 +92,12 @@ UNEXPLAINED = Record(
     doubts=key("[text]", "Named effects that it replaces as well as they explain the data: they are not proven.",
         optional=True),
 )  # fmt: skip
-STATEMENT = Record(
-    effect=key("text", "Name."),
-    probability=key("number", "That it is there, given the data.", minimum=0, maximum=1),
+STATEMENT = record_of(
+    Statement,
+    shares=("probability",),
     certainty=key("text", "found from 0.90, probably from 0.70, may be below.", enum=["found", "probably", "may be"]),
-    acted_on=key("flag", "It is likely enough to change something because of it (`settings.suspicion`)."),
-    instead=key("{number}", "Probability of what else could explain the same misfit, by name, the likeliest first.",
-        each={"description": "Probability."}),
-    told_by=key("text", "Which measurement would tell."),
-    sentence=key("text", "All that in words."),
-)  # fmt: skip
-QUESTION = Record(
-    asks=key("text", "The question in words."),
-    answers=key("{number}", "Probability of each answer; they exclude each other and add up to one.",
-        each={"description": "Probability.", "minimum": 0, "maximum": 1}),
-)  # fmt: skip
+)
+QUESTION = record_of(Question, shares=("answers",))
 DISCREPANCY = Record(
     "One curve.",
     enters=key("text", '"torque", "friction", "voltage" or "position".'),
@@ -238,7 +198,6 @@ class KeptRounds:
 
     Args:
         run: the run folder, which holds the fit.
-        result: that fit.
     """
 
     remark = ""  # that rounds which were there could not be taken up, and where they lie now

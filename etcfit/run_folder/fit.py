@@ -7,14 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from ..estimation.agreement import Pull
+from ..estimation.contradiction import Contradiction
 from ..estimation.explained import Explained, by_place, explained, share_of
 from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
-from ..estimation.result import FitResult, Reason
+from ..estimation.result import FitResult, Reason, StartSummary
 from ..files import plain
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
-from .declared import Record, by_name, key, list_of
+from .declared import Record, by_name, key, list_of, record_of
 from .shared import CONVERGED, FILES, FOLDER, MODEL, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
@@ -23,14 +25,9 @@ _STATISTICAL, _STATED = "statistical only", "statistical and stated accuracy"
 _LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
 
 
-def fit_json(result: FitResult) -> dict[str, Any]:
-    """The object of fit.json."""
-    return plain(FIT.written(result))
-
-
-def keys_of_fit(result: FitResult, *keys: str) -> dict[str, Any]:
-    """Some keys of fit.json."""
-    return plain(Record("", "", **{name: FIT.keys[name] for name in keys}).written(result))
+def fit_json(result: FitResult, *keys: str) -> dict[str, Any]:
+    """The object of fit.json, or some keys of it."""
+    return plain(FIT.written(result, *keys))
 
 
 def ends(interval: Interval) -> list[float] | None:
@@ -133,27 +130,10 @@ PARAMETER = Record(
     remark=key("text", "What else must be known of it, such as: at its bound, or K_m = K_b. Absent where there is "
         "nothing to say.", lambda each: each["remark"] or None, optional=True),
 )  # fmt: skip
-PULL = Record(
-    "One influence.",
-    test=key("text", "Which rig test is left out."),
-    file=key("text?", "Which file of it; null for the whole test."),
-    parameter=key("text", "Symbol."),
-    pull=key("number", "By how much leaving it out would move the parameter, in standard errors of noise alone (not "
-        "widened)."),
-)  # fmt: skip
-CONTRADICTION = Record(
-    "One test.",
-    test=key("text", "The rig test."),
-    parameter=key("text", "The parameter that it pulls most, symbol."),
-    pull=key("number", "By how much leaving the test out moves it, in standard errors of noise alone."),
-    value=key("number", "Of that parameter, with the test."),
-    without=key("number", "And without it: the fit made again to the other tests."),
-    unit=key("text", "SI unit of both."),
-    p=key("number", "Probability of so large a disagreement, or a larger one, where there is none.",
-        minimum=0, maximum=1),
-    share=key("number", "Share of the misfit that is gone if this test may have parameters of its own.",
-        minimum=0, maximum=1),
-)  # fmt: skip
+PULL = record_of(Pull, without=("moved",))
+CONTRADICTION = record_of(
+    Contradiction, without=("moved",), shares=("p", "share"), unit=key("text", "SI unit of value and without.")
+)
 BUDGET = Record(
     "One parameter.",
     stderr_statistical=key("number?", "Standard error without the instruments' accuracy, SI."),
@@ -193,13 +173,7 @@ DIRECTION = Record(
         lambda found: None if found["null"] else found["sd"]),
     says=key("text", "The same in words, with the measurement that would tell."),
 )  # fmt: skip
-START = Record(
-    "One start.",
-    name=key("text", "reading, or the number of a scattered start."),
-    chi2_before=key("number?", "Sum of squares before."),
-    chi2_after=key("number?", "And after."),
-    steps=key("whole", "Levenberg-Marquardt steps."),
-)  # fmt: skip
+START = record_of(StartSummary, null=("chi2_before", "chi2_after"))
 SENSOR = Record(
     "One sensor.",
     test=key("text", "Rig test."),

@@ -15,14 +15,16 @@ from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
 from ..files import plain, whole, write_json
 from ..fleets.line import FIGURE_BY_NAME, FigureResult, Spread
-from ..fleets.statistics.charts import DECISION, run_length
+from ..fleets.statistics.capability import Capability, Gauge
+from ..fleets.statistics.charts import DECISION, Drift, run_length
+from ..fleets.statistics.odd import EffectInFleet, OddUnit, TraceScore
 from ..fleets.study import FleetStudy
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
 from ..rig.toml import Toml, written
 from .commit import settle
-from .declared import Record, by_name, key, list_of
+from .declared import Record, by_name, key, list_of, record_of
 from .manifest import FLEET
 from .reading import object_in
 from .shared import SYNTHETIC, VERSIONS
@@ -41,7 +43,6 @@ class FleetFiles:
     """What lies in the run folder of a fleet.
 
     Args:
-        content: fleet.json.
         units: units.parquet, one row a unit and symbol.
     """
 
@@ -53,8 +54,6 @@ def save_fleet(run: Path, study: FleetStudy, rig: Toml, pages: Mapping[str, str]
     """Write both files, each whole or not at all.
 
     Args:
-        run: the run folder.
-        study: what is known.
         rig: tables of one unit's rig.toml, for whoever designs for the fleet.
         pages: odd unit -> its page, below the run folder.
     """
@@ -210,7 +209,6 @@ def figures_over(
     """Each figure of every unit of which it can be told, and over the ordinary ones; `why` it cannot of the others.
 
     Args:
-        units: their names.
         measured: what `fleets.line.measured` gave.
         odd: names of units that do not count in mean and spread.
     """
@@ -263,47 +261,18 @@ CORRELATION = Record(
     symbols=key("[text]", "Rows and columns."),
     matrix=key("[[number?]]", "Row by row; null where it is not known.", "correlation"),
 )  # fmt: skip
-TRACE = Record(
-    "One trace.",
-    file=key("text", "Below the unit's folder."),
-    misfit=key("number?", "Root mean square of the whitened residual; 1 where the model explains all."),
-    z=key("number?", "The misfit against that of the fleet's other units, in robust standard deviations."),
-)  # fmt: skip
-ODD = Record(
-    "One unit.",
-    unit=key("text", "Its name."),
-    distance=key("number", "Mahalanobis distance from the population, in standard deviations of an ordinary unit."),
-    rank=key("whole", "Directions in which the distance is measured: an ordinary unit has about the square root of "
-        "it."),
-    p=key("number?", "That an ordinary unit is as odd, by its parameters or by its traces."),
-    rate=key("number?", "Least rate of false ones (Benjamini and Hochberg) at which it would still be called odd."),
-    symbols=key("[text]", "The parameters that make it odd."),
-    scores=key("{number}", "By symbol: distance from the mean, in standard deviations."),
-    drives=key("{number?}", "By symbol: its share of the distance, signed."),
-    misfit=key("number?", "chi2 per degree of freedom against those of the fleet, in robust standard deviations; 0 "
-        "where none is known."),
-    traces=key(list_of(TRACE), "The traces that make it odd."),
-    why=key("text", "In words."),
-)  # fmt: skip
-EFFECT = Record(
-    "One effect.",
-    units=key("[text]", "Those that have it."),
-    of=key("whole", "Number of units that were asked."),
-    median=key("number?", "Strength over the units that have it."),
-    symbol=key("text?", "The parameter that is its strength."),
-    unit=key("text?", "Unit of the strength."),
-    strength=key("{number?}", "By unit."),
-)  # fmt: skip
-DRIFT = Record(
-    "One change.",
-    symbol=key("text", "What changed."),
+UNIT = key("text", "Unit of measure, SI.")
+TRACE = record_of(TraceScore, null=("misfit", "z"))
+ODD = record_of(
+    OddUnit, null=("p", "rate", "drives", "misfit"), traces=key(list_of(TRACE), "The traces that make it odd.")
+)
+EFFECT = record_of(EffectInFleet, null=("median", "strength"), without=("effect", "p"), unit=key("text?", UNIT.meaning))
+DRIFT = record_of(
+    Drift,
+    null=("size_sd", "p"),
     since=key("text", "First unit after it; of a trend the first of all."),
-    kind=key("text", '"step" or "trend".'),
-    size=key("number", "After less before; of a trend over all units."),
-    size_sd=key("number?", "In standard deviations between units."),
-    p=key("number?", "Of a change as large by chance."),
-    unit=key("text", "Unit of the size, SI."),
-)  # fmt: skip
+    unit=UNIT,
+)
 CHART = Record(
     "One chart.",
     unit=key("text", "Unit of measure, SI."),
@@ -321,45 +290,13 @@ CHART = Record(
     run_length=key("number?", "Mean number of units between false alarms of the cumulative sums.",
         lambda _: run_length()),
 )  # fmt: skip
-CAPABILITY = Record(
-    "One of them.",
-    unit=key("text", "Unit of measure, SI."),
-    low=key("number?", "Lower limit, SI; null without one."),
-    high=key("number?", "Upper limit, SI; null without one."),
-    mean=key("number?", "Of the units."),
-    sd=key("number?", "Between units."),
-    cp=key("number?", "(high - low) / (6 sd); null with one limit."),
-    cp_ci95=key("[number?]?", "Its 95 % interval.", minItems=2, maxItems=2),
-    cpk=key("number?", "Distance of the mean from the nearer limit over 3 sd."),
-    cpk_ci95=key("[number?]?", "Its 95 % interval.", minItems=2, maxItems=2),
-    outside=key("number?", "Share of units expected outside the limits."),
-    outside_ci95=key("[number?]?", "Its 95 % interval."),
-)  # fmt: skip
-GAUGE = Record(
-    "One parameter.",
-    unit=key("text", "Unit of measure, SI."),
-    repeatability=key("number?", "Same part, rig and operator."),
-    rig=key("number?", "Between rigs."),
-    operator=key("number?", "Between operators."),
-    reproducibility=key("number?", "Rig and operator together."),
-    part=key("number?", "Between parts."),
-    total=key("number?", "All together."),
-    rr_percent=key("number?", "Repeatability and reproducibility, per cent of the total."),
-    ndc=key("number?", "Number of distinct categories."),
-    parts=key("whole", "Number of parts that were measured again."),
-    measurements=key("whole", "How many measurements of them."),
-    untold=key("[text]", "What cannot be told apart, a sentence each."),
-)  # fmt: skip
-SPREAD = Record(
-    "One figure.",
-    mean=key("number?", "Of the units."),
-    sd=key("number?", "Between units."),
-    low=key("number?", "2.5 % of the units are below."),
-    high=key("number?", "97.5 % of the units are below."),
-    unit=key("text", "Unit of measure, SI."),
-    told=key("whole", "Number of units that have one."),
-    why=key("text", "Why the others have none; empty where all have."),
-)  # fmt: skip
+CAPABILITY = record_of(
+    Capability,
+    null=("low", "high", "mean", "sd", "cp_ci95", "cpk", "cpk_ci95", "outside", "outside_ci95"),
+    unit=UNIT,
+)
+GAUGE = record_of(Gauge, null=("repeatability", "part", "total", "rr_percent", "ndc"), unit=UNIT)
+SPREAD = record_of(Spread)
 FIGURE = Record(
     "One figure.",
     meaning=key("text", "In words."),

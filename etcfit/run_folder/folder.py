@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 
 
 class RunFolder:
-    """RUN and the models in it; each is loaded once, or never where it was made here.
-
-    Args:
-        path: of the folder, which need not be there yet.
-    """
+    """RUN and the models in it; each is loaded once, or never where it was made here."""
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)

@@ -38,6 +38,11 @@ FLEET = "fleet.json"  # of many units; its run folder has no manifest
 CONVERGED, NOT_CONVERGED = 0, 3  # exit statuses of a stage, by the model that it shows
 
 
+def failure_of(converged: bool, reason: str) -> str:
+    """Why the model that is shown did not converge, or ""."""
+    return "" if converged else f"the fit of the model that is shown did not converge: {reason}"
+
+
 @dataclass(frozen=True)
 class StageFiles:
     """What a stage makes, and from what.

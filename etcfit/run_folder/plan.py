@@ -14,12 +14,12 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..experiment.advice import Advice
-from ..experiment.campaign import Campaign, PlannedTest, band, logger
+from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, band, logger
 from ..experiment.candidates import FULL, Played
 from ..files import held, plain, write_json
 from ..rig.config import parse_config
 from ..rig.user_text import c_comment, hash_comment
-from .declared import Record, by_name, key, list_of
+from .declared import Record, by_name, key, list_of, record_of
 from .shared import RIG, SYNTHETIC, VERSIONS
 
 _POINTS = 300  # of an expected curve
@@ -86,13 +86,7 @@ PLAY = Record(
         lambda at: float(at.test.candidate.played.time[1] - at.test.candidate.played.time[0])),
     supply_V=key("number", "Voltage of a duty of 1, V.", "test.candidate.played.supply"),
 )  # fmt: skip
-COLUMN = Record(
-    "One column.",
-    header=key("text", "As in the CSV."),
-    low=key("number", "Lower end of the range, in the header's unit."),
-    high=key("number", "Upper end."),
-    resolution=key("number", "Coarsest step that loses nothing."),
-)  # fmt: skip
+COLUMN = record_of(LoggedColumn)
 TEST = Record(
     "One test.",
     file=key("text", "Where in `measurements/` its record goes.", "test.file"),

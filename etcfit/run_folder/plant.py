@@ -29,8 +29,6 @@ def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dic
     """The object of transfer_function.json.
 
     Args:
-        fitted: the model.
-        reduction: of it.
         pade_order: of the approximated delay in `with_delay_and_lag`; 0 leaves that out.
     """
     return plain(TRANSFER_FUNCTION.written(_Reduced(fitted, reduction, pade_order)))

@@ -41,7 +41,7 @@ def posterior_json(posterior: Posterior, profiles: Mapping[str, Profile], bands:
 
 def parameters_json(posterior: Posterior, profiles: Mapping[str, Profile]) -> dict[str, Any]:
     """The key `parameters` of posterior.json."""
-    return plain(POSTERIOR.keys["parameters"].value(_Written(posterior, profiles, ())))
+    return plain(POSTERIOR.written(_Written(posterior, profiles, ()), "parameters"))["parameters"]
 
 
 def _marginals(of: _Written) -> dict[str, dict[str, Any]]:

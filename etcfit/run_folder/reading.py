@@ -21,10 +21,8 @@ def object_in(path: Path, kind: str, needed: Sequence[str], cure: str, raw: byte
     """The object of a file.
 
     Args:
-        path: of the file.
         kind: of its schema, `etcfit.<kind>/1`.
         needed: keys that must be there.
-        cure: a sentence, how to get a whole file.
         raw: its content, where it was read already.
     Raises:
         UsageError: it is no JSON, of another schema, or lacks a key.

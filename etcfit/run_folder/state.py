@@ -27,6 +27,7 @@ from .manifest import (
     NOT_CONVERGED,
     STAGE_FILES,
     Record,
+    failure_of,
     is_latest,
     read_records,
     replacing,
@@ -191,7 +192,7 @@ def last_failure(run: Path) -> str:
     for stage, name in (("diagnose", "diagnosis.json"), ("fit", "fit.json")):
         if stage in records:
             content = json.loads((run / name).read_text(encoding="utf-8"))
-            return "" if content["converged"] else f"the fit of the final model did not converge: {content['reason']}"
+            return failure_of(content["converged"], content["reason"])
     return ""
 
 

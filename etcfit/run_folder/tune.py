@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from .declared import Record, key, list_of
-from .drive import GAIN_SETS, LACK
+from ..car_log import Lack
+from ..control.borne import Borne
+from ..importing.tuning import LogCheck
+from .declared import Record, key, list_of, record_of
+from .drive import GAIN_SETS
 from .shared import FIT_STATE, effects_of
 
 
@@ -27,27 +30,14 @@ MODEL = Record(
     effects=key("[text]?", "Effects of the final model; null where the logs stop it before.",
         lambda found: found.result and effects_of(found.result), each={"description": "Name."}),
 )  # fmt: skip
-CHECK = Record(
-    "One thing.",
-    name=key("text", "Of it."),
-    passed=key("flag", "Whether the logs have it."),
-    stops=key("flag", "Without it there are no gains."),
-    says=key("text", "What was found."),
-    cure=key("text", "What to record, or to say."),
-)  # fmt: skip
+CHECK = record_of(LogCheck)
 HELD_OUT = Record(
     file=key("text?", "The part that was not fitted.", lambda found: found.input.held_out or None),
     rms_pct=key("number?", "Error on it, % of the travel.", "held_out_error"),
     explained=key("number?", "Share of its motion that is explained, at most 1.", lambda found: found.explained[0]),
     explained_fitted=key("number?", "The same of the fitted part.", lambda found: found.explained[1]),
 )  # fmt: skip
-BORNE = Record(
-    "Of one step, at the frequency where least is in reserve.",
-    worst=key("number?", "|Delta T|, stable below 1, asked for is 0.5; null where the log has no motion there."),
-    missed=key("number?", "Delta: error of the free run over the motion."),
-    hertz=key("number?", "Where, Hz."),
-    crossover=key("number", "Of the loop, Hz."),
-)  # fmt: skip
+BORNE = record_of(Borne, null=("worst", "missed", "hertz"), without=("rows",))
 LARGE_STEPS = Record(
     low_pct=key("number", "Lower level, % of the travel.", "low", scale=100.0),
     high_pct=key("number", "Upper level, % of the travel.", "high", scale=100.0),
@@ -100,6 +90,6 @@ TUNE = Record(
     options=key("[text]", "Options of `etcfit tune` that another log of this car is given too: make of ECU, its "
         "times, supply, columns; without present gains and run folder.",
         lambda at: at.found.asked.options(), each={"description": "A word."}),
-    record_next=key(list_of(LACK), "What to record next, what wins most first.", "found.lacks"),
+    record_next=key(list_of(record_of(Lack)), "What to record next, what wins most first.", "found.lacks"),
     pid=key("text?", "SHA-256 of the pid.json that it goes with; null where there is none."),
 )  # fmt: skip

@@ -45,8 +45,7 @@ def reduced(fitted: Fit) -> Reduced:
 @pytest.fixture(scope="module")
 def designed(fitted: Fit) -> Designed:
     """By three quick rules, one of which refuses."""
-    with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, QUICK, clear=True):
-        patch.setattr("etcfit.control.design.binding", lambda task: ("stub",))
+    with results.limits_unsought(), mock.patch.dict(RULES, QUICK, clear=True):
         return verbs.design(fitted, rule="manual", settings=replace(results.BRIEF, draws=30), period=1e-3)
 
 
@@ -187,8 +186,8 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
 
 @pytest.mark.slow
 def test_a_design_for_a_make_of_ecu_runs_its_controller(fitted: Fit, tmp_path: Path) -> None:
-    with pytest.MonkeyPatch.context() as patch, mock.patch.dict(RULES, {"amigo": RULES["amigo"]}, clear=True):
-        patch.setattr("etcfit.control.design.binding", lambda *_: ("stub",))
+    amigo = {"amigo": RULES["amigo"]}
+    with pytest.MonkeyPatch.context() as patch, results.limits_unsought(), mock.patch.dict(RULES, amigo, clear=True):
         patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
         made = verbs.design(
             fitted, rule="amigo", settings=replace(results.BRIEF, draws=2), profile="arduino", period=5e-3

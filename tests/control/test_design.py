@@ -51,21 +51,14 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
 
 
 SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
-QUICK = {"manual": RULES["manual"], "damping_optimum": RULES["damping_optimum"], "amigo": RULES["amigo"]}
-
-
-BRIEF = replace(results.BRIEF, draws=200)  # what binds is then a guess, and named all the same
-
-
-def by_quick_rules(fitted: Fitted, requirements: Requirements = PAPERS) -> Design:
-    task = task_of(fitted, ecu_of(fitted), requirements, settings=BRIEF)
-    return propose(fitted, task, "manual", QUICK, "laplace")
+QUICK = ("manual", "damping_optimum", "amigo")
+BRIEF = replace(results.BRIEF, draws=200)
 
 
 @pytest.fixture(scope="module")
 def designed(fitted: Fitted) -> Design:
     """By three quick rules."""
-    return by_quick_rules(fitted)
+    return results.proposed(fitted, task_of(fitted, ecu_of(fitted), settings=BRIEF), *QUICK)
 
 
 @pytest.mark.slow
@@ -144,10 +137,10 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert tf["synthetic"] is True
 
 
-def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: Asked, rule: str = "manual") -> Design:
+def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: Asked) -> Design:
     ecu = ecu_of(fitted, **profile.completed({"resolution": np.radians(90.0) / 2**12}))
     task = task_of(fitted, ecu, PAPERS, None, feed_forward, results.BRIEF, profile)
-    return propose(fitted, task, rule, QUICK, "laplace")
+    return results.proposed(fitted, task, "damping_optimum")
 
 
 @pytest.mark.slow
@@ -225,7 +218,7 @@ def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
     fitted: Fitted, profile: EcuProfile, firmware: type[Rusefi | Fome]
 ) -> None:
     """Their firmware with the pasted numbers in it sees the simulated plate, and puts out what ours does."""
-    made = made_for(fitted, profile, feed_forward=True, rule="damping_optimum")
+    made = made_for(fitted, profile, feed_forward=True)
     pasted = render(design_table(made))
     p, i, d = (float(re.findall(rf'name="etb_{each}Factor">([^<]+)<', pasted)[0]) for each in "pid")
     bins, values = ([float(v) for v in array(pasted, name)] for name in ("etbBiasBins", "etbBiasValues"))
@@ -259,7 +252,7 @@ def test_the_lines_of_code_put_ahead_what_was_simulated(
     fitted: Fitted, name: str, firmware: type[PidV1 | Textbook], terms: Asked
 ) -> None:
     """The printed lines, run as they stand behind the PID of that library, see the simulated plate."""
-    made = made_for(fitted, ECUS[name], terms, rule="damping_optimum")
+    made = made_for(fitted, ECUS[name], terms)
     lines = design_json(made)["profile"]["code"]
     assert all(line in render(design_table(made)) for line in lines)
     loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
@@ -367,7 +360,8 @@ def test_feed_forward_for_an_ecu_without_a_table_is_refused(fitted: Fitted) -> N
 @pytest.mark.slow
 def test_requirements_nobody_could_meet_are_not_met(fitted: Fitted) -> None:
     impossible = Requirements(settling_s=1e-4)
-    found = by_quick_rules(fitted, impossible)
+    task = task_of(fitted, ecu_of(fitted), impossible, settings=results.BRIEF)  # what binds is then a guess
+    found = propose(fitted, task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
     assert found.chosen.met["settling_s"] is False
     assert not found.chosen.meets_all
     assert found.chosen.probability_met == 0.0

@@ -130,7 +130,8 @@ def designed() -> Design:
     model = fleets.of(fleets.truths(60, 11, spread=SPREAD), position_noise=NOISE)
     rules = {name: RULES[name] for name in ("optimal", "simc")}
     future = future_units(model, asked=FleetDesignSettings(future=400))
-    return design_for_fleet(model, ecu_of(model.nominal), future=future, settings=QUICK, rules=rules)
+    with results.limits_unsought():
+        return design_for_fleet(model, ecu_of(model.nominal), future=future, settings=QUICK, rules=rules)
 
 
 @pytest.mark.slow
@@ -176,8 +177,9 @@ def test_what_no_gains_reach_is_said() -> None:
     units[5] = replace(units[5], T_PL=6.0)
     model = fleets.of(units, position_noise=NOISE)
     rules = {"optimal": RULES["optimal"]}
-    found = design_for_fleet(model, ecu_of(model.nominal), settings=replace(results.BRIEF, draws=40), rules=rules,
-                             asked=FleetDesignSettings(refinements=1)).fleet  # fmt: skip
+    with results.limits_unsought():
+        found = design_for_fleet(model, ecu_of(model.nominal), settings=replace(results.BRIEF, draws=40), rules=rules,
+                                 asked=FleetDesignSettings(refinements=1)).fleet  # fmt: skip
     assert found is not None
     assert not found.reached
     assert found.future is None
@@ -259,7 +261,8 @@ def compared() -> Compared:
     units = fleets.truths(24, 11, spread=SPREAD)
     fitted, parts = run_of(units[0]), parts_of(units)
     rules = {name: RULES[name] for name in ("optimal", "simc", "as_found")}
-    found = design(fitted, ecu_of(fitted), settings=QUICK, rules=rules, parts=parts)
+    with results.limits_unsought():
+        found = design(fitted, ecu_of(fitted), settings=QUICK, rules=rules, parts=parts)
     alone = RULES["optimal"](task_of(fitted, ecu_of(fitted), settings=QUICK))
     assert isinstance(alone, Gains)
     return Compared(found, parts, alone)

@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 import etcfit
 import results
 from etcfit.api.work import design_of
-from etcfit.control.design import Design, design, ecu_of
+from etcfit.control.design import Design, ecu_of, task_of
 from etcfit.control.linearise import reduce
 from etcfit.control.request import DesignRequest
 from etcfit.estimation.agreement import Compromise
@@ -90,7 +90,7 @@ def designed(sound: FitResult) -> Design:
     fitted = compromised(sound).fitted()
     made = ECUS["rusefi"]
     ecu = ecu_of(fitted, **made.completed({}))
-    return design(fitted, ecu, rule="damping_optimum", settings=BRIEF, profile=made)
+    return results.proposed(fitted, task_of(fitted, ecu, settings=BRIEF, profile=made), "damping_optimum", "simc")
 
 
 @pytest.mark.slow
@@ -159,7 +159,7 @@ def test_what_is_asked_for_reaches_the_gains_and_the_manifest(
 @pytest.mark.slow
 def test_their_share_of_models_that_meet_all_counts_the_whole_range(designed: Design, sound: FitResult) -> None:
     fitted = sound.fitted()
-    narrow = design(fitted, ecu_of(fitted), rule="damping_optimum", settings=BRIEF)
+    narrow = results.proposed(fitted, task_of(fitted, ecu_of(fitted), settings=BRIEF), "damping_optimum")
 
     def spread(of: Design) -> float:
         band = of.chosen.band

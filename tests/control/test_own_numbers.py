@@ -14,9 +14,9 @@ from jsonschema import Draft202012Validator
 import etcfit
 import results
 import rigs
-from etcfit.control.design import ecu_of, gains_as_found, propose, task_of
+from etcfit.control.design import ecu_of, gains_as_found, task_of
 from etcfit.control.own_numbers import checked, said, shares
-from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
+from etcfit.control.pid import Gains, Refusal, Requirements, Task
 from etcfit.control.pid.linear_loop import closed, sampled
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
@@ -117,8 +117,7 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
     ecu, brief = ecu_of(fitted, **make.completed({"compensated": 1.0})), replace(results.BRIEF, draws=2)
     given = task_of(fitted, ecu, settings=brief, profile=make,
                     feed_forward=True, present={"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0})  # fmt: skip
-    found = propose(fitted, replace(given, as_found=Gains(100.0, 200.0, 1.0)), "manual", {"manual": RULES["manual"]},
-                    "laplace")  # fmt: skip
+    found = results.proposed(fitted, replace(given, as_found=Gains(100.0, 200.0, 1.0)), "manual")
     pid = design_json(found)
     write_json(tmp_path / "pid.json", "pid", pid)
     schema = json.loads((Path(etcfit.__file__).parent / "run_folder/schemas/pid.schema.json").read_text())

@@ -9,8 +9,8 @@ import pytest
 
 import results
 from etcfit.control import proposal
-from etcfit.control.design import Design, ecu_of, propose, task_of
-from etcfit.control.pid import RULES, Gains
+from etcfit.control.design import Design, ecu_of, task_of
+from etcfit.control.pid import Gains
 from etcfit.control.pid.linear_loop import Margins
 from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way, safe_half_way
 
@@ -19,7 +19,7 @@ from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, hal
 def designed(tmp_path_factory: pytest.TempPathFactory) -> Design:
     fitted = results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
     task = task_of(fitted, ecu_of(fitted), settings=replace(results.BRIEF, draws=4))
-    return propose(fitted, task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
+    return results.proposed(fitted, task, "damping_optimum")
 
 
 def test_half_way_is_the_same_factor_twice() -> None:

@@ -22,9 +22,11 @@ from etcfit.diagnosis.evidence import (
     explained,
     is_white,
     motions,
+    rows_of,
     sentences,
     shares,
     strongest,
+    white_but_for_one_event,
     whiteness,
 )
 from etcfit.diagnosis.findings import Motion, Share, Whiteness
@@ -176,6 +178,38 @@ def test_a_residual_that_goes_along_with_the_direction_says_so(rng: np.random.Ge
     assert not row.white
 
 
+# ---- one event of one trace
+
+QUIET = {name: np.zeros(COUNT) for name in ("input", "speed", "angle", "current", "time")}
+
+
+def bent(r: np.ndarray, begin: int, end: int) -> np.ndarray:
+    """Where an edge came at another instant than was thought, all is off by as much until the plate rests."""
+    out = r.copy()
+    out[begin:end] += 1.0
+    return out
+
+
+@pytest.mark.parametrize("begin", [0, 333, COUNT - COUNT // 12])
+def test_what_one_event_shows_is_no_evidence_and_what_two_show_is(
+    small: CandidateModel, rng: np.random.Generator, begin: int
+) -> None:
+    (trace,) = small.problem.batch.traces
+    trace = replace(trace, data=np.zeros((COUNT, len(trace.channels))))
+    noise = rng.normal(size=(COUNT, len(trace.channels)))
+    once = bent(noise, begin, begin + COUNT // 12)
+    assert not all(row.white for row in rows_of(trace, once, QUIET))
+    assert white_but_for_one_event(trace, once, QUIET)
+    assert not white_but_for_one_event(trace, bent(once, COUNT // 2, COUNT // 2 + COUNT // 12), QUIET)
+
+
+def test_an_event_is_a_tenth_of_a_trace_and_not_half_of_it(small: CandidateModel, rng: np.random.Generator) -> None:
+    (trace,) = small.problem.batch.traces
+    trace = replace(trace, data=np.zeros((COUNT, len(trace.channels))))
+    long = bent(rng.normal(size=(COUNT, len(trace.channels))), 0, COUNT // 2)
+    assert not white_but_for_one_event(trace, long, QUIET)
+
+
 # ---- in words
 
 
@@ -186,7 +220,7 @@ def row(rms: float, white: bool, channel: str = "position") -> Whiteness:
 def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> None:
     rows = [row(1.0, True), row(3.0, False), row(20.0, False, "current")]
     found = [Share("torque", "angle", 0.62), Share("voltage", "current", 0.3), Share("torque", "speed", 0.04)]
-    assert sentences(rows, found) == [
+    assert sentences(rows, found, noise=False) == [
         "2 of 3 residuals are not white; the largest, current in response/a.csv, is 20 times its noise and goes along "
         "with angle (correlation -0.40).",
         "Of the missing torque, a curve over one quantity takes away: angle 62 %.",
@@ -195,8 +229,13 @@ def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> N
 
 
 def test_where_all_is_noise_nothing_else_is_said() -> None:
-    said = sentences([row(1.0, True)] * 4, [Share("torque", "angle", 0.9)])
+    found = [Share("torque", "angle", 0.9)]
+    said = sentences([row(1.0, True)] * 4, found, noise=True)
     assert said == ["All 4 residuals are white: noise, as far as these tests see."]
+    assert sentences([row(1.0, True), row(1.1, False)], found, noise=True) == [
+        "All 2 residuals are noise but for one moment in response/a.csv. One moment of one trace is no evidence: most "
+        "often it is the instant of an edge, which nobody logged."
+    ]
 
 
 # ---- on a model

@@ -15,6 +15,7 @@ from etcfit.diagnosis.probabilities import (
     NOTHING,
     SOMETHING_ELSE,
     UNEXPLAINED,
+    WORTH_NAMING,
     credit_by_round,
     doubted_effects,
     left_share,
@@ -228,14 +229,24 @@ def stated(*rounds: RoundReport) -> Mapping[str, float]:
     return found.probabilities
 
 
-def test_a_name_that_is_less_likely_than_something_that_was_missed_is_not_said() -> None:
+def test_a_name_that_is_hardly_likely_is_not_said() -> None:
     """It came in the place of another, and no round ever found it likely."""
     rival = Candidate(SPRING, 1.0, 1.0, True, 0.9, 0.9, 0.0, 50.0)
     first = excess_round(DRAG, {DRIVE: 4.0})
     rounds = (replace(first, candidates=(*first.candidates, rival)), excess_round(None, {DRIVE: 0.0}))
     found = named_effects(rounds, [DRAG, SPRING], [], False, DEFAULT, slow=False)
     assert (found.names, found.doubts) == ((DRAG,), (SPRING,))
-    assert found.probabilities[SPRING] < DEFAULT.missed
+    assert found.probabilities[SPRING] < WORTH_NAMING
+
+
+def test_a_name_in_a_tie_is_as_likely_as_all_of_the_tie() -> None:
+    """Three alike share what is known: none of them is likely by itself, one of them is there."""
+    alike = [Candidate(name, 1.0, 1.0, True, 0.9, 0.9, 0.0, -50.0) for name in (DRAG, SPRING, "a", "b", "c", "d")]
+    first = replace(excess_round(DRAG, {DRIVE: 4.0}), candidates=tuple(alike))
+    rounds = (replace(first, ties=(SPRING, "a", "b", "c", "d")), excess_round(None, {DRIVE: 0.0}))
+    found = named_effects(rounds, [DRAG], [], False, DEFAULT, slow=False)
+    assert found.probabilities[DRAG] < WORTH_NAMING
+    assert found.names == (DRAG,)
 
 
 def test_names_that_something_else_outdoes_are_in_doubt_and_what_they_explain_has_no_name() -> None:

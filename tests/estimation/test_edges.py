@@ -242,7 +242,7 @@ def test_weak_edges_tell_together_where_they_are_not() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "lead"), [(7951, 1e-9), (7951, 2e-7), (7951, 2e-6), (7914, 0.0)])
+@pytest.mark.parametrize(("seed", "lead"), [(7951, 1e-9), (7951, 2e-6), (7914, 0.0)])
 def test_a_fit_of_edges_on_the_samples(tmp_path: Path, seed: int, lead: float) -> None:
     """With edges enough to prove the clock: those of seed 7951 and a lead of 0 are too few."""
     truth = draw_truth(np.random.default_rng(seed), CONSISTENT)

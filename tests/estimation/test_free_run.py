@@ -266,7 +266,7 @@ def test_a_residual_as_large_as_that_of_a_far_model_is_not_near(rig: Rig, truth:
 def test_on_a_real_throttle_each_effect_more_ends_no_higher(
     measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """46, 58 and 57 mV where each model was started from its own reading alone.
+    """46 and 58 mV where each model was started from its own reading alone.
 
     Where a smaller model ends is computed once, though each larger one asks for it: data, settings and seed are the
     same.
@@ -282,11 +282,11 @@ def test_on_a_real_throttle_each_effect_more_ends_no_higher(
 
     monkeypatch.setattr(joint_fit, "from_own_starts", once)
     rig = read_folder(fetch("kassel-throttle", tmp_path / "kassel", measured))
-    named = ("limp_home_spring", "load_dependent_friction", STRIBECK)
+    named = ("limp_home_spring", "load_dependent_friction")
 
     def errors(result: FitResult) -> float:
         return pooled(result.score_fit)
 
-    found = [errors(fit(replace(rig, config=replace(rig.config, effects=named[:k])))) for k in range(4)]
+    found = [errors(fit(replace(rig, config=replace(rig.config, effects=named[:k])))) for k in range(3)]
     assert all(larger < 1.001 * smaller for smaller, larger in pairwise(found))
     assert found[2] < 0.35 * found[0]

@@ -30,9 +30,9 @@ import runs
 from etcfit.api.controller import Designed
 from etcfit.api.fit import Fit
 from etcfit.cli import app, export
-from etcfit.control.design import ecu_of, propose, task_of
+from etcfit.control.design import ecu_of, task_of
 from etcfit.control.loop_figures import REQUIRED
-from etcfit.control.pid import RULES, Gains, Requirements
+from etcfit.control.pid import Gains, Requirements
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
 from etcfit.errors import MeasurementError, UsageError
@@ -271,7 +271,7 @@ def test_a_real_design_becomes_a_tune(tmp_path: Path) -> None:
     task = task_of(
         fitted, ecu_of(fitted, **rusefi.fixes), modest, settings=replace(results.BRIEF, draws=2), profile=rusefi
     )
-    design = propose(fitted, task, "amigo", {"amigo": RULES["amigo"]}, "laplace")
+    design = results.proposed(fitted, task, "amigo")
     designed = Designed(Fit(fit), design)
     with pytest.raises(UsageError, match="Name one"):
         etcfit.export(designed, "msq", quiet=True)

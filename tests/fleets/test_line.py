@@ -51,7 +51,7 @@ def moves(plant: Plant, begin: float, start: float, rate: float) -> tuple[float,
     return float(motion.voltage[k]), float(motion.current[k])
 
 
-@pytest.mark.parametrize("seed", [pytest.param(4100 + k, marks=[pytest.mark.slow] if k > 1 else []) for k in range(8)])
+@pytest.mark.parametrize("seed", [4100, 4101])
 def test_strokes_and_returns_are_those_of_the_independent_simulation(seed: int) -> None:
     truth = draw_truth(np.random.default_rng(seed), spread=0.3)
     found = {name: told.value[0] for name, told in measured(fleets.of([truth])).items()}
@@ -69,9 +69,8 @@ def test_strokes_and_returns_are_those_of_the_independent_simulation(seed: int) 
         assert found["unpowered_return_shorted"] == pytest.approx(slow, rel=0.01)
 
 
-@pytest.mark.parametrize("seed", [4200, pytest.param(4201, marks=pytest.mark.slow)])
-def test_slow_ramps_break_away_where_the_independent_plate_does(seed: int) -> None:
-    truth = draw_truth(np.random.default_rng(seed), spread=0.3)
+def test_slow_ramps_break_away_where_the_independent_plate_does() -> None:
+    truth = draw_truth(np.random.default_rng(4200), spread=0.3)
     found = {name: told.value[0] for name, told in measured(fleets.of([truth])).items()}
     plant = throttle(truth, NONE)
     opens, _ = moves(plant, 0.0, 0.0, 1.0)
@@ -91,9 +90,8 @@ def limp_home(truth: Truth, angle: float, preload: float, stiffness: float, corn
     return {symbol: np.array([value]) for symbol, value in mine.items()}
 
 
-@pytest.mark.parametrize("seed", [4300, *(pytest.param(k, marks=pytest.mark.slow) for k in (4301, 4302, 4303))])
-def test_a_plate_with_a_limp_home_spring_rests_where_the_independent_one_does(seed: int) -> None:
-    rng = np.random.default_rng(seed)
+def test_a_plate_with_a_limp_home_spring_rests_where_the_independent_one_does() -> None:
+    rng = np.random.default_rng(4300)
     truth = draw_truth(rng, spread=0.3)
     angle, preload, stiffness = rng.uniform(0.08, 0.25), rng.uniform(0.35, 0.5), rng.uniform(0.5, 1.0)
     effects = Effects(limp_home_spring=LimpHomeSpring(angle, stiffness, preload, 0.002))

@@ -141,8 +141,8 @@ def test_and_so_they_are_with_what_the_model_lacks(tmp_path: Path, effect: str) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20, 32))
-def test_and_so_they_are_on_a_dozen_other_throttles(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(20, 23))
+def test_and_so_they_are_on_other_throttles(tmp_path: Path, seed: int) -> None:
     bench = Bench(tmp_path, seed)
     assert {way: found for way in WAYS if (found := mistakes(bench, way))} == {}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any, ClassVar
 
 import jax
@@ -70,37 +71,43 @@ def logged(throttle: Throttle, path: StatePath, steps: Step) -> jax.Array:
     return jnp.stack((seen["current"], seen["position"]), axis=-1)
 
 
-def some_slow(effect: type[AbstractEffect]) -> Any:
-    """A torque, a memory, a reading and one that is loaded are asked in the quick tests: a compilation each."""
-    quick = effect.name in {"airflow_torque", "presliding_friction", "position_sensor_lag", "torque_saturation"}
-    return pytest.param(effect, id=effect.name, marks=() if quick else pytest.mark.slow)
+@cache
+def compiled(loaded: bool) -> tuple[Any, Any, Any]:
+    """All effects at once, along the path of a body whose friction depends on its load, so that the load counts too; or
+    that friction itself, along the path of a body without it.
+
+    What a direction of all effects' parameters does to the readings of the body that has them; what inputs do to those
+    of the body without; and where its steps ask an effect. Each is compiled once.
+    """
+    steps, resets = excited()
+    without = bodies.body(LoadDependentFriction, mu_g=0.05) if loaded else bodies.body()
+    effects = [e for e in SERVED if (e is LoadDependentFriction) is not loaded]
+    rest = {e.name: at_off(e)[0] for e in effects}
+
+    def within(values: dict[str, Any]) -> jax.Array:
+        throttle = Throttle((*without.effects, *(e(**values[e.name]) for e in effects)))
+        return logged(throttle, simulate(throttle, steps, resets), steps)
+
+    def moved(acts: Any) -> jax.Array:
+        disturbed = steps._replace(besides=acts)
+        return logged(without, simulate(without, disturbed, resets), disturbed)
+
+    def along(acts: Any) -> jax.Array:
+        return jax.jvp(moved, (jax.tree.map(jnp.zeros_like, acts),), (acts,))[1]
+
+    asked = step_inputs_along(without, simulate(without, steps, resets), steps, resets)
+    return jax.jit(lambda way: jax.jvp(within, (rest,), (way,))[1]), jax.jit(along), asked
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [some_slow(effect) for effect in SERVED])
+@pytest.mark.parametrize("effect", SERVED, ids=lambda effect: effect.name)
 def test_a_little_of_an_effect_and_what_it_adds_do_the_same(effect: type[AbstractEffect]) -> None:
-    """To rounding: along the path of a body whose friction depends on its load, so that the load counts too."""
-    steps, resets = excited()
-    beside = () if effect is LoadDependentFriction else (LoadDependentFriction,)
-    without = bodies.body(*beside, mu_g=0.05)
+    """To rounding."""
+    within, along, asked = compiled(effect is not LoadDependentFriction)
     rest, way = at_off(effect)
-
-    def within(values: dict[str, Any]) -> jax.Array:
-        throttle = Throttle((*without.effects, effect(**values)))
-        return logged(throttle, simulate(throttle, steps, resets), steps)
-
-    def along(rest: dict[str, Any], way: dict[str, Any]) -> jax.Array:
-        asked = step_inputs_along(without, simulate(without, steps, resets), steps, resets)
-        acts = added(effect, rest, way, asked, steps, resets)
-
-        def moved(acts: Any) -> jax.Array:
-            disturbed = steps._replace(besides=acts)
-            return logged(without, simulate(without, disturbed, resets), disturbed)
-
-        return jax.jvp(moved, (jax.tree.map(jnp.zeros_like, acts),), (acts,))[1]
-
-    theirs = jax.jit(lambda rest, way: jax.jvp(within, (rest,), (way,))[1])(rest, way)
-    ours = jax.jit(along)(rest, way)
+    still = {e.name: jax.tree.map(jnp.zeros_like, at_off(e)[0]) for e in SERVED
+             if (e is LoadDependentFriction) is (effect is LoadDependentFriction)}  # fmt: skip
+    theirs, ours = within(still | {effect.name: way}), along(added(effect, rest, way, asked, *excited()))
     size = float(jnp.abs(theirs).max())
     assert size > 1e-4  # it does something at all
     assert_allclose(ours, theirs, atol=1e-9 * size)

@@ -55,11 +55,15 @@ def places(throttle: Throttle) -> tuple[State, tuple[Any, ...], Step]:
     return x, z, Step(**fields, command=command._replace(active=one), edge=None)
 
 
+HALVES = [BEYOND[s::2] for s in (0, 1)] + [[e for k, e in enumerate(BEYOND) if k // 2 % 2 == s] for s in (0, 1)]
+
+
 @pytest.mark.parametrize(
     "effects",
     [
         pytest.param(BEYOND, id="all at once"),
-        *(pytest.param([effect], id=effect.name, marks=pytest.mark.slow) for effect in BEYOND),  # a compilation each
+        # each also without those beside it: a compilation each
+        *(pytest.param(half, id=f"half {k}", marks=pytest.mark.slow) for k, half in enumerate(HALVES)),
     ],
 )
 def test_it_is_the_derivative_of_the_scheme_for_every_effect(effects: list[type[AbstractEffect]]) -> None:

@@ -1,4 +1,4 @@
-"""Machine code against JAX: the residual, its sums and its slopes of every effect, alone and beside every other."""
+"""Machine code against JAX: the residual, its sums and its slopes of every effect, with and without the others."""
 
 from __future__ import annotations
 
@@ -128,14 +128,14 @@ def test_models_that_read_the_same_samples_share_one_packing(rig: Rig, monkeypat
     assert not made
 
 
+SETS: dict[str, tuple[Effect, ...]] = {
+    **dict(zip(("all", "even", "odd", "first of four", "last of four"), together(ADDED), strict=True)),
+    **{curve.name: (curve,) for curve in {each.enters: each for each in UNKNOWNS}.values()},  # one for each place
+}
+
+
 @pytest.mark.slow  # compiles each model by JAX too
-@pytest.mark.parametrize("effect", [*ADDED, *UNKNOWNS], ids=lambda effect: effect.name)
-def test_every_effect_alone_computes_as_jax_does(rig: Rig, effect: Effect) -> None:
-    agrees(*case(rig, [effect]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("added", together(ADDED), ids=["all", "even", "odd", "first of four", "last of four"])
+@pytest.mark.parametrize("added", SETS.values(), ids=SETS)
 def test_effects_together_compute_as_jax_does(rig: Rig, added: tuple[Effect, ...]) -> None:
     agrees(*case(rig, added))
 

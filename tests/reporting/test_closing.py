@@ -21,7 +21,7 @@ from etcfit.control.pid.base import Task
 from etcfit.errors import command
 from etcfit.estimation.fitted_model import SOUND, FitState
 from etcfit.model.ecus import ECUS
-from etcfit.reporting.closing import Closing, counted
+from etcfit.reporting.closing import Closing, first_few
 from etcfit.reporting.closing.control import of_design, of_export, of_fleet
 from etcfit.reporting.closing.model import of_run
 from partial import partial
@@ -52,7 +52,7 @@ def test_a_path_with_blanks_is_one_word_of_the_next_command() -> None:
      (["R_a", "K_b", "L_a", "J"], "R_a, K_b and 2 more")],
 )  # fmt: skip
 def test_names_are_counted_where_there_are_many(names: list[str], words: str) -> None:
-    assert counted(names) == words
+    assert first_few(names) == words
 
 
 def scored(run: Path, kind: str, left: str) -> None:

@@ -20,12 +20,11 @@ import folders
 import results
 from etcfit import read_folder
 from etcfit.car_log import DriveLog, Series, study
-from etcfit.control.design import PAPERS, ecu_of, propose, task_of
+from etcfit.control.design import PAPERS, ecu_of, task_of
 from etcfit.control.frequency import frequency_response
 from etcfit.control.linearise import reduce
 from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.on_units import FleetVerdict, OneByOne, OnParts, PartsVerdict, Share
-from etcfit.control.pid import RULES
 from etcfit.control.settings import FleetDesignSettings
 from etcfit.estimation.agreement import Influence, Pull
 from etcfit.estimation.identifiability import Identifiability
@@ -141,7 +140,7 @@ def of_design(fit: FitResult) -> RenderableType:
     """By quick rules, on a fleet and on the parts of one as well, judged by hand."""
     fitted = fit.fitted()
     task = task_of(fitted, ecu_of(fitted), PAPERS, settings=results.BRIEF)
-    design = propose(fitted, task, "manual", {name: RULES[name] for name in ("manual", "damping_optimum")}, "laplace")
+    design = results.proposed(fitted, task, "manual", "damping_optimum")
     units = tuple(f"serial_{k}_of_line_4_week_31" for k in range(3))
     figures = LoopFigures(**{symbol: np.array([1.0, 2.0, 1234.5]) for symbol in FIGURES})
     each = OneByOne(units, figures, PAPERS)

@@ -493,7 +493,7 @@ def test_a_model_that_did_not_converge_is_told_also_where_it_was_skipped(runs: R
     assert write_page(runs.run).failure == "the fit of the model that is shown did not converge: too rough"
     assert read_records(runs.run)["report"].exit == 3
     failure = run_all(runs.folder, runs.run, _silently, lambda name, done: None, ())
-    assert failure == "the fit of the final model did not converge: too rough"
+    assert failure == "the fit of the model that is shown did not converge: too rough"
 
 
 def test_a_run_of_other_measurements_is_not_overwritten(runs: Runs, tmp_path: Path) -> None:

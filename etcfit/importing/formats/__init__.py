@@ -33,7 +33,6 @@ def require_file(path: Path, where: str, required: str) -> None:
     """A path is that of a file.
 
     Args:
-        path: of the file.
         where, required: for the message.
     Raises:
         MeasurementError: a folder, a pipe or a device, which may never end, or nothing.

@@ -16,7 +16,7 @@ from ...car_log.study import verdict
 from ...car_log.usage import SHARE
 from ...rig.base import RigConfig
 from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
-from ..numbers import short
+from ..numbers import or_never, short
 from ..table import Cell, Column, Kind, Table, of_texts
 
 _MOST = 20  # steps that a table shows, the least good ones
@@ -60,7 +60,7 @@ def in_a_word(verdict: Verdict) -> str:
 
 
 def _found(each: Judgement) -> str:
-    return "-" if each.value is None else "never" if each.value == float("inf") else short(each.value)
+    return "-" if each.value is None else or_never(each.value)
 
 
 def _steps(each: Study) -> Table:

@@ -12,10 +12,8 @@ from rich.console import RenderableType
 
 from ...car_log.foretold import Comparison, Figure
 from ..blocks import shown
-from ..numbers import short
+from ..numbers import between, or_never, short
 from ..table import Cell, of_texts
-
-NAMES = {"present": "present", "half_way": "half-way", "proposed": "proposed"}
 
 
 @dataclass(frozen=True)
@@ -39,11 +37,12 @@ class Held:
     @property
     def says(self) -> str:
         """As foretold or not, and what that means."""
-        gains = f"the {NAMES[self.made_with]} gains"
+        gains = f"the {self.made_with.replace('_', '-')} gains"
         if self.found.as_foretold:
             meant = "the model can be trusted with the next step" if self.made_with != "proposed" else "keep them"
             return f"As foretold for {gains}: {', '.join(map(_found, self.found.figures))}. So {meant}."
-        off = [_off(figure) for figure in self.found.figures if not figure.as_foretold]
+        off = [f"{_found(each)}, foretold {between(each.low, each.high)}"
+               for each in self.found.figures if not each.as_foretold]  # fmt: skip
         off += ["the plate tracks no better than with the gains before"] if self.found.better is False else []
         said = f"Not as foretold for {gains}: {'; '.join(off)}."
         if self.found.unchanged:
@@ -54,34 +53,22 @@ class Held:
 def foretold_table(held: Held) -> RenderableType:
     """A row a figure: foretold, what still is as foretold, found."""
     levels = held.told["large_steps"]
-    rows = [(f"{figure.name}, {figure.unit}", _between(figure.low, figure.high), _allowed(figure), _value(figure.found),
+    rows = [(f"{figure.name}, {figure.unit}", between(figure.low, figure.high), _allowed(figure),
+             or_never(figure.found),
              "as foretold" if figure.as_foretold else Cell("NOT as foretold", "bad"))
             for figure in held.found.figures]  # fmt: skip
+    gains = f"the {held.made_with.replace('_', '-')} gains"
     title = (f"{held.log}: {held.found.steps} steps from {levels['low_pct']:g} to {levels['high_pct']:g} % of the "
-             f"travel and back, beside what {held.run} foretold for the {NAMES[held.made_with]} gains")  # fmt: skip
+             f"travel and back, beside what {held.run} foretold for {gains}")  # fmt: skip
     heads = ("figure", "foretold", "as foretold", "in this log", "verdict")
     return shown(of_texts(title, heads, rows, 1, {"verdict": "word"}))
-
-
-def _value(value: float) -> str:
-    return short(value) if isfinite(value) else "never"
-
-
-def _between(low: float, high: float) -> str:
-    """A range."""
-    first, last = ("never" if not isfinite(value) else short(value) for value in (low, high))
-    return first if first == last else f"{first}..{last}"
 
 
 def _allowed(figure: Figure) -> str:
     if not isfinite(figure.most):
         return "any"
-    return _between(figure.least, figure.most) if isfinite(figure.least) else f"<= {short(figure.most)}"
+    return between(figure.least, figure.most) if isfinite(figure.least) else f"<= {short(figure.most)}"
 
 
 def _found(figure: Figure) -> str:
-    return f"{figure.name} {_value(figure.found)}" + (f" {figure.unit}" if isfinite(figure.found) else "")
-
-
-def _off(figure: Figure) -> str:
-    return f"{_found(figure)}, foretold {_between(figure.low, figure.high)}"
+    return f"{figure.name} {or_never(figure.found)}" + (f" {figure.unit}" if isfinite(figure.found) else "")

@@ -14,7 +14,7 @@ from ...car_log.coverage import Lack
 from ...car_log.others import SECOND, VOLTS_1, VOLTS_2
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
-from ...files import held, whole, write_json
+from ...files import held, write_json, write_text
 from ...rig.base import RigConfig
 from ...run_folder.drive import drive_json
 from .. import style
@@ -37,7 +37,7 @@ def draw(each: Study, synthetic: bool) -> Figure:
     _histogram(left, each)
     _tones(right, each)
     _stretch(panel, each.log)
-    fig.suptitle(f"{each.log.name}  ·  {_says(each)}", x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{each.log.name}  ·  {_says(each)}")
     return fig
 
 
@@ -103,7 +103,7 @@ def draw_answers(each: Study, synthetic: bool) -> Figure | None:
     word = {"good": "good enough", "not good": "not good enough"}.get(
         each.verdict.word, "not enough in the log to judge"
     )
-    fig.suptitle(f"{each.log.name}  ·  {word}", x=0.015, y=0.985, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{each.log.name}  ·  {word}")
     return fig
 
 
@@ -152,7 +152,7 @@ def write_page(
     path: Path, config: RigConfig, studies: Sequence[Study], lacks: Sequence[Lack], drawn: Sequence[Sequence[Path]]
 ) -> None:
     """Write drive.html: a section a log with its pictures, and what to record next."""
-    made = environment(("etcfit.reporting.car_log", "template"), ("etcfit.reporting.page", "template"))
+    made = environment(("etcfit.reporting.car_log", "template"))
     logs = [
         {
             "name": each.log.name,
@@ -173,8 +173,7 @@ def write_page(
         changed=verdict(*studies) if len(studies) == 2 else "",
         to_record=[f"{lack.record}. It tells {lack.why}." for lack in lacks],
     )  # fmt: skip
-    with whole(path) as draft:
-        draft.write_text(text, encoding="utf-8")
+    write_text(path, text)
 
 
 def write_drive(

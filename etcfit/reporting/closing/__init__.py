@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...errors import command
+from ..numbers import counted
 
 if TYPE_CHECKING:
     from ...importing import Imported
@@ -41,17 +42,12 @@ def mended(line: str, folder: str | Path, then: str) -> str:
     return f"{then}, after this change in {shlex.quote(str(Path(folder) / 'rig.toml'))}: {line}"
 
 
-def counted(names: Sequence[str]) -> str:
+def first_few(names: Sequence[str]) -> str:
     """The first names, and how many more there are: "R_a, K_b and 9 more"."""
     from ...estimation.identifiability import listed
 
     more = len(names) - _NAMED
     return f"{', '.join(names[:_NAMED])} and {more} more" if more > 1 else listed(names)
-
-
-def number_of(count: int, thing: str) -> str:
-    """ "1 file", "2 files"."""
-    return f"{count} {thing}{'' if count == 1 else 's'}"
 
 
 _TOML = "rig.toml"
@@ -67,8 +63,8 @@ def of_new(folder: Path) -> Closing:
 def of_imported(done: Imported) -> Closing:
     """Foreign recordings as traces."""
     tests = len({file.partition("/")[0] for file, _, _ in done.traces})
-    warned = f", with {number_of(len(done.warnings), 'warning')}" if done.warnings else ""
-    answer = f"{number_of(len(done.traces), 'trace')} of {number_of(tests, 'rig test')}{warned}: check units and signs."
+    warned = f", with {counted(len(done.warnings), 'warning')}" if done.warnings else ""
+    answer = f"{counted(len(done.traces), 'trace')} of {counted(tests, 'rig test')}{warned}: check units and signs."
     return Closing(answer, command("check", done.folder), (done.folder / _TOML,))
 
 

@@ -15,10 +15,10 @@ from ...errors import command
 from ...model.ecus import ECUS, Pasting
 from ...run_folder.pid import design_json
 from ..control.sentence import sentence
-from ..numbers import short
+from ..numbers import counted, short
 from ..page.contents import tuned_of
 from ..tune import answer as tune_answer
-from . import NEXT_LOG, Closing, number_of
+from . import NEXT_LOG, Closing
 
 if TYPE_CHECKING:
     from ...control.design import Design
@@ -36,7 +36,7 @@ def of_posterior(posterior: Posterior, run: Path) -> Closing:
     look = (run / "pictures" / "posterior" / "intervals.png",)
     if not posterior.convergence.converged:
         return Closing(f"No posterior yet: {posterior.convergence.reason}", command("sample", run), look)
-    sampled = f"{number_of(len(posterior.marginals), 'parameter')} have a posterior: {posterior.convergence.reason}."
+    sampled = f"{counted(len(posterior.marginals), 'parameter')} have a posterior: {posterior.convergence.reason}."
     return Closing(f"{sampled}{_caution(posterior.fit.state)}", command("report", run), look)
 
 
@@ -79,8 +79,8 @@ def of_fleet_design(design: Design, run: Path) -> Closing:
 
 def of_export(files: Sequence[Path], cannot_hold: Sequence[str], title: str, state: FitState, run: Path) -> Closing:
     """Files that were written, and what they leave out."""
-    lacks = f"; {number_of(len(cannot_hold), 'thing')} of the model left out, as listed" if cannot_hold else ""
-    written = f"{number_of(len(files), 'file')} written, {title}{lacks}.{_caution(state)}"
+    lacks = f"; {counted(len(cannot_hold), 'thing')} of the model left out, as listed" if cannot_hold else ""
+    written = f"{counted(len(files), 'file')} written, {title}{lacks}.{_caution(state)}"
     first = "try gains on the bench first"
     if files[0].suffix == f".{_TUNE}" and tuned_of(run):
         first = f"its gains are the proposed ones: type in the half-way gains of {command('tune')} before them"

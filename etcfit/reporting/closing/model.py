@@ -7,18 +7,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ...diagnosis.probabilities import likely_hypotheses
+from ...diagnosis.probabilities import WORTH_NAMING, likely_hypotheses
 from ...errors import command
 from ...estimation.goodness import Left
 from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
 from ..page.contents import Contents, read_run, tuned_of
 from ..page.verdict import left_unexplained, residuals
-from . import NEXT_LOG, Closing, counted, mended
+from . import NEXT_LOG, Closing, first_few, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
 _GUESSES = 2  # names that are not proven, in one line
-_WORTH_SAYING = 0.2  # probability of such a name
 
 
 def of_run(run: Path, *pages: Path) -> Closing:
@@ -93,7 +92,7 @@ def _nothing_added(contents: Contents) -> str:
     if _is_sound(contents) and left_unexplained(contents) is None:
         return "No effect of the catalogue is missing, as far as these data show."
     names = [f"{name} (P {p:.2f})" for name, p in likely_hypotheses(found.get("probabilities") or {})
-             if name not in ("nothing", "unexplained") and p >= _WORTH_SAYING][:_GUESSES]  # fmt: skip
+             if name not in ("nothing", "unexplained") and p >= WORTH_NAMING][:_GUESSES]  # fmt: skip
     guess = f"; it may be {' or '.join(names)}, not proven" if names else ""
     return f"Something is missing, and no known effect explains it{guess}."
 
@@ -106,8 +105,8 @@ def _known(contents: Contents) -> str:
     if why := final.get("compromise"):
         return f"Parameters are ranges, not estimates: {why}. An effect is missing, or the rig has a mistake."
     known, lost = _with_status(contents, "estimated"), _with_status(contents, "not identifiable")
-    said = f"{counted(known)} {'is' if len(known) == 1 else 'are'} known" if known else "No parameter is known"
-    said += f"; these data cannot tell {counted(lost)}" if lost else ""
+    said = f"{first_few(known)} {'is' if len(known) == 1 else 'are'} known" if known else "No parameter is known"
+    said += f"; these data cannot tell {first_few(lost)}" if lost else ""
     if contents.score.get("chi2_per_dof") is None:
         return f"{said}; the model cannot be simulated over all of the data."
     return f"{said}; the model leaves {residuals(contents.score).partition(';')[0]}."  # the page has the rest

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from ...errors import command
 from ...rig.base import ALLOWED_FOR
-from . import Closing, counted, mended, number_of
+from ..numbers import counted
+from . import Closing, first_few, mended
 
 if TYPE_CHECKING:  # a check needs none of what these load
     from ...car_log import Study
@@ -24,10 +25,10 @@ def of_check(result: CheckResult, folder: Path) -> Closing:
     assert verdict is not None, "a folder that can be fitted"
     fit = command("fit", folder, "--out", Path("runs") / folder.resolve().name)
     mistakes = [each for each in result.rig.findings if each.kind not in ALLOWED_FOR]
-    lost = f"; they cannot tell {counted(verdict.lost)}" if verdict.lost else ""
-    told = f"{number_of(len(result.traces), 'trace')} can tell the parameters of Eqs. 1-2{lost}."
+    lost = f"; they cannot tell {first_few(verdict.lost)}" if verdict.lost else ""
+    told = f"{counted(len(result.traces), 'trace')} can tell the parameters of Eqs. 1-2{lost}."
     if mistakes:
-        found = f"The records show {number_of(len(mistakes), 'mistake')} of the rig: {mistakes[0].found} {told}"
+        found = f"The records show {counted(len(mistakes), 'mistake')} of the rig: {mistakes[0].found} {told}"
         return Closing(found, mended(mistakes[0].mend, folder, command("check", folder)))
     return Closing(told, fit)
 
@@ -48,7 +49,7 @@ def of_plan(campaign: Campaign, plan: Path) -> Closing:
     shares = campaign.expected / campaign.now
     most = int(shares.argmin())
     answer = (
-        f"{number_of(len(campaign.tests), 'test')} of {campaign.seconds:.0f} s together; the standard error of "
+        f"{counted(len(campaign.tests), 'test')} of {campaign.seconds:.0f} s together; the standard error of "
         f"{campaign.symbols[most]} shrinks most, to {shares[most]:.2g} of now."
     )
     return Closing(answer, "make the tests as procedure.html says, then copy their records into the measurement folder "
@@ -77,7 +78,7 @@ def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closin
     rmse, name = max(follows)
     word = in_a_word(next(each.verdict for each in studies if each.log.name == name))
     return Closing(f"{word} The plate follows its setpoint to {rmse:.2g} % of travel (rms) in {name}, at worst of "
-                   f"{number_of(len(follows), 'log')}.", _record(lacks, folder), look)  # fmt: skip
+                   f"{counted(len(follows), 'log')}.", _record(lacks, folder), look)  # fmt: skip
 
 
 def _record(lacks: Sequence[Lack], folder: Path) -> str:

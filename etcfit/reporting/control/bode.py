@@ -32,7 +32,6 @@ class BodePicture:
     """What the plot shows.
 
     Args:
-        rig: its name.
         plant: transfer function.
         draws: coefficients b0, a2, a1, a0 from their covariance, shape (D, 4).
         unit: output over input.
@@ -92,7 +91,7 @@ def draw(picture: BodePicture) -> Figure:
     style.log_ticks(bottom.xaxis, (_HERTZ[0], _HERTZ[-1]))
     style.quiet_axis(top)
     title = f"{picture.rig}  ·  transfer function at {100.0 * picture.share:.0f} % travel"
-    fig.suptitle(title, x=0.11, y=0.985, ha="left", va="top", fontsize=13)
+    style.title(fig, title, 0.11)
     style.legend(fig, [top, bottom], 0.11, 0.925, "upper left")
     style.caution(fig, picture.state.cautions, 0.95)
     return fig
@@ -120,8 +119,7 @@ def draw_sines(config: RigConfig, response: FrequencyResponse) -> Figure:
     if driven:
         _plant(list(grid[:, 1]), response)
     _axes(grid, response)
-    title = f"{config.name}  ·  response to sines"
-    fig.suptitle(title, x=0.95 / wide, y=1.0 - 0.12 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{config.name}  ·  response to sines", 0.95 / wide)
     style.legend(fig, list(grid[0]), 0.95 / wide, 1.0 - 0.45 / tall, "upper left", most=2 * columns)
     said = f"Order of lag of the loop: {response.order.says}" + (" " + _UNDER if driven else "")
     fig.text(

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..numbers import short
-from ..table import Cell, Column, Notes, Part, Table, or_never
+from ..numbers import or_never, short
+from ..table import Cell, Column, Notes, Part, Table
 
 
 def safety_parts(pid: Mapping[str, Any]) -> list[Part]:

@@ -57,8 +57,7 @@ def draw(design: Design) -> Figure:
               ylim=(0.0, 1.08 * panel.get_ylim()[1]))  # fmt: skip
     panel.xaxis.set_major_locator(MaxNLocator(6))
     _name_rules(panel, near)
-    fig.suptitle(f"{design.fitted.config.name}  ·  tracking against effort, nominal model", x=0.08, y=0.985, ha="left",
-                 va="top", fontsize=13)  # fmt: skip
+    style.title(fig, f"{design.fitted.config.name}  ·  tracking against effort, nominal model", 0.08)
     style.legend(fig, [panel], 0.08, 0.885, "upper left", most=2)
     if beyond := [point.name for point in rules if point not in near]:
         panel.text(0.99, 0.98, f"outside the picture: {', '.join(beyond)}", transform=panel.transAxes, fontsize=9,

@@ -10,14 +10,13 @@ import numpy as np
 
 from ...control.loop_figures import EFFORT, FIGURES, MARGINS, REQUIRED, TRACKING
 from ...model.ecus import ECUS, Pasting, Scheduling, named
-from ..numbers import short
-from ..table import Column, Notes, Part, Table, or_never, there
+from ..numbers import or_never, short
+from ..table import Column, Notes, Part, Table, there
 from .failures import safety_parts
-from .sentence import CURE, doubt, state_of, withheld
+from .sentence import CURE, GAINS, doubt, state_of, withheld
 from .units import fleet_parts, parts_table
 
 Pid = Mapping[str, Any]
-GAINS = {"Kp": "V/rad", "Ki": "V/(rad s)", "Kd": "V s/rad"}
 
 
 def design_parts(pid: Pid) -> list[Part]:

@@ -55,7 +55,7 @@ def draw(design: Design) -> Figure:
     own = _notation(design)
     unit = "Kp, Ki, Kd in V/rad, V/(rad s), V s/rad" if own is None else f"P, I, D in {own.title}"
     title = f"{design.fitted.config.name}  ·  every rule where it is hardest for it"
-    fig.suptitle(title, x=_LEFT, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, title, _LEFT)
     style.legend(fig, panels[: len(shown)], _LEFT, 1.0 - 0.42 / tall, "upper left")
     fig.text(_LEFT, 1.0 - 0.72 / tall, f"gains after a rule's name: {unit}", fontsize=9, va="top", color=style.MEASURED)
     style.caution(fig, design.fitted.state.cautions, 1.0 - 0.3 / tall)
@@ -139,7 +139,6 @@ def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> N
     """What the draws of the nonlinear model do, or the units of a fleet: quantiles of `Tuned.band`.
 
     Args:
-        panel: to draw in.
         time: s, shape (K,).
         band: at these instants, shape (3, K).
         models: "draws" or "units".
@@ -192,7 +191,7 @@ def draw_scenarios(design: Design) -> Figure:
     for panel in panels[len(names) :]:
         panel.set_visible(False)
     title = f"{design.fitted.config.name}  ·  {design.chosen.rule.replace('_', ' ')} in every scenario"
-    fig.suptitle(title, x=0.07, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, title, 0.07)
     style.legend(fig, panels[:1], 0.07, 1.0 - 0.42 / tall, "upper left")
     style.caution(fig, design.fitted.state.cautions, 1.0 - 0.3 / tall)
     return fig

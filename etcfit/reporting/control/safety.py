@@ -21,7 +21,7 @@ def draw(design: Design) -> Figure:
     for k, draw_panel in enumerate((_jam, _faults, _back, _held)):
         draw_panel(fig.add_subplot(grid[divmod(k, 2)]), design)
     title = f"where something fails: gains of {design.chosen.rule.replace('_', ' ')}"
-    fig.suptitle(f"{design.fitted.config.name}  ·  {title}", x=0.065, y=0.985, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{design.fitted.config.name}  ·  {title}", 0.065)
     style.caution(fig, design.fitted.state.cautions, 0.955)
     return fig
 

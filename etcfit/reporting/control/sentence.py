@@ -70,16 +70,12 @@ def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, floa
             for of, value, least in less if value is not None and value < least]  # fmt: skip
 
 
+GAINS = {"Kp": "V/rad", "Ki": "V/(rad s)", "Kd": "V s/rad"}
 UNSTABLE = "UNSTABLE"
 
 
 class Place(NamedTuple):
-    """The scenario in which a response comes nearest to a limit, or misses it by most.
-
-    Args:
-        scenario: its name.
-        hardest: the requirement on the response.
-    """
+    """The scenario in which a response comes nearest to a limit, or misses it by most."""
 
     scenario: str
     hardest: Hardest
@@ -162,8 +158,7 @@ def gains_in_words(pid: Mapping[str, Any]) -> str:
                          for name, each in make["gains"].items())  # fmt: skip
     if own := pid.get("as_written"):
         return f"{', '.join(f'{name} {short(own[name], 4)}' for name in 'PID')} ({own['unit']}, {own['form']})"
-    units = {"Kp": "V/rad", "Ki": "V/(rad s)", "Kd": "V s/rad"}
-    return ", ".join(f"{name} {short(pid['gains'][name], 4)} {unit}" for name, unit in units.items())
+    return ", ".join(f"{name} {short(pid['gains'][name], 4)} {unit}" for name, unit in GAINS.items())
 
 
 def _nominal(pid: Mapping[str, Any]) -> str:

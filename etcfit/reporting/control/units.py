@@ -8,8 +8,8 @@ from typing import Any
 from ...control.loop_figures import FIGURES
 from ...control.on_units import STABLE
 from ...errors import first_names
-from ..numbers import short
-from ..table import Column, Part, Table, or_never
+from ..numbers import or_never, short
+from ..table import Column, Part, Table
 
 _NAMED = 12  # units in a line
 _OF = FIGURES | {STABLE: FIGURES["gain_margin_db"]}

@@ -1,106 +1,111 @@
-"""What a person sees of a diagnosis: what `etcfit diagnose` prints."""
+"""What a person sees of a diagnosis: what `etcfit diagnose` prints, and, of diagnosis.json, what every view shows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from typing import Any
 
-from rich.console import Group, RenderableType
-from rich.text import Text
+from rich.console import RenderableType
 
-from ...diagnosis.findings import Candidate, Diagnosis, RoundReport, Statement
+from ...diagnosis.findings import Diagnosis
 from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
-from ..blocks import PlainTable, all_shown, headed, outcome, rig_title, sentences, shown, spaced, stacked
+from ...run_folder.diagnosis import diagnosis_json
+from ..blocks import all_shown, outcome, rig_title, sentences, shown, spaced, stacked
 from ..numbers import Digits, short
 from ..pool import errors_table
-from ..table import Column, Kind, Table, of_texts
+from ..table import Column, Kind, Notes, Part, Table, of_texts, there
 from ..tables import LOST, status_cell
-from .ledger import ledger
 
+Found = Mapping[str, Any]  # diagnosis.json
 _FILE = "RUN/diagnosis.json"
+_KEYS = ("statements", "questions", "unexplained", "ties", "ties_apart", "ties_told_by", "rounds", "removed", "sets")
 _SHOWN = 5  # candidates a round
 
 
 def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     """A diagnosis for stdout."""
-    after = diagnosis.after
-    ties = [f"{' = '.join(tie.effects)}: the fits differ by at most {max(tie.apart):.2g} times the noise. "
-            f"Told apart by: {tie.told_by}" for tie in diagnosis.ties]  # fmt: skip
-    sets = []  # of effects that were refitted beside what the rounds found
-    for tried in diagnosis.sets:
-        change = "does not compare" if tried.bic_change is None else f"BIC {tried.bic_change:+.1f}"
-        taken = "taken" if tried.taken else "not taken"
-        sets.append(f"Also tried: {' + '.join(tried.effects)} ({change}), {taken}.")
-    model = " + ".join(["Eqs. 1-2", *diagnosis.final])
+    from .ledger import ledger  # with it comes what draws
+
+    after, found = diagnosis.after, diagnosis_json(diagnosis, *_KEYS)
     ended = "The final fit converged", "THE FINAL FIT DID NOT CONVERGE"
     return stacked(
-        rig_title(after.rig.config, model),
+        rig_title(after.rig.config, " + ".join(["Eqs. 1-2", *diagnosis.final])),
         sentences("Verdict", diagnosis.verdict),
-        _how_sure(diagnosis),
-        shown(errors_table(ledger(diagnosis), True, _FILE)),
-        sentences("What no effect explains", _unexplained(diagnosis)),
-        sentences("Effects that these data cannot tell apart", ties),
-        _rounds(diagnosis.rounds),
-        all_shown(*(_candidates(k, each) for k, each in enumerate(diagnosis.rounds, start=1))),
-        sentences("Looking back", [*diagnosis.removed, *sets]),
+        all_shown(how_sure(found), errors_table(ledger(diagnosis), True, _FILE), *diagnosis_parts(found)),
         _parameters(diagnosis.before, after),
         spaced(outcome(after.converged, ended, f"{after.reason}; chi2/dof {short(after.chi2_per_dof, 4)}")),
         sentences("Warnings", after.warnings),
     )
 
 
-def _how_sure(diagnosis: Diagnosis) -> RenderableType | None:
-    """Each effect found, how sure it is, and what else could explain the same; then what is left at the end."""
-    if not diagnosis.questions:
-        return None
-    at_last = diagnosis.questions[-1]
-    parts: list[RenderableType] = [PlainTable(_stated(diagnosis.statements))] if diagnosis.statements else []
-    parts += [Text(f"{at_last.asks} {likely_in_one_line(at_last.answers)}."), Text(CALIBRATED, style="dim")]
-    return headed("How sure", Group(*parts))
-
-
-def _stated(statements: Sequence[Statement]) -> Table:
-    rows = [(each.effect, each.certainty, f"{each.probability:.2f}",
-             likely_in_one_line(each.instead) or "nothing that was tried", each.told_by)
-            for each in statements]  # fmt: skip
+def how_sure(found: Found) -> Part:
+    """Each effect found, how sure it is, and what else could explain the same; the answers to every question."""
+    said = [f"{each['asks']} {likely_in_one_line(each['answers'])}." for each in found.get("questions") or ()]
+    said += [CALIBRATED] if said else []
+    rows = [(each["effect"], each["certainty"], f"{each['probability']:.2f}",
+             likely_in_one_line(each["instead"]) or "nothing that was tried", each["told_by"])
+            for each in found.get("statements") or () if "certainty" in each]  # fmt: skip
+    if not rows:
+        return Notes("How sure", said)
     prose: dict[str, Kind] = {"what else could be": "prose", "what would tell": "prose"}
-    return of_texts("How sure", ("effect", "how sure", "probability", *prose), rows, 2, prose, file=_FILE)
+    return of_texts("How sure", ("effect", "how sure", "probability", *prose), rows, 2, prose, notes=said, file=_FILE)
 
 
-def _unexplained(diagnosis: Diagnosis) -> list[str]:
-    unknown = diagnosis.unexplained
-    if unknown is None:
-        return []
-    doubts = [f"In doubt beside it: {name}; the curve explains these data as well." for name in unknown.doubts]
-    return [unknown.sentence, *doubts]
+def diagnosis_parts(found: Found) -> list[Part]:
+    """What no effect explains, what cannot be told apart, the rounds with what they tried, and what was taken back."""
+    left, rounds = found.get("unexplained"), found.get("rounds") or ()
+    unknown = []
+    if left:
+        unknown.append(left.get("sentence") or f"A {left['enters']} that depends on {left['depends_on']}.")
+        unknown += [f"In doubt beside it: {name}; the curve explains these data as well."
+                    for name in left.get("doubts") or ()]  # fmt: skip
+    evidence = rounds[0].get("evidence_says") or () if rounds else ()  # it set the first round off
+    turns = [f"round {k}: {each['why']}" for k, each in enumerate(rounds, start=1)]
+    return there(
+        Notes("What no effect explains", unknown),
+        Notes("Effects that these data cannot tell apart", _ties(found)),
+        Notes("Rounds", [*evidence, *turns]),
+        *(_candidates(k, each) for k, each in enumerate(rounds, start=1)),
+        Notes("Looking back", [*(found.get("removed") or ()), *map(_set, found.get("sets") or ())]),
+    )
 
 
-def _rounds(rounds: Sequence[RoundReport]) -> RenderableType:
-    """A line a round; the evidence of the first says what set it off."""
-    lines = [Text(f"round {k}: {each.why}") for k, each in enumerate(rounds, start=1)]
-    evidence = [Text(f"  {text}", style="dim") for text in (rounds[0].evidence.sentences if rounds else ())]
-    return headed("Rounds", Group(*evidence, *lines))
+def _ties(found: Found) -> list[str]:
+    ties = found.get("ties") or ()
+    apart, told_by = (found.get(key) or [None] * len(ties) for key in ("ties_apart", "ties_told_by"))
+    differ = ("" if each is None else f": the fits differ by at most {max(each):.2g} times the noise" for each in apart)
+    tell = ("" if each is None else f". Told apart by: {each}" for each in told_by)
+    return [" = ".join(tie) + far + by for tie, far, by in zip(ties, differ, tell, strict=True)]
 
 
-def _candidates(k: int, each: RoundReport) -> Table:
-    rest = len(each.candidates) - _SHOWN
-    title = f"Round {k}, candidates" + (f", the first {_SHOWN} of {_SHOWN + rest}" if rest > 0 else "")
-    head = "effect", "outcome", "screened gain", "fit ratio", "held-out ratio", "BIC"
-    rows = [_candidate(candidate, each) for candidate in each.candidates[:_SHOWN]]
-    return of_texts(title, head, rows, 2, spare=("screened gain",), file=_FILE)
+def _set(tried: Mapping[str, Any]) -> str:
+    """Of effects that were refitted beside what the rounds found."""
+    change = "does not compare" if tried["bic_change"] is None else f"BIC {tried['bic_change']:+.1f}"
+    return f"Also tried: {' + '.join(tried['effects'])} ({change}), {'taken' if tried['taken'] else 'not taken'}."
 
 
-def _candidate(candidate: Candidate, each: RoundReport) -> tuple[str, ...]:
-    if candidate.effect == each.added:
-        mark = "added"
-    elif candidate.effect in each.ties:
-        mark = "tie"
-    else:
-        mark = "not taken" if candidate.refitted else "not refitted"
-    bic = "-" if candidate.bic_change is None else f"{candidate.bic_change:+.1f}"
-    ratios = short(candidate.fit_rms_ratio), short(candidate.holdout_rms_ratio)
-    return candidate.effect, mark, short(candidate.screened), *ratios, bic
+def _candidates(k: int, each: Mapping[str, Any]) -> Table:
+    """The most promising ones of a round, and what became of them."""
+
+    def mark(row: Mapping[str, Any]) -> str:
+        if row["effect"] == each["added"]:
+            return "added"
+        if row["effect"] in (each.get("ties") or ()):
+            return "tie"
+        return "not taken" if row.get("refitted") else "not refitted"
+
+    def bic(row: Mapping[str, Any]) -> str:
+        return "-" if row["bic_change"] is None else f"{row['bic_change']:+.1f}"
+
+    every = each["candidates"]
+    title = f"Round {k}, candidates" + (f", the first {_SHOWN} of {len(every)}" if len(every) > _SHOWN else "")
+    return Table(title, (
+        Column("effect", "effect", "word"), Column("outcome", mark, "word"),
+        Column("screened gain", lambda row: row.get("screened"), spare=1), Column("fit ratio", "fit_rms_ratio"),
+        Column("held-out ratio", "holdout_rms_ratio"), Column("BIC", bic)),
+        every[:_SHOWN], keys=2, file=_FILE)  # fmt: skip
 
 
 def _parameters(before: FitResult, after: FitResult) -> RenderableType:

@@ -183,7 +183,7 @@ def draw(picture: MissingPicture) -> Figure:
     grid[0, 0].set_ylim(limits[0] * factor, limits[1] * factor)
     grid[0, 0].set_ylabel(f"missing {picture.enters}, BEFORE [{unit}]")
     grid[1, 0].set_ylabel(f"missing {picture.enters}, AFTER [{unit}]")
-    _head(fig, list(grid.ravel()), style.wrapped(finding(picture), wide, 14))
+    _head(fig, list(grid.ravel()), style.wrapped(finding(picture), wide, 13))
     return fig
 
 
@@ -195,7 +195,7 @@ def _head(fig: Figure, panels: list[Axes], title: str) -> None:
     top = 0.5 + 0.26 * title.count("\n")
     fig.subplots_adjust(left=0.085, right=0.985, top=1.0 - (top + 0.45 + 0.2 * lines) / tall, bottom=0.08, wspace=0.08,
                         hspace=0.12)  # fmt: skip
-    fig.suptitle(title, x=0.015, y=0.985, ha="left", va="top", fontsize=14, fontweight="bold")
+    style.title(fig, title, bold=True)
     style.legend(fig, panels, 0.085, 1.0 - top / tall, "upper left", most)
 
 

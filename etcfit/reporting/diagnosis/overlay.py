@@ -14,8 +14,9 @@ from ...estimation.identifiability import listed
 from ...problem.prediction_error import PredictionError, rows
 from ...problem.trace import Trace
 from .. import style
-from ..numbers import short
-from ..pictures import briefly, counted
+from ..numbers import counted, short
+from ..pictures import briefly
+from ..table import role
 from ..traces import drive
 from .ledger import Shown, in_degrees, scales
 
@@ -31,7 +32,6 @@ class Overlay:
     """What the picture shows.
 
     Args:
-        trace: as measured.
         before, after: free-run simulations of the first and of the final model, SI, shape (n, M) each.
         rows_before, rows_after: their scores, a channel each.
         synthetic: the data were made up.
@@ -61,9 +61,8 @@ class Overlay:
             _rows(d, [row for row in (*result.score_fit, *result.score_holdout) if row.file == file])
             for result in (d.before, d.after)
         )
-        role = "held out" if trace.measurement.held_out else "fitted"
         models = f"before: {briefly(d.before)}", _after(d)
-        return cls(trace, before, after, was, now, synthetic, models, role)
+        return cls(trace, before, after, was, now, synthetic, models, role(trace.measurement.held_out))
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -77,7 +76,7 @@ def _after(d: Diagnosis) -> str:
     if not d.added:
         return "after"
     names = listed(d.added)
-    return f"after: + {names if len(names) <= _ROOM else counted(d.added)}"
+    return f"after: + {names if len(names) <= _ROOM else counted(len(d.added), 'effect')}"
 
 
 def _rows(d: Diagnosis, errors: Sequence[PredictionError]) -> tuple[PredictionError, ...]:
@@ -108,7 +107,7 @@ def draw(picture: Overlay) -> Figure:
         for panel in grid[:, 0]:  # where the zoom lies in the whole
             panel.axvspan(*picture.trace.instants[span][[0, -1]], color="#fff3c4", lw=0, zorder=0)
     _label(grid, picture)
-    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
+    style.title(fig, title, bold=True)
     style.legend(fig, list(grid.ravel()), 0.085, 1.0 - (head - 0.36) / tall, "upper left")
     return fig
 

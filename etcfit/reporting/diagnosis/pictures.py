@@ -31,17 +31,11 @@ def draw_ledger(entries: Sequence[Entry], headline: str, synthetic: bool) -> Fig
     """Held-out traces above, fitted ones below; what the errors are in the units logged stands beside them."""
     shown = [entry for entry in entries if entry.known()]
     heads = len({entry.held_out for entry in shown})
-    title = style.wrapped(headline, 11.0, 13)
-    tall = 1.45 + 0.24 * title.count("\n") + _ROW * (len(shown) + heads)
-    fig = style.figure(11.0, tall, synthetic)
-    panel = fig.subplots(1, 1)
-    top = 0.72 + 0.24 * title.count("\n")
-    fig.subplots_adjust(left=0.2, right=0.74, top=1.0 - top / tall, bottom=0.6 / tall)
+    fig, panel = style.titled(headline, 1.55 + _ROW * (len(shown) + heads), (0.2, 0.74), synthetic, bold=True)
     panel.axvline(1.0, color=style.MEASURED, lw=1.2, ls=":", label="noise of one sample")
     rows = _rows(panel, shown)
     _ledger_axes(panel, rows, shown)
-    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
-    style.legend(fig, [panel], 0.2, 1.0 - (top - 0.27) / tall, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 
@@ -147,11 +141,7 @@ def _left(candidate: Candidate, each: RoundReport) -> float | None:
 
 def draw_rounds(every: list[RoundPoint], added: tuple[str, ...], synthetic: bool) -> Figure:
     """Error over rounds."""
-    title = style.wrapped(_title(every, added), 11.0, 13)
-    fig = style.figure(11.0, 5.6, synthetic)
-    panel = fig.subplots(1, 1)
-    head = 1.0 + 0.26 * title.count("\n")
-    fig.subplots_adjust(left=0.09, right=0.97, top=1.0 - head / 5.6, bottom=0.14)
+    fig, panel = style.titled(_title(every, added), 5.6, (0.09, 0.97), synthetic, bold=True)
     place = np.arange(len(every))
     panel.axhline(1.0, color=style.MEASURED, lw=1.2, ls=":", label="noise of one sample")
     panel.plot(place, [s.fit for s in every], "o--", color=style.BEFORE, ms=7, label="fitted traces")
@@ -164,8 +154,7 @@ def draw_rounds(every: list[RoundPoint], added: tuple[str, ...], synthetic: bool
                        va="top", ha="right", fontweight="bold")  # fmt: skip
     _others(panel, every)
     _round_axes(panel, every)
-    fig.suptitle(title, x=0.015, y=0.98, ha="left", va="top", fontsize=13, fontweight="bold")
-    style.legend(fig, [panel], 0.09, 1.0 - (head - 0.36) / 5.6, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 
@@ -216,12 +205,7 @@ def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], syntheti
     x, axis_unit = _along(unknown, travel)
     factor, unit = prefixed(float(np.max(np.abs(unknown.curve))), unknown.unit)
     y, sd = factor * unknown.curve, factor * unknown.sd
-    title = style.wrapped(unknown.sentence, 11.0, 13)
-    tall = 5.2 + 0.24 * title.count("\n")
-    fig = style.figure(11.0, tall, synthetic)
-    panel = fig.subplots(1, 1)
-    head = 0.95 + 0.24 * title.count("\n")
-    fig.subplots_adjust(left=0.1, right=0.985, top=1.0 - head / tall, bottom=0.6 / tall)
+    fig, panel = style.titled(unknown.sentence, 5.2, (0.1, 0.985), synthetic, bold=True)
     panel.axhline(0.0, color="black", lw=0.8)
     panel.fill_between(x, y - 2.0 * sd, y + 2.0 * sd, color=style.UNKNOWN, alpha=0.3, lw=0,
                        label="± 2 standard deviations")  # fmt: skip
@@ -232,8 +216,7 @@ def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], syntheti
     panel.set_ylabel(style.unit_label(f"unexplained {what}", unit))
     panel.set_xlim(float(np.min(x)), float(np.max(x)))
     panel.set_ylim(*_limits(y, sd))
-    fig.suptitle(title, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13, fontweight="bold")
-    style.legend(fig, [panel], 0.1, 1.0 - (head - 0.3) / tall, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 

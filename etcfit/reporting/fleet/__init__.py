@@ -15,8 +15,8 @@ from rich.text import Text
 
 from ...errors import first_names
 from ...ranges import check_ranges, real, whole
-from ..blocks import all_shown, stacked
-from ..numbers import Digits, short
+from ..blocks import all_shown, headline, stacked
+from ..numbers import Digits, counted, mean_digits, short
 from ..table import Cell, Column, Kind, Notes, Table, of_texts
 
 Content = Mapping[str, Any]  # fleet.json
@@ -63,11 +63,6 @@ def verdict(content: Content, judgement: Judgement = JUDGEMENT) -> tuple[Sentenc
 def title(content: Content) -> str:
     """The fleet's name; one without is called so."""
     return content.get("name") or "Fleet without a name"
-
-
-def counted(count: int, thing: str) -> str:
-    """ "1 unit", "2,000 units"."""
-    return f"{count:,} {thing}{'' if count == 1 else 's'}"
 
 
 def _units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
@@ -164,6 +159,7 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
             effects_table(content),
             figures_table(content),
             gauge_table(content, judgement),
+            predictions_table(content),
             _without("Not converged", content.get("not_converged") or ()),
             _without("Failed, and in nothing above", content.get("failed") or ()),
         ),
@@ -171,9 +167,7 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
 
 
 def _head(content: Content, judgement: Judgement) -> RenderableType:
-    head = Text(title(content), style="bold")
-    if content.get("synthetic"):
-        head.append("  SYNTHETIC DATA", style="bold magenta")
+    head = headline(title(content), bool(content.get("synthetic")))
     lines = [Text(f"- {each.text}", style="bold red" if each.bad else "") for each in verdict(content, judgement)]
     return Group(head, *lines)
 
@@ -189,15 +183,15 @@ def population_table(content: Content, judgement: Judgement = JUDGEMENT) -> Tabl
     def own(show: Callable[[Mapping[str, Any]], str], instead: str) -> Callable[[Mapping[str, Any]], Cell]:
         return lambda row: Cell(instead, "dim") if row["shared"] else Cell(show(row))
 
-    return Table("Population", (
-        Column("parameter", "symbol", "word"),
+    return Table("Population: what is left of the units' differences once their own uncertainty is taken off", (
+        Column("parameter", "symbol", "symbol"),
         Column("mean", lambda row: _by(row["mean"], row["mean_ci95"], row["sd"])),
         Column("95 % interval of mean", lambda row: _span(row["mean_ci95"]), spare=3),
         Column("spread, 1 sd", own(lambda row: _by(row["sd"], row["sd_ci95"], None), "shared by all")),
         Column("95 % interval of spread", own(lambda row: _span(row["sd_ci95"]), "-"), spare=2),
         Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
         Column("units that tell it", lambda row: "-" if row["informed"] is None else f"{row['informed']:,}", spare=1),
-        Column("unit", "unit", "word")), rows, file=_FILE)  # fmt: skip
+        Column("unit", "unit", "unit")), rows, file=_FILE)  # fmt: skip
 
 
 def _by(value: float | None, interval: Sequence[float] | None, spread: float | None) -> str:
@@ -222,24 +216,21 @@ def _named(content: Content, kind: str, name: str) -> list[dict[str, Any]]:
     return [{name: key, **each} for key, each in (content.get(kind) or {}).items()]
 
 
-def _digits(row: Mapping[str, Any]) -> Digits:
-    return Digits.of_value(row["mean"] or 0.0, row["sd"])
-
-
 _MEAN = (
-    Column("mean", lambda row: _digits(row)(row["mean"])),
-    Column("spread, 1 sd", lambda row: _digits(row)(row["sd"]), spare=3),
+    Column("mean", lambda row: mean_digits(row)(row["mean"])),
+    Column("spread, 1 sd", lambda row: mean_digits(row)(row["sd"]), spare=3),
 )
 
 
 def capability_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
     """What has limits, and how many units would lie outside."""
-    return Table("Specification limits", (
-        Column("limit of", "name", "word"), Column("low", "low", digits=4), Column("high", "high", digits=4), *_MEAN,
-        Column("Cp", "cp", spare=1), Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
+    return Table(f"Specification limits; a Cpk below {judgement.capable:g} is marked", (
+        Column("limit of", "name", "symbol"), Column("low", "low", digits=4), Column("high", "high", digits=4), *_MEAN,
+        Column("Cp", "cp", spare=1), Column("95 % interval of Cp", lambda row: _span(row["cp_ci95"]), spare=4),
+        Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
         Column("95 % interval of Cpk", lambda row: _span(row["cpk_ci95"]), spare=2),
         Column("outside", lambda row: "-" if row["outside"] is None else f"{short(100.0 * row['outside'], 2)} %"),
-        Column("unit", "unit", "word")), _named(content, "capability", "name"), file=_FILE)  # fmt: skip
+        Column("unit", "unit", "unit")), _named(content, "capability", "name"), file=_FILE)  # fmt: skip
 
 
 def _odd(content: Content) -> Table:
@@ -275,7 +266,7 @@ def figures_table(content: Content) -> Table:
     return Table("What the line measures", (
         Column("figure", lambda row: row["figure"].replace("_", " "), "word"),
         Column("meaning", "meaning", "prose", spare=1), _MEAN[0], _MEAN[1]._replace(spare=0),
-        Column("95 % of units", lambda row: _digits(row).span(row["low"], row["high"])),
+        Column("95 % of units", lambda row: mean_digits(row).span(row["low"], row["high"])),
         Column("unit", "unit", "word")), _named(content, "figures", "figure"), file=_FILE)  # fmt: skip
 
 
@@ -286,12 +277,37 @@ def gauge_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
         share = row["rr_percent"]
         return Cell("-") if share is None else Cell(f"{short(share)} %", "bad" if share > judgement.gauge else "")
 
-    return Table("Gauge R&R, standard deviations", (
-        Column("gauge of", "symbol", "word"), Column("repeatability", "repeatability"),
+    title = (
+        f"Gauge R&R, standard deviations of the same units measured again; more than {judgement.gauge:g} % is marked"
+    )
+    return Table(title, (
+        Column("gauge of", "symbol", "symbol"), Column("repeatability", "repeatability"),
+        Column("rig", "rig", spare=4), Column("operator", "operator", spare=3),
         Column("reproducibility", "reproducibility"), Column("part", "part", spare=2),
         Column("total", "total", spare=1), Column("R&R", percent), Column("ndc", "ndc", digits=2),
-        Column("unit", "unit", "word")),
+        Column("unit", "unit", "unit")),
         _named(content, "gauge", "symbol"), file=_FILE)  # fmt: skip
+
+
+def predictions_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+    """The figures in other conditions."""
+    rows = content.get("predictions") or ()
+    units = {name: each["unit"] for row in rows for name, each in row["figures"].items()}
+
+    def shown(row: Mapping[str, Any], name: str) -> str:
+        each = row["figures"].get(name)
+        return "-" if each is None else f"{short(each['mean'])} ({_span((each['low'], each['high']))})"
+
+    columns = [Column(f"{name.replace('_', ' ')}\n{unit}", lambda row, name=name: shown(row, name))
+               for name, unit in units.items()]  # fmt: skip
+    return Table("Hot and cold, 9 to 16 V: mean, and where 95 % of the units lie", (
+        Column("condition", "condition", "word"), Column("winding\ndegC", "winding_C"), *columns),
+        rows, file=_FILE)  # fmt: skip
+
+
+# those that fleet.html shows as they are; the others it draws, or gives buttons
+TABLES = {"population": population_table, "capability": capability_table, "gauge": gauge_table,
+          "predictions": predictions_table}  # fmt: skip
 
 
 def _without(name: str, units: Sequence[Any]) -> Notes:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...files import plain, whole
+from ...files import plain, write_text
 from ...fleets.config import ZERO_CELSIUS
 from .. import html, packed
-from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
-from . import JUDGEMENT, Content, Judgement, title, verdict
+from ..html import Parts, scripted
+from . import JUDGEMENT, TABLES, Content, Judgement, title, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -211,39 +211,27 @@ NAME = "fleet.html"
 # in the order in which they run; each is plain JavaScript that puts what others need into `etcfit`
 SCRIPTS = ("decode.js", "numbers.js", "theme.js", "store.js", "panel.js", "points.js", "bars.js", "filters.js",
            "card.js", "sections.js", "main.js")  # fmt: skip
-_STYLES = (LIBRARY_STYLE, "base.css", "fleet.css")
-_ROOM = ("etcfit.reporting.fleet", "template")
-
-part = Parts((_ROOM,))
+part = Parts((("etcfit.reporting.fleet", "template"),))
 
 
 def write_fleet_page(run: Path, content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> Path:
     """Write RUN/fleet.html from fleet.json and units.parquet, whole or not at all; where it is."""
-    page = render(content, units, judgement)
-    path = run / NAME
-    with whole(path) as draft:
-        draft.write_text(page, encoding="utf-8")
-    return path
+    write_text(run / NAME, render(content, units, judgement))
+    return run / NAME
 
 
 def render(content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> str:
     """The whole page, HTML: words and tables stand in it, what is drawn is drawn from the data by its scripts."""
-    return (
-        environment(_ROOM)
-        .get_template("fleet.html")
-        .render(
-            fleet=content,
-            title=title(content),
-            verdict=verdict(content, judgement),
-            judgement=judgement,
-            symbol=html.symbol,
-            unit=html.unit,
-            number=html.number,
-            measured=html.measured,
-            span=html.span,
-            text=as_text(carried(content, units)),
-            styles=part.every(_STYLES),
-            scripts=part.every((LIBRARY, *SCRIPTS)),
-            licence=part(LICENCE),
-        )
+    return scripted(
+        part,
+        carried(content, units),
+        "fleet.css",
+        SCRIPTS,
+        synthetic=content.get("synthetic"),
+        fleet=content,
+        title=title(content),
+        verdict=verdict(content, judgement),
+        tables={name: table(content, judgement) for name, table in TABLES.items()},
+        symbol=html.symbol,
+        number=html.number,
     )

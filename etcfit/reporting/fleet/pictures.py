@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from .. import style
-from ..numbers import Digits
+from ..numbers import SUPERSCRIPT, counted, with_error
 from . import Content, title
 from .page import Columns, SymbolColumns, limits_of
 
@@ -38,7 +38,7 @@ def frame(content: Content, rest: str, size: tuple[float, float], grid: tuple[in
     head = style.wrapped(f"{title(content)}  ·  {rest}", wide, 13)
     top = 0.55 + 0.24 * head.count("\n")
     fig.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - top / tall), h_pad=0.08, w_pad=0.08)
-    fig.suptitle(head, x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, head)
     return fig, list(fig.subplots(*grid, squeeze=False).ravel())
 
 
@@ -51,13 +51,10 @@ def power_of(values: np.ndarray | Sequence[float]) -> int:
     return 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
 
 
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
 def unit_of(unit: str, power: int) -> str:
     """ "10⁻⁶ kg m²", as an axis has it in brackets."""
     plain = "1" if unit in ("", "1") else unit.replace("**2", "²").replace("*", " ")
-    return f"10{str(power).translate(_RAISED)} {plain}" if power else plain
+    return f"10{str(power).translate(SUPERSCRIPT)} {plain}" if power else plain
 
 
 def formatter(power: int) -> FuncFormatter:
@@ -153,7 +150,7 @@ def draw_odd(content: Content) -> Figure:
     """A bar a unit, with its reason beside it."""
     odd = content["odd"][:_MOST_ODD]
     count = len(content["odd"])
-    words = f"{count:,} odd unit{'' if count == 1 else 's'}" + (f", the {_MOST} oddest" if count > _MOST_ODD else "")
+    words = counted(count, "odd unit") + (f", the {_MOST_ODD} oddest" if count > _MOST_ODD else "")
     fig, (panel,) = frame(content, words, (12.0, 1.5 + 0.52 * len(odd)), (1, 1))
     distance = np.array([each["distance"] for each in odd], dtype=float)
     most = float(distance.max())
@@ -253,11 +250,10 @@ def _curve(panel: Axes, mean: float, sd: float, low: float, high: float) -> None
 def _words(known: dict[str, float]) -> str:
     if known["mean"] is None:
         return ""
-    of = Digits.of_value(known["mean"], known["sd"] or None)
     if known.get("shared"):
-        return f"one for all: {Digits.of_value(known['mean'], None)(known['mean'])}"
+        return f"one for all: {with_error(known['mean'], None)}"
     cpk = f", Cpk {known['cpk']:.2f}" if known.get("cpk") is not None else ""
-    return f"{of(known['mean'])} ± {of(known['sd'])}{cpk}"
+    return with_error(known["mean"], known["sd"]) + cpk
 
 
 def draw_fleet(content: Content, units: pd.DataFrame, folder: Path) -> tuple[Path, ...]:

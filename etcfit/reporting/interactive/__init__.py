@@ -10,10 +10,10 @@ from typing import Any
 from ... import __version__
 from ...estimation.goodness import STRAYS
 from ...estimation.settings import ContradictionSettings
-from ...files import plain, whole
+from ...files import plain, write_text
 from ...run_folder.folder import RunFolder
-from ...run_folder.manifest import require
-from ..html import LIBRARY, LIBRARY_STYLE, LICENCE, Parts, as_text, environment
+from ...run_folder.manifest import failure_of, require
+from ..html import Parts, scripted
 from ..page import Page
 from ..page.contents import read_run
 from ..page.verdict import left_unexplained, model
@@ -52,29 +52,14 @@ def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
 # `etcfit`
 SCRIPTS = ("trace_run.js", "loop_run.js", "decode.js", "numbers.js", "theme.js", "chart.js",
            "list.js", "sliders.js", "trace_view.js", "loop_view.js", "main.js")  # fmt: skip
-_STYLES = (LIBRARY_STYLE, "base.css", "style.css")
-_ROOM = ("etcfit.reporting.interactive", "page")
-
-_FAR = ContradictionSettings().compromise
-
-part = Parts((_ROOM,))
+part = Parts((("etcfit.reporting.interactive", "page"),))
 
 
 def render(data: dict[str, Any], model: str) -> str:
     """The whole page, HTML: the data, see `content`, and the script that simulates, see `plant`."""
-    return (
-        environment(_ROOM)
-        .get_template("page.html")
-        .render(
-            data=data,
-            text=as_text(data),
-            styles=part.every(_STYLES),
-            scripts=[model, *part.every((LIBRARY, *SCRIPTS))],
-            licence=part(LICENCE),
-            strays=f"{STRAYS:g}",
-            far=f"{_FAR:g}",
-        )
-    )
+    far = ContradictionSettings().compromise
+    return scripted(part, data, "style.css", SCRIPTS, [model], synthetic=data["synthetic"], data=data,
+                    strays=f"{STRAYS:g}", far=f"{far:g}")  # fmt: skip
 
 
 NAME = "report_interactive.html"
@@ -92,7 +77,5 @@ def write_interactive(run: RunFolder) -> Page:
     simulated = simulation(final)
     page = render(content(run, simulated), simulated.script)
     path = run.path / NAME
-    with whole(path) as draft:
-        draft.write_text(page, encoding="utf-8")
-    why = "" if final.converged else f"the fit of the model that is shown did not converge: {final.reason}"
-    return Page(path, why)
+    write_text(path, page)
+    return Page(path, failure_of(final.converged, final.reason))

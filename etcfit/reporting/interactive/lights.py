@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from ...diagnosis.findings import Diagnosis, RigMistake
-from ...estimation.contradiction import Contradiction
+from ...estimation.agreement import in_words
 from ...estimation.goodness import Goodness, Left, goodness_of, worst
 from ...estimation.result import FitResult
 from ...problem.prediction_error import columns
 from ...problem.trace import Trace
 from ...rig.base import ALLOWED_FOR, Finding
-from ..numbers import short
 from ..pictures import all_traces
 
 _COLOUR = {Left.FITS: "green", Left.STRAYS: "yellow", Left.MORE: "yellow", Left.FAR: "red"}
@@ -34,11 +33,7 @@ _WORD = {
 
 @dataclass(frozen=True)
 class Light:
-    """The verdict on one trace.
-
-    Args:
-        channels: what is left in each.
-    """
+    """The verdict on one trace."""
 
     channels: tuple[Goodness, ...]
 
@@ -107,7 +102,9 @@ def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | N
         return []
     if light.left is Left.STRAYS:
         return [_EDGES]
-    said = [*_of_the_rig(trace, final, diagnosis), *_contradicted(trace, final.contradictions)]
+    unit = {p.symbol: p.unit for p in final.free_parameters.layout.parameters}
+    said = list(_of_the_rig(trace, final, diagnosis))
+    said += [in_words(c, unit[c.parameter]) for c in final.contradictions if c.test == trace.test.name]
     said += [warning for warning in final.warnings if trace.measurement.file in warning]
     said += [_ASK] if diagnosis is None else list(_of_the_model(trace, diagnosis))
     return list(dict.fromkeys(said)) or [_NOBODY]
@@ -118,26 +115,14 @@ def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> 
     mistakes: Sequence[Any] = (*(diagnosis.rig if diagnosis is not None else ()), *final.rig.findings)
     for each in mistakes:
         if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
-            yield (
-                each.sentence
-                if isinstance(each, RigMistake)
-                else f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
-            )
+            named = f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
+            yield named if isinstance(each, Finding) else each.sentence
 
 
 def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:
     if mistake.file is not None:
         return mistake.file == trace.measurement.file
     return mistake.test is None or mistake.test == trace.test.name
-
-
-def _contradicted(trace: Trace, contradictions: Sequence[Contradiction]) -> Iterator[str]:
-    for each in contradictions:
-        if each.test == trace.test.name:
-            yield (
-                f"{each.test.replace('_', ' ')} contradicts the other tests: without it {each.parameter} is "
-                f"{short(each.without)} instead of {short(each.value)}. Look at that test's circuit, gear and clock."
-            )
 
 
 def _of_the_model(trace: Trace, diagnosis: Diagnosis) -> Iterator[str]:

@@ -151,7 +151,6 @@ def plant_json(result: FitResult, simulated: Simulation) -> dict[str, Any]:
     """Names of effects, values in SI by symbol, ties, and the sliders.
 
     Args:
-        result: the model.
         simulated: its throttle as the page simulates it; the others are effects of the rig, which stand between
             throttle and log (`excitation`), and an ECU in the model.
     """

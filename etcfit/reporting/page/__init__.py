@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, replacing
+from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, failure_of, replacing
 from .contents import read_run
 
 
@@ -18,7 +18,6 @@ class Page:
     """What came of writing it.
 
     Args:
-        path: where the page is.
         failure: why the model that it shows did not converge, or "".
         missing: why pictures are missing from it, or "".
     """
@@ -45,5 +44,4 @@ def write_page(run_dir: Path | str) -> Page:
     converged = final.get("converged", True)
     with replacing(run, "report", CONVERGED if converged else NOT_CONVERGED, {}) as draft:
         (draft / "report.html").write_text(page, encoding="utf-8")
-    why = "" if converged else f"the fit of the model that is shown did not converge: {final['reason']}"
-    return Page(run / "report.html", why)
+    return Page(run / "report.html", failure_of(converged, final.get("reason", "")))

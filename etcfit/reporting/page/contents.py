@@ -29,7 +29,6 @@ class Contents:
     """A run folder.
 
     Args:
-        run: the folder.
         files: content of each JSON file by kind (see KINDS); absent ones are left out.
         hashes: SHA-256 of those files by name.
     """

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from itertools import chain
 from typing import Any
 
-from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ..control.gains import design_parts
 from ..control.plant import plant_tables, sine_parts
 from ..control.sentence import cautions, why_withheld, withheld
-from ..html import environment, polynomial, symbol
+from ..diagnosis import diagnosis_parts, how_sure
+from ..html import environment, polynomial
 from ..pool import entries, errors_table
 from ..posterior import posterior_parts
-from ..table import Column, Table
+from ..table import Column, Table, there
 from ..tables import LOST, knowledge_parts, parameters_table
 from ..tune import tables_of_steps
 from .contents import Contents, logs_of, rows_of, tuned_of
@@ -72,7 +72,6 @@ def to_record(logs: Mapping[str, Any]) -> list[str]:
 def render(contents: Contents, budget: int = BUDGET) -> str:
     """The whole page, HTML; its pictures may take so many bytes."""
     made = environment(("etcfit.reporting.page", "template"))
-    made.filters["symbol"] = symbol
     return made.get_template("page.html").render(**_parts(contents, budget))
 
 
@@ -102,10 +101,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "lost": [s for s, p in contents.final["parameters"].items() if p["status"] == LOST],
         "ledger": _errors(contents),
         "diagnosis": diagnosis,
-        "ties": _ties(diagnosis),
-        "questions": [(each["asks"], likely_in_one_line(each["answers"])) for each in diagnosis.get("questions") or ()],
-        "calibrated": CALIBRATED,
-        "unexplained": _unexplained(diagnosis),
+        "found": there(how_sure(diagnosis), *diagnosis_parts(diagnosis)),
         "plant": plant,
         "formula": {key: polynomial(plant[key]) for key in ("num", "den")} if plant else None,
         "plant_tables": plant_tables(plant),
@@ -119,20 +115,6 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
         "files": files_table(contents),
         "versions": versions_table(contents),
     }
-
-
-def _ties(diagnosis: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Effects that cannot be told apart, and what would tell them."""
-    told = diagnosis.get("ties_told_by") or []
-    ties = [" = ".join(name.replace("_", " ") for name in tie) for tie in diagnosis.get("ties") or ()]
-    return [(tie, told[k] if k < len(told) else "") for k, tie in enumerate(ties)]
-
-
-def _unexplained(diagnosis: Mapping[str, Any]) -> str | None:
-    left = diagnosis.get("unexplained")
-    if not left:
-        return None
-    return left.get("sentence") or f"A {left['enters']} that depends on {left['depends_on']}."
 
 
 def _warnings(contents: Contents) -> Iterator[str]:

@@ -14,7 +14,7 @@ from rich.console import RenderableType
 
 from ...experiment.campaign import Campaign, PlannedTest, band, logger
 from ...experiment.plan import channels
-from ...files import whole
+from ...files import write_text
 from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
 from .. import style
@@ -167,14 +167,12 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
     """Draw PLAN/pictures and write PLAN/procedure.html; where the page is."""
     steps = [_step(folder, campaign, number, test) for number, test in enumerate(campaign.tests, 1)]
     path = folder / "procedure.html"
-    with whole(path) as draft:
-        draft.write_text(_render(campaign, steps), encoding="utf-8")
+    write_text(path, _render(campaign, steps))
     return path
 
 
 def _render(campaign: Campaign, steps: list[Step]) -> str:
-    rooms = ("etcfit.reporting.plan_sheet", "etcfit.reporting.page")  # style and tables are the report's
-    made, current = environment(*((room, "template") for room in rooms)), campaign.settings.current
+    made, current = environment(("etcfit.reporting.plan_sheet", "template")), campaign.settings.current
     return made.get_template("sheet.html").render(
         rig=campaign.rig.config.name,
         synthetic=campaign.rig.config.synthetic,

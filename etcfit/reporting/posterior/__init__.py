@@ -11,7 +11,7 @@ from ...posterior.profile import Profile
 from ...posterior.sampling import Posterior
 from ...run_folder.posterior import narrower, parameters_json
 from ..blocks import all_shown, outcome, rig_title, sentences, spaced, stacked
-from ..numbers import Digits, short
+from ..numbers import mean_digits, short
 from ..table import Cell, Column, Part, Table, there
 from ..tables import LOST, status_cell
 
@@ -46,11 +46,11 @@ def parameters_table(posterior: Mapping[str, Any]) -> Table:
     columns = (
         Column("parameter", "symbol", "symbol"),
         Column("meaning", lambda row: row.get("meaning", ""), "prose", spare=1),
-        Column("mean", lambda row: _digits(row)(row["mean"])),
-        Column("95 % interval", lambda row: _digits(row).span(*(row["ci95"] or (None, None)))),
-        Column("sd: Laplace", lambda row: "-" if _is_lost(row) else short(row.get("laplace_sd")), spare=3),
+        Column("mean", lambda row: mean_digits(row)(row["mean"])),
+        Column("95 % interval", lambda row: mean_digits(row).span(*(row["ci95"] or (None, None)))),
+        Column("sd: Laplace", lambda row: "-" if row.get("status") == LOST else short(row.get("laplace_sd")), spare=3),
         Column("sd: profile", _profiled, spare=4),
-        Column("sd: posterior", lambda row: _digits(row)(row["sd"]), spare=5),
+        Column("sd: posterior", lambda row: mean_digits(row)(row["sd"]), spare=5),
         Column("apart", lambda row: Cell("> 20 %", "bad") if row.get("apart") else "", "word"),
         Column("ESS", lambda row: "-" if row.get("ess") is None else f"{row['ess']:.0f}", spare=2),
         Column("R-hat", lambda row: short(row.get("r_hat"), 4), spare=6),
@@ -58,14 +58,6 @@ def parameters_table(posterior: Mapping[str, Any]) -> Table:
         Column("status", lambda row: status_cell({"status": "", **row}), "prose"),
     )
     return Table(title, columns, rows, file="RUN/posterior.json")
-
-
-def _is_lost(row: Mapping[str, Any]) -> bool:
-    return row.get("status") == LOST
-
-
-def _digits(row: Mapping[str, Any]) -> Digits:
-    return Digits.of_value(row["mean"] or 0.0, row["sd"])
 
 
 def _profiled(row: Mapping[str, Any]) -> str:

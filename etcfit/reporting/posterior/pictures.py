@@ -21,7 +21,7 @@ from ...run_folder.fit import readings_of
 from ...run_folder.posterior import disagree
 from .. import style
 from ..drawing import Job
-from ..numbers import Digits
+from ..numbers import with_error
 from ..pictures import file_name
 from ..traces import headed, name_of, signal, source, stack
 
@@ -70,7 +70,6 @@ class CornerPicture:
     """What a corner plot shows.
 
     Args:
-        rig: its name.
         draws: SI by symbol, shape (D,) each.
         units: by symbol.
         truths: SI by symbol, where known.
@@ -129,8 +128,7 @@ def _means(picture: CornerPicture) -> str:
     lines = [f"{picture.rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
     lines += ["orange: what the data were made from"] if picture.truths else []
     for s, d in picture.draws.items():
-        digits = Digits.of_value(float(np.mean(d)), float(np.std(d)))
-        lines.append(f"{s} = {digits(float(np.mean(d)))} ± {digits(float(np.std(d)))} {picture.units[s]}")
+        lines.append(f"{s} = {with_error(float(np.mean(d)), float(np.std(d)))} {picture.units[s]}")
     return "\n".join(lines)
 
 
@@ -148,7 +146,7 @@ def draw_profiles(rig: str, profiles: Sequence[Profile], units: Mapping[str, str
         _panel(panel, profile, units[profile.symbol])
     for panel in grid.flat[len(profiles) :]:
         panel.set_visible(False)
-    fig.suptitle(f"{rig}  ·  profile likelihood", x=0.015, y=1.0 - 0.08 / tall, ha="left", va="top", fontsize=13)
+    style.title(fig, f"{rig}  ·  profile likelihood")
     fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.4 / tall))
     return fig
 
@@ -203,10 +201,7 @@ class Spread:
 
 def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
     """A row a parameter; 95 % intervals about the fitted value, see `Spread.scale`."""
-    tall = 1.6 + 0.46 * max(1, len(spreads))
-    fig = style.figure(11.0, tall, synthetic)
-    panel = fig.subplots(1, 1)
-    fig.subplots_adjust(left=0.2, right=0.62, top=1.0 - 0.8 / tall, bottom=0.62 / tall)
+    fig, panel = style.titled(f"{rig}  ·  how sure", 1.6 + 0.46 * max(1, len(spreads)), (0.2, 0.62), synthetic)
     panel.axvline(0.0, color="black", lw=0.8)
     if any(spread.reading is not None for spread in spreads):
         panel.plot([], [], "o", color=style.MEASURED, label="graph reading")  # one beyond the edge is an arrow
@@ -218,8 +213,7 @@ def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure
     panel.set_xlim(-_EDGE, _EDGE)
     unit = "standard errors of the fit" if all(s.stderr is not None for s in spreads) else "standard deviations"
     panel.set_xlabel(f"distance from the fitted value [{unit}]")
-    fig.suptitle(f"{rig}  ·  how sure", x=0.015, y=1.0 - 0.1 / tall, ha="left", va="top", fontsize=13)
-    style.legend(fig, [panel], 0.015, 1.0 - 0.42 / tall, "upper left")
+    style.legend_above(fig, panel)
     return fig
 
 
@@ -247,9 +241,8 @@ def _row(panel: Axes, row: int, spread: Spread) -> None:
 
 
 def _words(spread: Spread) -> str:
-    digits = Digits.of_value(spread.mean, spread.sd)
     flag = "   > 20 % apart" if spread.apart else ""
-    return f"{digits(spread.mean)} ± {digits(spread.sd)} {spread.unit}{flag}"
+    return f"{with_error(spread.mean, spread.sd)} {spread.unit}{flag}"
 
 
 def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> list[Job]:
