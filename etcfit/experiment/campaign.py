@@ -1,4 +1,4 @@
-"""The next tests, chosen: what tells most of what the data know least, within what the rig can bear.
+"""The next tests, chosen: those that add most where the data say least, within what the rig can bear.
 
     gain = log(S(F) / S(F + J_k^T J_k)) / (T_k + T_handling)
 
@@ -179,7 +179,7 @@ def _models(
 
 
 def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]], most: int = 2) -> Iterator[int]:
-    """Candidates of largest amplitude within the limits, some of each group: a smaller one tells less."""
+    """Candidates of largest amplitude within the limits, some of each group: a smaller one says less."""
     groups: dict[tuple[str, float, float], list[int]] = {}
     for k, why in enumerate(bad):
         if not why:

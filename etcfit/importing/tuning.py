@@ -1,5 +1,5 @@
 """Logs of a car -> a measurement folder that a fit takes: what drives the model, what is held out, and whether the logs
-can tell gains at all.
+can give gains at all.
 
 The input of the model is the logged duty where each tick of the ECU has a row of its own. A slower log does not say
 what the duty did between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the
@@ -40,7 +40,7 @@ EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic th
 LATE = "actuation_delay"  # a logged duty acts later: the ECU computes, its bridge waits for the next cycle
 HELD_AT_NOMINAL = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
 """Held, SI: position and volts tell J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m, and no more; a search
-along what they do not tell costs half of the time, and often the optimum."""
+along what they do not determine costs half of the time, and often the optimum."""
 _PERCENT = 100.0
 _SLOWER = 0.6  # share of the rows of a log in which the plate moves least
 _OTHER_SIDE = 0.03  # least share of these that an angle must bring to the side of their sign

@@ -281,6 +281,7 @@ def spoilt(measurement: Measurement) -> Measurement:
     return replace(measurement, channels=channels)
 
 
+@pytest.mark.slow  # its fit is the one of the test above
 def test_what_is_held_out_is_never_fitted(case: Case, again: Again) -> None:
     held = {m.file for m in case.rig.measurements if m.held_out}
     assert held == {"response/drive_3.csv", "static_load/ramp_2.csv"}

@@ -65,7 +65,7 @@ def end(x: float, sd: float = 0.5, prior_sd: float = np.inf, wander: np.ndarray 
 
 @pytest.fixture(autouse=True)
 def _a_line_for_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
-    """chi2 with the prior of what only stands for a problem; of real ones: tests/problem/test_chi2.py."""
+    """chi2 with the prior of what only stands for a problem; of real ones: tests/problem/test_residual_kernels.py."""
 
     def chi2_of(problem: Any, points: np.ndarray, weighted: Any) -> np.ndarray:
         priors = np.sum(((points - weighted.prior_mean) / weighted.prior_sd) ** 2, axis=1)

@@ -159,7 +159,7 @@ def damping_optimum(task: Task) -> Gains | Refusal:
 
 
 def as_found(task: Task) -> Gains | Refusal:
-    """Kp, Ki, Kd as [ecu] of rig.toml tells them or the fit found them.
+    """Kp, Ki, Kd as [ecu] of rig.toml states them or the fit found them.
 
     Source: the rig's own logs (`effects.controller`). Differs from source: they are tried in the task's ECU, whose
     clock, delay and bias curve may be others.

@@ -101,7 +101,7 @@ class Runaway:
     fault: str  # in words
     asked: float  # setpoint since then, share of the travel
     opens: float  # widest opening that no check stops, share of the travel
-    jam_after: float | None  # s until the jam check has told it in every model; None where in one it does not
+    jam_after: float | None  # s until the jam check has detected it in every model; None where in one it never does
     jam_opens: float  # widest opening with that check, share of the travel
     # apart_after, apart_opens: likewise with the check of two sensors against each other beside it
     apart_after: float | None
