@@ -121,7 +121,7 @@ def motions(before: CandidateModel, after: CandidateModel, held_out: bool) -> li
         held_out: of the traces held out rather than those fitted.
     """
     first, last = (s.holdout[0] if held_out and s.holdout is not None else s.problem for s in (before, after))
-    stiffness = guide_stiffness_of(last, after.x, after.settings.guide)
+    stiffness = guide_stiffness_of(last, after.x)
     lacked, left = signals(first, before.x, stiffness), signals(last, after.x, stiffness)
     volts, volts_left = missing_voltage(first, before.x, stiffness), missing_voltage(last, after.x, stiffness)
     out = []
@@ -183,7 +183,7 @@ class Place(NamedTuple):
 
 def evidence(s: CandidateModel) -> Evidence:
     """Test the residual of the fitted traces."""
-    stiffness = guide_stiffness_of(s.problem, s.x, s.settings.guide)
+    stiffness = guide_stiffness_of(s.problem, s.x)
     along = signals(s.problem, s.x, stiffness)
     rows = _rows(s, along)
     volts = missing_voltage(s.problem, s.x, stiffness)
@@ -196,7 +196,7 @@ def evidence(s: CandidateModel) -> Evidence:
 
 def is_white(s: CandidateModel) -> bool:
     """`Evidence.white` alone, for whoever decides by it: nothing is said of what the residual goes along with."""
-    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings.guide))
+    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x))
     return _is_noise(s, along, _rows(s, along))
 
 
