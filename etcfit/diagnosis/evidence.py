@@ -165,8 +165,8 @@ def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: 
 # alone.
 #
 # What a single event of a single trace shows is no evidence: the instant of an edge that nobody logged, while the plate
-# turns back, bends what follows until the plate rests again. So a residual that is no larger than noise and is white but
-# for one event counts as noise.
+# turns back, bends what follows until the plate rests again. So a residual that is no larger than noise, and is white
+# but for one event, counts as noise.
 
 _AXES = {"torque": ("angle", "speed", "current", "load", "time"), "voltage": ("current", "speed", "angle", "time")}
 
