@@ -18,8 +18,8 @@ from etcfit import cli, stages
 from etcfit.api import verbs
 from etcfit.control.settings import ManualSettings, OptimumSettings
 from etcfit.diagnosis.settings import DiagnosisSettings
-from etcfit.estimation.settings import FitSettings, GlobalSearchSettings
-from etcfit.experiment.settings import PlanSettings
+from etcfit.estimation.settings import FitSettings
+from etcfit.experiment.settings import CampaignSettings, PlanSettings
 from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
@@ -112,14 +112,9 @@ def test_what_json_holds_is_the_settings_again(kind: Any) -> None:
 
 
 def test_changed_settings_within_settings_survive_json_too() -> None:
-    changed = FitSettings(starts=5, late=(0.01,), search=GlobalSearchSettings(points=32, radii=(1.0, 0.1)))
-    assert from_json(FitSettings, json.loads(json.dumps(plain(changed)))) == changed
+    changed = CampaignSettings(tests=2, durations=(3.0,), plan=PlanSettings(supply=14.0, bands=(5.0,)))
+    assert from_json(CampaignSettings, json.loads(json.dumps(plain(changed)))) == changed
     assert from_json(FitSettings, {"misfit": 10}).misfit == 10.0
-
-
-def test_points_must_share_among_the_radii() -> None:
-    with pytest.raises(ValueError, match="multiple of the number of radii, 4"):
-        GlobalSearchSettings(points=30)
 
 
 @pytest.mark.parametrize("sample", [cli.sample, stages.sample_run, verbs.sample], ids=lambda f: f.__module__)
@@ -148,7 +143,7 @@ def test_a_sweep_rises_from_its_lowest_frequency() -> None:
 @pytest.mark.parametrize(
     "value", [10**400, -(10**400), 10**5000], ids=["401 digits", "negative", "more than are printed"]
 )
-@pytest.mark.parametrize(("kind", "name"), [(SamplingSettings, "still"), (FitSettings, "late")])
+@pytest.mark.parametrize(("kind", "name"), [(SamplingSettings, "still"), (OptimumSettings, "spares")])
 def test_a_whole_number_that_no_float_can_hold_is_out_of_range(kind: Any, name: str, value: int) -> None:
     with pytest.raises(ValueError, match=rf"{kind.__name__}\.{name} = .*it must be"):
-        kind(**{name: (value,) if name == "late" else value})
+        kind(**{name: (value,) if name == "spares" else value})

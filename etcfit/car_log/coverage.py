@@ -1,4 +1,4 @@
-"""Which log to record next: what the moves of a setpoint have to hold for gains to be told from them, and what lacks.
+"""Which log to record next: what the moves of a setpoint have to hold for gains to be found from them, and what lacks.
 
 A list, in order of what it wins; another kind of move is one more line of `WANTED`.
 """

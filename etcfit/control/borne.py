@@ -30,13 +30,13 @@ from .pid.linear_loop import OpenLoop, controller
 MOST = 0.5  # of |Delta T|
 _SEGMENT = 1.0  # s, of one periodogram
 _NEAR = 3.0  # times below and above the crossover, where gain and phase decide on stability
-_AT = 1.5  # times below or above it, where the log must tell Delta
+_AT = 1.5  # times below or above it, where the log must show Delta
 _ROWS = 4.0  # a second, over a frequency, that a log needs at least to show it
-_SEEN = 4.0  # times the noise's power that the motion must have for Delta to be told there
+_SEEN = 4.0  # times the noise's power that the motion must have for Delta to be known there
 
 
 def is_borne(worst: float | None) -> bool:
-    """Whether a loop bears a largest |Delta T|; no where the log does not tell it: NaN, null in tune.json."""
+    """Whether a loop bears a largest |Delta T|; False where the log does not show it (NaN, in tune.json null)."""
     return worst is not None and worst <= MOST
 
 
@@ -44,7 +44,7 @@ def is_borne(worst: float | None) -> bool:
 class Borne:
     """What the loop of one set of gains bears."""
 
-    worst: float  # the largest |Delta T| within a factor of 3 of the crossover; NaN where the log does not tell it
+    worst: float  # the largest |Delta T| within a factor of 3 of the crossover; NaN where the log does not show it
     missed: float  # Delta there, a share of the plant's response
     hertz: float  # where
     crossover: float  # of the loop, Hz

@@ -20,6 +20,8 @@ from .settings import FleetDesignSettings
 FEWEST_UNITS = 5  # from which on their scatter is believed
 EVERY_UNIT = FleetDesignSettings()
 AT_ONCE = 200  # units whose responses are in memory together
+DIRECTIONS = 6  # principal ones of the units' scatter, each of which gives its two extreme units
+REFINEMENTS = 3  # searches made anew with the units that failed among the few, where too many do
 
 
 @dataclass(eq=False)
@@ -39,7 +41,7 @@ class SearchOverUnits:
             return gains
         best, found = gains, one_by_one(task, self.plants, self.units, gains)
         latest = found
-        for _ in range(self.asked.refinements):
+        for _ in range(REFINEMENTS):
             if found.met.mean() >= self.asked.share:
                 break
             task = self._with(task, latest.worst_first[: max(1, self.asked.few // 3)])
@@ -86,7 +88,7 @@ def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np
     """
     off = x - x.mean(axis=0)
     _, _, directions = np.linalg.svd(off, full_matrices=False)
-    along = off @ directions[: asked.directions].T
+    along = off @ directions[:DIRECTIONS].T
     extreme = np.stack((np.argmin(along, axis=0), np.argmax(along, axis=0)), axis=1).ravel()
     random = np.random.default_rng(asked.seed).permutation(len(x))
     return np.array(list(dict.fromkeys([*extreme.tolist(), *random.tolist()])), dtype=int)[:count]

@@ -12,6 +12,7 @@ from .loop_figures import REQUIRED, LoopFigures, Requirements
 from .settings import FleetDesignSettings
 
 STABLE = "stable"  # what a unit whose linear loop is not stable misses
+NAMED = 10  # worst units that are named
 _LEVEL = 0.95
 
 
@@ -125,7 +126,7 @@ class FleetVerdict:
 
     @property
     def worst(self) -> tuple[OddOne, ...]:
-        return self.own.named(self.settings.named)
+        return self.own.named(NAMED)
 
     @property
     def fails(self) -> Mapping[str, tuple[str, ...]]:

@@ -17,7 +17,7 @@ class Share(NamedTuple):
     """One proposed gain."""
 
     of_present: float | None  # over the one that the ECU has now; None where that is not known
-    value: float | None  # in the ECU's own number; None where nothing tells what one of its numbers means
+    value: float | None  # in the ECU's own number; None where it is unknown what one of its numbers means
     of_ultimate: float | None  # over the P at which P alone makes the plate swing on; None of I and D
     seconds: float | None  # of I Kp / Ki, of D Kd / Kp; None of P, and where the gain is 0
     ratio: str = ""  # what `seconds` is, in words

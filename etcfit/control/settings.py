@@ -33,7 +33,6 @@ class OptimumSettings:
         rounds: populations on the nominal model.
         starts: searches on the few draws, each from one of the best ends of the former, none near another.
         last_rounds: populations of each.
-        about: standard deviation of the gains with which the latter begin, in their logarithm.
         spares: share of each requirement kept in hand during the search, for draws that it did not see; the next where
             all draws together are not met with the one before.
         lowest: least gains, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
@@ -50,7 +49,6 @@ class OptimumSettings:
     rounds: int = whole(36, 0, 100_000)
     starts: int = whole(3, 1, 1000)
     last_rounds: int = whole(12, 0, 100_000)
-    about: float = real(0.15, 0.0, 10.0)
     spares: tuple[float, ...] = reals((0.03, 0.06, 0.1), 0.0, 1.0)
     lowest: tuple[float, ...] = reals((0.3, 0.3, 3e-3), 1e-12, 1e12)
     highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
@@ -65,53 +63,17 @@ class OptimumSettings:
 
 @dataclass(frozen=True)
 class ManualSettings:
-    """The gains that the paper's manual procedure tries, and what it calls quick and calm.
+    """The gains that the paper's manual procedure tries.
 
     Args:
         lowest: least gains tried besides 0, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
         highest: largest ones, likewise; the rule refuses where the best proportional gain is the largest.
-        count: of each gain, evenly spaced in the logarithm; Ki and Kd have 0 among them.
-        quick: tracking error over the least that proportional gain alone reaches, up to which a gain is quick.
-        calm: overshoot over the one allowed, below which a response is calm.
     """
 
     lowest: tuple[float, ...] = reals((0.2, 0.1, 1e-3), 1e-12, 1e12)
     highest: tuple[float, ...] = reals((1e3, 3e5, 40.0), 1e-12, 1e12)
-    count: int = whole(64, 2, 10_000)
-    quick: float = real(1.05, 1.0, 100.0)
-    calm: float = real(0.25, 0.0, 1.0)
 
     __post_init__ = _check_bounds
-
-
-@dataclass(frozen=True)
-class RelaySettings:
-    """The relay experiment.
-
-    Args:
-        hold: duration of each experiment, s; the first half lets the swing settle.
-        longest_step: of the integration, s; each turn of the relay leaves an error of that order.
-    """
-
-    hold: float = real(2.0, 1e-3, 1e3)
-    longest_step: float = real(2.5e-5, 1e-7, 1.0)
-
-    __post_init__ = check_ranges
-
-
-@dataclass(frozen=True)
-class DampingSettings:
-    """The time constant Te that the rule `damping_optimum` gives the closed loop.
-
-    Args:
-        settles: settling time asked for, over Te.
-        damped: Te at most, over the Te at which the back-EMF alone damps as much as is asked for and Kd would be 0.
-    """
-
-    settles: float = real(6.0, above=0.0, high=100.0)
-    damped: float = real(0.7, above=0.0, high=1.0)
-
-    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True)
@@ -121,23 +83,13 @@ class FrequencySettings:
     Args:
         fewest_cycles: that setpoint and position must have in common.
         samples_a_cycle: of every signal at least.
-        harmonics: fitted at most, the fundamental among them.
         outside: share of the setpoint's power outside its fundamental, at most.
-        outside_low: share of it in the 2nd to 5th harmonic, at most.
-        strays: an early cycle that differs from the settled ones by more times their own scatter has not settled.
-        same: cycles that differ by less than this share of the swing never count as different.
-        fewest_points: frequencies from which on an order of lag is sought.
         poor: share of the response that the best lag fails to explain, from which on it is no description.
     """
 
     fewest_cycles: int = whole(3, 2, 1000)
     samples_a_cycle: float = real(5.0, 4.0, 1e6)
-    harmonics: int = whole(7, 5, 100)
     outside: float = real(0.10, 0.0, 1.0)
-    outside_low: float = real(0.01, 0.0, 1.0)
-    strays: float = real(4.0, 0.0, 1e6)
-    same: float = real(1e-3, 0.0, 1.0)
-    fewest_points: int = whole(4, 4, 1000)
     poor: float = real(0.1, 0.0, 10.0)
 
     __post_init__ = check_ranges
@@ -167,16 +119,12 @@ class ScenarioSettings:
     Args:
         low, high: ends of the large steps, shares of the travel.
         small: the small steps, up from a quarter of the travel and back, shares of the travel.
-        large_hold: s that each large step is held.
-        hold: s that each other step is held.
         log: s of a log from the car that are taken.
     """
 
     low: float = real(0.1, 0.0, 1.0)
     high: float = real(0.7, 0.0, 1.0)
     small: tuple[float, ...] = reals((0.005, 0.01, 0.02), 1e-6, 0.5)
-    large_hold: float = real(0.5, 1e-3, 100.0)
-    hold: float = real(0.4, 1e-3, 100.0)
     log: float = real(4.0, 0.1, 1000.0)
 
     def __post_init__(self) -> None:
@@ -194,7 +142,6 @@ class ConditionSettings:
         winding: coldest and hottest, degrees Celsius.
         friction: least and largest, over that of the bench.
         bench: temperature of the winding in the measurements, degrees Celsius.
-        copper: by how much its resistance grows, 1/K.
         seed: of the random numbers that draw conditions.
     """
 
@@ -202,7 +149,6 @@ class ConditionSettings:
     winding: tuple[float, ...] = reals((-20.0, 130.0), -100.0, 400.0)
     friction: tuple[float, ...] = reals((0.5, 1.5), 0.0, 100.0)
     bench: float = real(23.0, -100.0, 400.0)
-    copper: float = real(0.00393, 0.0, 0.1)
     seed: int = whole(20230702, 0, 2**32 - 1)
 
     def __post_init__(self) -> None:
@@ -250,17 +196,12 @@ class FrontSettings:
     """The front of tracking against effort.
 
     Args:
-        shares: of the duty's activity that the best gains without a limit have, falling.
         rounds: populations of the search for each.
     """
 
-    shares: tuple[float, ...] = reals((0.85, 0.7, 0.55, 0.4, 0.25), 1e-6, 1.0)
     rounds: int = whole(12, 0, 100_000)
 
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if any(a <= b for a, b in pairwise(self.shares)):
-            raise ValueError(f"FrontSettings.shares = {self.shares!r}: they must fall.")
+    __post_init__ = check_ranges
 
 
 @dataclass(frozen=True)
@@ -268,7 +209,7 @@ class SafetySettings:
     """What the figures of safety are looked for with.
 
     Args:
-        least, most: errors between which a threshold of the jam check is looked for, shares of the travel.
+        most: error up to which a threshold of the jam check is looked for, share of the travel.
         reserve: timeout over the longest time for which a sound throttle is further off than the threshold.
         within: longest timeout that is proposed, s; the least threshold that gets along with it is.
         frozen: steps of the setpoint asked of a plate whose sensor is stuck, shares of the travel.
@@ -281,12 +222,10 @@ class SafetySettings:
         crank: V of the supply while the starter breaks away, and while it turns.
         crank_for: duration of each, s.
         openings: held during a dip, and from which the spring brings the plate back, shares of the travel.
-        places: positions at which the holding current is given.
         insulation: temperature that a winding may reach, degrees Celsius; 155 for class F of IEC 60085.
     """
 
-    least: float = real(0.005, 1e-4, 1.0)
-    most: float = real(0.6, 1e-4, 1.0)
+    most: float = real(0.6, above=0.005, high=1.0)  # they begin at `safety.faults._LEAST`
     reserve: float = real(1.5, 1.0, 100.0)
     within: float = real(0.25, 1e-3, 100.0)
     frozen: tuple[float, ...] = reals((0.02, 0.1), 1e-3, 0.7)
@@ -299,13 +238,10 @@ class SafetySettings:
     crank: tuple[float, ...] = reals((6.0, 8.0), 0.0, 1e3)
     crank_for: tuple[float, ...] = reals((0.05, 0.5), 1e-3, 1.0)
     openings: tuple[float, ...] = reals((0.05, 0.25, 0.5, 0.75, 1.0), 0.0, 1.0)
-    places: int = whole(21, 2, 10_000)
     insulation: float = real(155.0, 0.0, 1000.0)
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        if self.least >= self.most:
-            raise ValueError(f"SafetySettings.most = {self.most!r}: it must be above least, {self.least!r}.")
         if len(self.crank) != len(self.crank_for):
             raise ValueError(f"SafetySettings.crank_for = {self.crank_for!r}: it must have as many parts as crank.")
 
@@ -317,19 +253,13 @@ class FleetDesignSettings:
     Args:
         share: of the units that must meet every requirement.
         few: units, the extreme ones along the fleet's principal directions and random ones, that the search sees.
-        directions: principal ones, each of which gives its two extreme units.
-        refinements: searches made anew with the units that failed among the few, where too many do.
         future: units drawn from the population that tell what to expect of those not made yet.
-        named: worst units that are named.
         seed: of the random numbers.
     """
 
     share: float = real(0.99, 0.0, 1.0)
     few: int = whole(32, 2, 100_000)
-    directions: int = whole(6, 0, 1000)
-    refinements: int = whole(3, 0, 100)
     future: int = whole(1000, 2, 10**6)
-    named: int = whole(10, 1, 10_000)
     seed: int = whole(20230703, 0, 2**32 - 1)
 
     __post_init__ = check_ranges
@@ -351,8 +281,6 @@ class DesignSettings:
         safety: what happens where something fails.
         optimum: the search of the rule `optimal`.
         manual: the rule `manual`.
-        relay: the rule `relay`.
-        damping: the rule `damping_optimum`.
     """
 
     draws: int = whole(200, 1, 10**6)
@@ -366,7 +294,5 @@ class DesignSettings:
     safety: SafetySettings = SafetySettings()
     optimum: OptimumSettings = OptimumSettings()
     manual: ManualSettings = ManualSettings()
-    relay: RelaySettings = RelaySettings()
-    damping: DampingSettings = DampingSettings()
 
     __post_init__ = check_ranges

@@ -22,7 +22,7 @@ from ..estimation.contradiction import with_only_weights_of
 from ..estimation.identifiability import listed
 from ..estimation.intervals import intervals
 from ..estimation.joint_fit import Report, finished, fit, fit_near
-from ..estimation.levenberg_marquardt import descend
+from ..estimation.levenberg_marquardt import LATE, ROUGH_TOLERANCE, descend
 from ..estimation.ready import start_values
 from ..estimation.result import FitResult, Optimum
 from ..estimation.settings import FitSettings
@@ -160,11 +160,11 @@ def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float
     From where the model is; far from the data, which the piece may have bent out of all reason, from the graphs too.
     """
     problem = _declared(s.lean().problem)
-    begins = [(s.x, result.settings.late[-_FORGIVEN:])]
+    begins = [(s.x, LATE[-_FORGIVEN:])]
     if s.far:
         free = problem.free_parameters
         values = {**s.values, **start_values(free, result.readings)}
-        begins.append((free.layout.off_bounds(free.layout.coordinates(values)), result.settings.late))
+        begins.append((free.layout.off_bounds(free.layout.coordinates(values)), LATE))
     left = np.inf
     for x, steps in begins:
         left = min(left, left_without(problem, x, steps, place, result.settings, NEAR_CHI2_PER_DOF))
@@ -187,7 +187,7 @@ def left_without(
         problem = problem.with_integrator_states(x)
         weighted = problem.weighted(weights.forgiving(problem, by))
         others = with_only_weights_of(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
-        x, _ = descend(problem, x, others, settings.rough_tolerance, settings.steps)
+        x, _ = descend(problem, x, others, ROUGH_TOLERANCE, settings.steps)
         left = problem.chi2(x, others) / max(1.0, samples - x.size)
         if left > _HOPELESS * near and not problem.controlled:  # an ECU's integral, begun anew, may still bring it near
             break

@@ -40,11 +40,9 @@ class Weighed(NamedTuple):
     holdout: tuple[EstimationProblem, WeightedData] | None
 
 
-def _weigh(
-    problem: EstimationProblem, held_out: tuple[Trace, ...], x: np.ndarray, far: bool, settings: DiagnosisSettings
-) -> Weighed:
+def _weigh(problem: EstimationProblem, held_out: tuple[Trace, ...], x: np.ndarray, far: bool) -> Weighed:
     """Near the data the residual is whitened at x; far from them it is guided and weighed by what is left in it."""
-    stiffness = guide_stiffness_of(problem, x, settings.guide)
+    stiffness = guide_stiffness_of(problem, x)
 
     def one(b: EstimationProblem) -> tuple[EstimationProblem, WeightedData]:
         if not far:
@@ -80,7 +78,7 @@ def _begun(
 ) -> CandidateModel:
     composition = compose(rig, problem.batch.traces, held_out=held_out)
     problem = problem.with_parameters(composition.lean(()))
-    s = CandidateModel(composition, (), *_weigh(problem, held_out, x, end.far, settings), x, end, settings)
+    s = CandidateModel(composition, (), *_weigh(problem, held_out, x, end.far), x, end, settings)
     return _reweighed(s, held_out) if s.far else s
 
 
@@ -93,7 +91,7 @@ def whitened(
         held_out: the others; releases of their plates are sought from where these traces have them.
         end: how the refit that led there ended.
     """
-    new = _weigh(problem, held_out, x, end.far, s.settings)
+    new = _weigh(problem, held_out, x, end.far)
     return replace(s, **new._asdict(), x=x, end=end)
 
 

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..estimation.settings import GuideSettings
 from ..ranges import check_ranges, real, whole
+
+TRIAL_RISE = 0.02
+"""Allowed relative rise of the held-out free-run RMS in a trial: 2 %, a slip that falls on another sample."""
+FAR_RISE = 2.0
+"""Allowed relative rise far from the data: 200 %, for there the free run itself is not what was fitted."""
 
 
 @dataclass(frozen=True)
@@ -36,12 +40,8 @@ class DiagnosisSettings:
     """Refits that run at a time, in threads; changes the time taken, never the result."""
     strong_bic_change: float = real(-10.0, high=0.0)
     """Change of BIC below which an effect is worth its parameters (Kass and Raftery 1995: very strong evidence)."""
-    trial_rise: float = real(0.02, 0.0)
-    """Allowed relative rise of the held-out free-run RMS in a trial: 2 %, a slip that falls on another sample."""
     refit_rise: float = real(0.2, 0.0)
     """Allowed relative rise of the held-out free-run RMS after a full refit, and of the final model run free: 20 %."""
-    far_rise: float = real(2.0, 0.0)
-    """Allowed relative rise far from the data: 200 %, for there the free run itself is not what was fitted."""
     folds: int = whole(3, 1)
     """Groups of traces left out in turn where rig.toml holds none out."""
     pair_refits: int = whole(2, 0)
@@ -56,8 +56,6 @@ class DiagnosisSettings:
     """Single traces, those that stand out the most, of which it is asked whether they were logged late; as many of
     which it is asked whether their winding was warm; and as many of their channels, of which it is asked whether they
     are late, and again whether they read too much or a wrong zero."""
-    guide: GuideSettings = GuideSettings()
-    """How stiff it is; far from the data models are compared under it."""
     lapse: float = real(0.1, above=0.0, below=1.0)
     """Least probability that what was named is something else, however strong the evidence; and the least that
     something without a name is left beside it."""
@@ -72,11 +70,11 @@ class DiagnosisSettings:
 
     def rise_in_trial(self, far: bool) -> float:
         """Allowed relative rise of the held-out RMS in a trial."""
-        return self.far_rise if far else self.trial_rise
+        return FAR_RISE if far else TRIAL_RISE
 
     def rise_in_refit(self, far: bool) -> float:
         """Allowed relative rise of the held-out RMS after a full refit."""
-        return self.far_rise if far else self.refit_rise
+        return FAR_RISE if far else self.refit_rise
 
 
 DEFAULT = DiagnosisSettings()

@@ -178,7 +178,7 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     s, v, effect = best.model, best.verdict, best.verdict.effect
     assert issubclass(effect, AbstractSmooth)
     curve = effect(**{symbol: s.values[symbol] for symbol in effect.symbols})
-    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x, s.settings.guide))
+    along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x))
     where = np.linspace(*measured_range(effect, along, s.problem.config.travel), _POINTS)
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))

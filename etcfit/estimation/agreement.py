@@ -28,6 +28,7 @@ from .contradiction import (
     split_off,
     tests_of,
 )
+from .identifiability import WEAK
 from .levenberg_marquardt import prior_information
 from .settings import FitSettings
 from .statement import Piece, Split, Statement, inflations_of, prior, statement
@@ -53,6 +54,7 @@ from .statement import Piece, Split, Statement, inflations_of, prior, statement
 
 _NORMAL = float(ndtri(0.975))
 _BELIEVED = 1.0  # degrees of freedom
+SCATTER = 0.05  # p-value below which traces, or tests, scatter by more than their noise, so that intervals are widened
 
 
 class Scatter(NamedTuple):
@@ -362,7 +364,7 @@ class _FittedData:
     def covariance(self, here: Subset) -> np.ndarray:
         """Of the coordinates as a subset knows them, widened for what its own residual shows, shape (P, P)."""
         counted = [piece for piece in here.pieces if piece.test in here.tests]
-        said = statement(counted, inflations_of(counted, settings=self.settings.whiteness)) + self.believed(here)
+        said = statement(counted, inflations_of(counted)) + self.believed(here)
         inverse = np.linalg.inv(said.information)
         return inverse @ said.spread @ inverse
 
@@ -387,13 +389,12 @@ def agreement(
         return Agreement(Influence(), covariance)
     data = _FittedData(problem, weighted, x, pieces, settings)
     believed = data.believed(data.everything)
-    traces = _by_trace(pieces, settings)
+    traces = _by_trace(pieces)
     found = influence(problem.layout.free, traces, believed, data.reach, data.unknown)
     tests = [said for (_, file), said in parts(traces).items() if file is None]
     every = (scatter(each, believed, data.reach, data.unknown) for each in ([*traces.values()], tests))
-    wide = widened(covariance, every, settings.contradiction.scatter)
-    decides = settings.contradiction, settings.whiteness
-    comparison = Comparison(data.refitted, data.believed, data.reach, data.unknown, *decides)
+    wide = widened(covariance, every, SCATTER)
+    comparison = Comparison(data.refitted, data.believed, data.reach, data.unknown, settings.contradiction)
     # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
     contradicting = () if misfit[0] else tuple(map(data.freed, comparison.contradicting(data.everything)))
     named = tuple(_named(data, each) for each in contradicting)
@@ -402,9 +403,9 @@ def agreement(
     return Agreement(found, wide, real, outweighed, None if why is None else _compromise(data, why))
 
 
-def _by_trace(pieces: Sequence[Piece], settings: FitSettings) -> dict[tuple[str, str], Statement]:
+def _by_trace(pieces: Sequence[Piece]) -> dict[tuple[str, str], Statement]:
     out: dict[tuple[str, str], Statement] = {}
-    for piece, f in zip(pieces, inflations_of(pieces, settings=settings.whiteness), strict=True):
+    for piece, f in zip(pieces, inflations_of(pieces), strict=True):
         said, key = statement((piece,), (f,)), (piece.test, piece.file)
         out[key] = out[key] + said if key in out else said
     return out
@@ -445,7 +446,7 @@ def _alone(data: _FittedData, test: str) -> np.ndarray:
     split = split_off(data.everything, test, believed, data.reach, data.unknown)
     sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed.information)))
     near = np.abs(split.own_step) < data.unknown * data.reach
-    known = sd < data.settings.identifiability.weak * data.reach
+    known = sd < WEAK * data.reach
     return np.where(known & near, data.x + split.own_step, np.nan)
 
 

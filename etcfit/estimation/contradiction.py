@@ -13,7 +13,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData, prior_residual_here
 from ..problem.trace import Trace
 from .levenberg_marquardt import descend
-from .settings import ContradictionSettings, FitSettings, WhitenessSettings
+from .settings import ContradictionSettings, FitSettings
 from .statement import Piece, Split, Statement, inflations_of, pieces_at, statement
 
 # ---- The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights
@@ -157,7 +157,6 @@ def parted(
     believed: Statement,
     reach: np.ndarray,
     unknown: float,
-    whiteness: WhitenessSettings,
     alone: Subset | None = None,
 ) -> Parted:
     """One test against the others, linearised at the same point.
@@ -173,9 +172,7 @@ def parted(
         own = [piece._replace(r=piece.residual_after(away)) for piece in alone.pieces if piece.test == test]
     first = Split(undisputed(own), undisputed(others) + believed, reach, unknown)
     steps = first.own_step, first.others_step
-    sides = [
-        statement(side, inflations_of(side, step, whiteness)) for side, step in zip((own, others), steps, strict=True)
-    ]
+    sides = [statement(side, inflations_of(side, step)) for side, step in zip((own, others), steps, strict=True)]
     misfit = sum(piece.misfit(step) for side, step in zip((own, others), steps, strict=True) for piece in side)
     count = sum(piece.r.size for piece in (*own, *others))
     return Parted(Split(sides[0], sides[1] + believed, reach, unknown), misfit, count)
@@ -206,6 +203,10 @@ def split_off(here: Subset, test: str, believed: Statement, reach: np.ndarray, u
 #
 # Source: Holm 1979, Scand. J. Statist. 6. Differs from source: of all that could be rejected only the worst is, and the
 # rest tested anew.
+
+
+_SHARE = 0.5  # of the misfit that must be gone when a test may differ from the others, for it to be named
+NAMED = 1  # tests that may be named, one after the other; where one is mended the next shows by itself
 
 
 @dataclass(frozen=True)
@@ -301,7 +302,6 @@ class Comparison:
         reach: of each coordinate, shape (P,).
         unknown: standard deviation above which a parameter is not known, reaches.
         settings: what decides.
-        whiteness: see `inflation`.
     """
 
     refitted: Callable[[np.ndarray, tuple[str, ...]], Subset]
@@ -309,12 +309,11 @@ class Comparison:
     reach: np.ndarray
     unknown: float
     settings: ContradictionSettings
-    whiteness: WhitenessSettings
 
     def contradicting(self, everything: Subset) -> tuple[Contradicting, ...]:
         """The tests that contradict the others, worst first."""
         here, found = everything, []
-        while len(here.tests) > 1 and len(found) < self.settings.named:
+        while len(here.tests) > 1 and len(found) < NAMED:
             worst = self._worst(here)
             if worst is None:
                 break
@@ -332,7 +331,7 @@ class Comparison:
             if self._unlikely(split) < bound:
                 likely.append(test)
         tried = (self._tried(here, test, together) for test in likely)
-        proven = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= self.settings.share]
+        proven = [each for each in tried if np.log(max(each.p, 1e-300)) < bound and each.share >= _SHARE]
         return max(proven, key=lambda each: each.gain, default=None)
 
     def _bound(self, here: Subset) -> float:
@@ -344,9 +343,9 @@ class Comparison:
 
     def _tried(self, here: Subset, test: str, together: float) -> Contradicting:
         without = self.refitted(here.x, tuple(each for each in here.tests if each != test))
-        asked = without, test, self.believed(without), self.reach, self.unknown, self.whiteness
+        asked = without, test, self.believed(without), self.reach, self.unknown
         two = parted(*asked)
-        if two.share(together) >= self.settings.share and self._unlikely(two.split) > self._bound(here):
+        if two.share(together) >= _SHARE and self._unlikely(two.split) > self._bound(here):
             two = parted(*asked, self.refitted(without.x, (test,)))  # its own optimum may be more than a step away
         p = float(np.exp(self._unlikely(two.split)))
         return Contradicting(test, here, without, p, two.share(together), together - two.misfit)

@@ -16,10 +16,10 @@ from ..problem.free_parameters import effect_named
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from ..rig.base import Rig, Tied
-from .levenberg_marquardt import descend_in_stages, minimise
+from .levenberg_marquardt import ROUGH_TOLERANCE, descend_in_stages, minimise
 from .result import Termination
 from .rounds import Reached, Report, evolve_population, quiet, searched, whitened
-from .settings import FitSettings, GuideSettings
+from .settings import FitSettings
 
 # ---- A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
 # best free run.
@@ -33,6 +33,15 @@ from .settings import FitSettings, GuideSettings
 # Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
 # (single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
 # terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
+
+
+GIVE = 0.01  # how far the guide gives way to a torque as large as dry friction, over the travel that was measured
+BANDWIDTH = 15.0  # by which its least stiffness is measured, Hz
+BANDWIDTH_OF_RATE = 0.1  # most that this bandwidth may be, over the sample rate
+LEAST = 0.003  # least stiffness over J w^2, w the bandwidth: for plates with hardly any dry friction
+STABLE = 0.3  # most stiffness over that at which guide and coil would swing
+SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
+"""Of the stiffness, one after the other, with which a model far from its data is led into its free run."""
 
 
 class Guided(NamedTuple):
@@ -49,7 +58,7 @@ class Guided(NamedTuple):
     torque_driven: bool
 
 
-def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray, settings: GuideSettings) -> float:
+def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray) -> float:
     """Stiffness of the guide for these traces; 0 where no angle was logged. Arguments and units: `guide_stiffness`."""
     guided = [t for t in problem.batch.traces if "position" in t.channels]
     if not guided:
@@ -61,17 +70,17 @@ def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray, settings: Guid
         torque_driven=all(t.torque_driven for t in guided),
     )
     values = problem.layout.values(x, problem.free_parameters.held)
-    return guide_stiffness(values, problem.config.gear_ratio, record, settings)
+    return guide_stiffness(values, problem.config.gear_ratio, record)
 
 
-def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, settings: GuideSettings) -> float:
+def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided) -> float:
     """Stiffness with which a guide draws the plate along its measured angle.
 
         torque = max(T_f / (0.01 span), 0.003 J w^2),    w = 2 pi min(15 Hz, rate / 10),    J = N^2 J_m + J_L
         volts  = min(torque R_a / (N K_m), 0.3 N K_b R_a / L_a)
 
-    Beyond the last bound guide and coil would swing. The numbers are `give`, `least`, `bandwidth`, `bandwidth_of_rate`
-    and `stable`.
+    Beyond the last bound guide and coil would swing. The numbers are `GIVE`, `LEAST`, `BANDWIDTH`, `BANDWIDTH_OF_RATE`
+    and `STABLE`.
 
     Args:
         values: parameters, SI by symbol.
@@ -81,19 +90,19 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided, sett
         V/rad, or N m/rad where torque drives.
     """
     inertia = gear**2 * float(values["J_m"]) + float(values["J_L"])
-    hertz = min(settings.bandwidth, settings.bandwidth_of_rate * record.rate)
+    hertz = min(BANDWIDTH, BANDWIDTH_OF_RATE * record.rate)
     stiff = inertia * (2.0 * np.pi * hertz) ** 2
-    torque = max(float(values["T_f"]) / max(settings.give * record.span, 1e-9), settings.least * stiff)
+    torque = max(float(values["T_f"]) / max(GIVE * record.span, 1e-9), LEAST * stiff)
     if record.torque_driven:
         return torque
     R_a = float(values["R_a"])
     fastest = gear * float(values["K_b"]) * R_a / float(values["L_a"])  # V/rad
-    return min(torque * R_a / (gear * float(values["K_m"])), settings.stable * fastest)
+    return min(torque * R_a / (gear * float(values["K_m"])), STABLE * fastest)
 
 
 def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings = FitSettings()) -> np.ndarray:
     """Where the guide, relaxed step by step, leads, if that free run is likelier than the one of x; else x itself."""
-    if guide_stiffness_of(problem, x, settings.guide) == 0.0:
+    if guide_stiffness_of(problem, x) == 0.0:
         return x
     here, _ = led_by_guide(problem, x, settings.tolerance, settings)
     return here if free_run_cost(problem, here) < free_run_cost(problem, x) else x
@@ -107,8 +116,8 @@ def led_by_guide(
     Args:
         tolerance: relative change of chi2 that ends each descent.
     """
-    stiffness, steps = guide_stiffness_of(problem, x, settings.guide), 0
-    for share in (*settings.guide.shares, 0.0):
+    stiffness, steps = guide_stiffness_of(problem, x), 0
+    for share in (*SHARES, 0.0):
         guided = weights.discounted(problem.guided(share * stiffness), x)
         weighted = guided.weighted(weights.free_running(guided))
         x, more = minimise(guided, x, weighted, tolerance, settings.steps)
@@ -129,6 +138,8 @@ def free_run_cost(problem: EstimationProblem, x: np.ndarray) -> float:
 
 # ---- The fit of a model that is far from its data: least squares of the free run, searched for and led to
 
+REWEIGHINGS = 3  # times that the weight of each channel is renewed from the error left in it
+
 
 def fitted_free_running(
     problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings, led: bool = False
@@ -142,7 +153,7 @@ def fitted_free_running(
     Args:
         led: a guide led to x already, so none is tried again.
     """
-    for k in range(settings.reweighings):
+    for k in range(REWEIGHINGS):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
         problem, weighted, x, now = freed(problem, x, settings.spread / 2.0**k, settings, guided=not led)
         led = led or now  # from its own valley the guide leads back to it
@@ -321,7 +332,7 @@ def lower_end(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) 
 
 def _near(problem: EstimationProblem, x: np.ndarray, settings: FitSettings) -> Reached | None:
     """The whitened end from x; None where it does not come near the data."""
-    x, _ = descend_in_stages(problem, x, settings.rough_tolerance, settings)
+    x, _ = descend_in_stages(problem, x, ROUGH_TOLERANCE, settings)
     weighted = problem.weighted(weights.forgiving(problem))
     if problem.chi2(x, weighted) >= settings.misfit * max(1.0, weighted.samples - x.size):
         return None

@@ -13,12 +13,14 @@ from scipy.special import chdtrc
 from ..errors import first_names
 from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
-from .settings import FitSettings, WhitenessSettings
+from .settings import FitSettings
 
 # ---- Are the residuals independent, and if not, by how much are the intervals too narrow?
 
 
-LAGS = WhitenessSettings().lags
+LAGS = 12  # of the Ljung-Box test, samples; a trace shorter than 4 times as much is not tested
+CORRELATED = 1e-4  # p-value of that test at or below which residuals are called correlated
+EXCESS = 4.0  # standard errors by which the mean square must exceed 1 to be called larger than noise
 
 
 class Widened(NamedTuple):
@@ -52,17 +54,17 @@ def ljung_box(r: np.ndarray, lags: int = LAGS) -> float:
     return float(chdtrc(lags, q))
 
 
-def is_larger(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> bool:
+def is_larger(r: np.ndarray) -> bool:
     """Whether a residual of shape (n,) is larger than its noise:  mean(r^2) - 1 > excess sqrt(2 / n)."""
-    return bool(np.mean(r**2) - 1.0 > settings.excess * np.sqrt(2.0 / r.size))
+    return bool(np.mean(r**2) - 1.0 > EXCESS * np.sqrt(2.0 / r.size))
 
 
-def is_correlated(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> bool:
+def is_correlated(r: np.ndarray) -> bool:
     """Whether a residual of shape (n,) is not independent from sample to sample; False where n < 4 lags, too few."""
-    return r.size >= 4 * settings.lags and ljung_box(r, settings.lags) <= settings.level
+    return r.size >= 4 * LAGS and ljung_box(r, LAGS) <= CORRELATED
 
 
-def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) -> float:
+def inflation(r: np.ndarray) -> float:
     """Variance of a sum of residuals over that of independent standard normal ones.
 
         f = mean(r^2) (1 + 2 sum rho_k)
@@ -73,21 +75,17 @@ def inflation(r: np.ndarray, settings: WhitenessSettings = WhitenessSettings()) 
     Source: Geyer 1992, Statistical Science 7(4), for the sum. Differs from source: it is cut by single lags, not pairs.
     """
     n = r.size
-    if n < 4 * settings.lags:
+    if n < 4 * LAGS:
         return 1.0
-    size = float(np.mean(r**2)) if is_larger(r, settings) else 1.0
-    if not is_correlated(r, settings):
+    size = float(np.mean(r**2)) if is_larger(r) else 1.0
+    if not is_correlated(r):
         return size
     rho = autocorrelation(r, n // 4)
     first = int(np.argmax(rho <= 0.0)) if np.any(rho <= 0.0) else rho.size
     return size * max(1.0, 1.0 + 2.0 * float(rho[:first].sum()))
 
 
-def widen(
-    covariance: np.ndarray,
-    pieces: Sequence[tuple[np.ndarray, np.ndarray]],
-    settings: WhitenessSettings = WhitenessSettings(),
-) -> Widened:
+def widen(covariance: np.ndarray, pieces: Sequence[tuple[np.ndarray, np.ndarray]]) -> Widened:
     """Covariance for residuals that are larger than, or not as independent as, assumed.
 
         C' = C (sum_s f_s J_s^T J_s) C + the prior's share of C
@@ -99,7 +97,7 @@ def widen(
     extra = np.zeros_like(covariance)
     count = 0
     for jacobian, r in pieces:
-        f = inflation(r, settings)
+        f = inflation(r)
         if f > 1.0:
             extra += (f - 1.0) * jacobian.T @ jacobian
             count += 1
@@ -199,7 +197,7 @@ def goodness_of(
 def _of_channel(file: str, channel: str, r: np.ndarray, free: float, settings: FitSettings) -> Goodness:
     if not r.size or not np.isfinite(r).all() or not np.isfinite(free):
         return Goodness(file, channel, Left.FAR, np.nan, False, free)
-    larger, correlated = is_larger(r, settings.whiteness), is_correlated(r, settings.whiteness)
+    larger, correlated = is_larger(r), is_correlated(r)
     size = float(np.mean(r**2))
     left = Left.STRAYS if free > STRAYS else Left.FITS
     if larger or correlated:

@@ -15,6 +15,8 @@ from .settings import IdentifiabilitySettings
 # standard deviation of what is believed of a parameter that no prior is given for, in reaches of its coordinate: about
 # a factor of 20 either way. Part of the definition of covariance and posterior, hence no setting
 WIDE = 3.0
+_NAMED_SHARE = 0.1  # a symbol is named in a direction where its component is more than this share of the largest one
+WEAK = 0.1  # standard deviation over reach from which on a direction is reported as badly known
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +79,7 @@ def analyse(
     sd = 1.0 / np.sqrt(np.maximum(values, 1e-300))
     null = sd > settings.unknown
     directions = [*_readable(layout.free, vectors[:, null], sd[null], settings)]
-    for k in np.flatnonzero(~null & (sd > settings.weak)):
+    for k in np.flatnonzero(~null & (sd > WEAK)):
         directions.append(_direction(layout.free, vectors[:, k], sd[k], settings))
     # by eigenvectors: an inverse would drown the null directions in rounding
     relative = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
@@ -107,7 +109,7 @@ def _scaled(size: np.ndarray, variance: np.ndarray, straying: np.ndarray, unknow
 def _direction(symbols: tuple[str, ...], vector: np.ndarray, sd: float, settings: IdentifiabilitySettings) -> Direction:
     """A direction from its unit vector, shape (P,), with the symbols of large enough shares, largest first."""
     vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
-    order = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > settings.named_share * np.abs(vector).max()]
+    order = [k for k in np.argsort(-np.abs(vector)) if abs(vector[k]) > _NAMED_SHARE * np.abs(vector).max()]
     shares = tuple(float(vector[k]) for k in order)
     return Direction(tuple(symbols[k] for k in order), shares, float(sd), settings.unknown)
 

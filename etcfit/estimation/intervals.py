@@ -19,6 +19,7 @@ from ..model.parameters import parameters_of
 from ..model.rig_effects import AbstractRigEffect, ChannelGain, ChannelOffset, GearRatio, Place, TimeScale
 from ..problem.free_parameters import FreeParameters
 from .agreement import Z_95
+from .identifiability import WEAK
 from .levenberg_marquardt import prior_information
 from .result import Budget, FitResult
 
@@ -140,8 +141,7 @@ def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interva
         return stated
     values = [float(lump.formula(layout.values(x, result.free_parameters.held), n)) for x in compromise.points]
     sd = [math.sqrt(max(float(gradient @ c @ gradient), 0.0)) for c in compromise.covariances]
-    weak = result.settings.identifiability.weak
-    told = [(v, Z_95 * s) for v, s in zip(values, sd, strict=True) if s < weak * abs(v)]
+    told = [(v, Z_95 * s) for v, s in zip(values, sd, strict=True) if s < WEAK * abs(v)]
     low, high = (
         min([stated.low, *(v - half for v, half in told)]),
         max([stated.high, *(v + half for v, half in told)]),
@@ -173,7 +173,7 @@ def _free(result: FitResult) -> list[Interval]:
     slope = layout.numbers(x)[1]
     low, high, status = x - Z_95 * sd, x + Z_95 * sd, "estimated"
     if result.compromise is not None:
-        most = result.settings.identifiability.weak * layout.reach(x)
+        most = WEAK * layout.reach(x)
         (low, high), status = result.compromise.ends(Z_95, low, high, most), "compromise"
     value = [float(result.values[symbol]) for symbol in layout.free]
     ends = (layout.numbers(end)[0].tolist() for end in (low, high))

@@ -20,12 +20,12 @@ from ..rig.paper_readings import Readings, read_graphs
 from .edges import phases_hold, with_edges_in_step, with_edges_on_samples
 from .free_run import Model, comes_near, fitted_free_running, led_by_guide, no_higher_than_smaller, removable_effects
 from .intervals import with_accuracy
-from .levenberg_marquardt import descend, descend_in_stages, with_lag_of_start
+from .levenberg_marquardt import ROUGH_TOLERANCE, descend, descend_in_stages, with_lag_of_start
 from .ready import ready, start_values
 from .result import FitResult as FitResult
 from .result import Optimum, outcome
 from .result import StartSummary as StartSummary
-from .rounds import Reached, likeliest_nearby, rounds, whitened
+from .rounds import FIRST_ROUNDS, SETTLED, Reached, likeliest_nearby, rounds, whitened
 from .rounds import Report as Report
 from .rounds import quiet as quiet
 from .settings import FitSettings
@@ -248,7 +248,7 @@ def _from_several_starts(
     reach = settings.spread * problem.layout.reach(start)
     others = [start + reach * rng.standard_normal(start.size) for _ in range(settings.starts)]
     weighted = problem.weighted(weights.forgiving(problem))
-    tolerance, count = settings.rough_tolerance, settings.starts + 1
+    tolerance, count = ROUGH_TOLERANCE, settings.starts + 1
     freedom = max(1.0, weighted.samples - start.size)
     # an ECU in the model may bring a far end near in the rounds
     hopeless = _HOPELESS * settings.misfit * freedom if only_near and not problem.controlled else np.inf
@@ -285,7 +285,7 @@ def _angles_alone(problem: EstimationProblem) -> bool:
 
 def _along_the_angle(problem: EstimationProblem, start: np.ndarray, settings: FitSettings) -> Deepest | None:
     """From where a guide leads the reading; None where that ends far from the data."""
-    led, steps = led_by_guide(problem, start, settings.rough_tolerance, settings)
+    led, steps = led_by_guide(problem, start, ROUGH_TOLERANCE, settings)
     return _from_one_start("reading, led along the measured angle", problem, start, led, steps, settings)
 
 
@@ -300,7 +300,7 @@ def _from_one_start(
         led: steps of that guide.
     """
     weighted = problem.weighted(weights.forgiving(problem))
-    end, steps = descend(problem, first, weighted, settings.rough_tolerance, settings.steps)
+    end, steps = descend(problem, first, weighted, ROUGH_TOLERANCE, settings.steps)
     before, after = (_forgiven(problem, x, weighted) for x in (start, end))
     misfit = after / max(1.0, weighted.samples - start.size)
     if misfit >= settings.misfit:
@@ -334,7 +334,7 @@ def _reached(
     if misfit < settings.misfit:
         return whitened(problem, x, report, settings)
     if problem.controlled:
-        far = rounds(problem, x, quiet, settings.settled, settings.first_rounds, settings)
+        far = rounds(problem, x, quiet, SETTLED, FIRST_ROUNDS, settings)
         reached = likeliest_nearby(far, start, report, settings)
         if reached.misfit < settings.misfit:
             return reached

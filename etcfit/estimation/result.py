@@ -21,7 +21,7 @@ from .contradiction import Contradiction
 from .explained import drives_of_another_session
 from .fitted_model import FitState, Fitted
 from .goodness import Goodness, goodness_of, inflation, warnings_of, widen
-from .identifiability import Identifiability, analyse
+from .identifiability import WEAK, Identifiability, analyse
 from .settings import FitSettings
 from .statement import Piece, information_in, pieces_at
 from .statement import whitened as whitened_of
@@ -182,7 +182,7 @@ class FitResult:
         subsets of the data give."""
         if self.compromise is None:
             return self.covariance
-        most = self.settings.identifiability.weak * self.free_parameters.layout.reach(self.x)
+        most = WEAK * self.free_parameters.layout.reach(self.x)
         return self.compromise.covariance(Z_95, self.covariance, self.x, most)
 
 
@@ -314,7 +314,7 @@ def _spread(optimum: Optimum, pieces: tuple[Piece, ...]) -> _Spread:
     problem, x, wander, settings = optimum.problem, optimum.x, optimum.end.wander, optimum.settings
     information = information_in(pieces, optimum.weighted.prior_sd[: x.size])
     certain = analyse(problem.layout, x, information, settings.identifiability).covariance
-    covariance, factor, _ = widen(certain, [(p.jacobian, p.r) for p in pieces], settings.whiteness)
+    covariance, factor, _ = widen(certain, [(p.jacobian, p.r) for p in pieces])
     widest = float(np.max(factor, initial=1.0))
     if wander is None:
         return _Spread(certain, covariance, widest, ())
@@ -361,7 +361,7 @@ def _verdict_on_parameters(
     if not np.array_equal(inside, x):
         there = pieces_at(problem, inside, weighted)
         pieces = tuple(new._replace(r=piece.r) for new, piece in zip(there, pieces, strict=True))
-    inflated = (inflation(piece.r, settings.whiteness) for piece in pieces)
+    inflated = (inflation(piece.r) for piece in pieces)
     information = information_in(pieces, weighted.prior_sd[: x.size], inflated)
     return analyse(problem.layout, inside, information, settings.identifiability)
 

@@ -15,12 +15,26 @@ from ..problem.cores import concurrently
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .levenberg_marquardt import descend, descend_in_stages, linearise_at, minimise, with_lag_of_start
+from .levenberg_marquardt import ROUGH_TOLERANCE, descend, descend_in_stages, linearise_at, minimise, with_lag_of_start
 from .result import Reason, Termination
 from .settings import FitSettings, GlobalSearchSettings
 
 # ---- The rounds of a fit: the whitening filter and the least squares through it, renewed in turn until neither moves
 
+
+SETTLED = 0.05  # a round that moves no parameter by more is the last, standard errors
+CLOCK_ROUNDS = 4
+"""First rounds, in which the jitter of the sampling instants is estimated as well. Later rounds linearise half way
+between the last two optima: an impact that crosses a sampling instant would otherwise make two optima alternate."""
+OFF_BOUND_ROUNDS = 2  # first rounds whose descents begin moved off the bounds of the parameters
+ALTERNATING = 1.0  # a last round that moves a parameter by more is reported to alternate, standard errors
+WANDERING = 10.0  # a last round that moves one by more is no optimum: the fit has not converged, standard errors
+DECREMENT = 1e-2
+"""chi2 that the gradient still promises, in units of chi2 per degree of freedom, above which the end of the rounds is
+searched about for a deeper one."""
+ROUGH = 0.1
+"""Largest fall of chi2, in the same units, that the last draws of such a search may find if the fit is to count as
+converged."""
 
 Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
 
@@ -54,12 +68,12 @@ def whitened(
     problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
     """The rounds, and a search from where they end short of an optimum."""
-    return finished(rounds(problem, x, report, settings.settled, settings.rounds, settings), report, settings)
+    return finished(rounds(problem, x, report, SETTLED, settings.rounds, settings), report, settings)
 
 
 def finished(reached: Reached, report: Report, settings: FitSettings) -> Reached:
     """The end of the rounds, or of a search from there where they ended short of an optimum."""
-    return searched(reached, report, settings) if reached.end.gain > settings.decrement else reached
+    return searched(reached, report, settings) if reached.end.gain > DECREMENT else reached
 
 
 def rounds(
@@ -81,15 +95,15 @@ def rounds(
         before = f": the last one moved {moved:.2g} standard errors" if k else ""
         report(f"whitening {k + 1}{before}", 0.5 + 0.4 * k / most)
         weighted = problem.weighted(problem.kalman(about))
-        down = descend if k < settings.off_bound_rounds else minimise
+        down = descend if k < OFF_BOUND_ROUNDS else minimise
         x, _ = down(problem, x, weighted, settings.tolerance, settings.steps)
         here = linearise_at(problem, x, weighted)
         moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
         if (moved < still and k > 0) or k == most - 1:
-            end = after_rounds(moved, here.gain, outliers, settings)
+            end = after_rounds(moved, here.gain, outliers)
             return Reached(problem, weighted, x, replace(end, wander=(x - about)[None], gain=here.gain))
         # later rounds linearise half way: an impact that crosses a sampling instant makes two optima alternate
-        early = k < settings.clock_rounds
+        early = k < CLOCK_ROUNDS
         about = x if early else 0.5 * (about + x)
         r = problem.residual(x, weighted)
         whitened = columns(problem.batch, r)
@@ -100,38 +114,37 @@ def rounds(
         k += 1
 
 
-def after_rounds(moved: float, gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:
+def after_rounds(moved: float, gain: float, outliers: int = 0) -> Termination:
     """Whether the end of the rounds is an optimum.
 
     Args:
         moved: by how much the last round moved the parameter that it moved most, standard errors.
         gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
-        settings: `wandering` and `alternating`, the limits of `moved`.
     """
     if not np.isfinite(gain):
         text = "the model cannot be computed at the point reached"
         return Termination(False, text, outliers, reason_code=Reason.NOT_COMPUTABLE)
-    if moved > settings.wandering:
+    if moved > WANDERING:
         text = f"the last round still moved a parameter by {moved:.2g} standard errors"
         return Termination(False, text, outliers, reason_code=Reason.WANDERING)
     still = f"gradient zero to {gain:.1e} of chi2"
-    if moved > settings.alternating:
+    if moved > ALTERNATING:
         text = f"{still}; the rounds alternate by {moved:.2g} standard errors, which the intervals include"
         return Termination(True, text, outliers, reason_code=Reason.ALTERNATING)
     text = f"{still}, last round moved {moved:.2g} standard errors"
     return Termination(True, text, outliers, reason_code=Reason.OPTIMUM)
 
 
-def after_search(gain: float, outliers: int = 0, settings: FitSettings = FitSettings()) -> Termination:
+def after_search(gain: float, outliers: int = 0) -> Termination:
     """Whether the end of a search without a gradient is an optimum.
 
     Args:
         gain: chi2 that the last points drawn still gained, in units of chi2 per degree of freedom.
     """
-    if gain > settings.rough:
+    if gain > ROUGH:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
         return Termination(False, text, outliers, reason_code=Reason.ROUGH)
-    text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {settings.rough}"
+    text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {ROUGH}"
     return Termination(True, text, outliers, reason_code=Reason.SEARCHED)
 
 
@@ -143,7 +156,7 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
     x, gain = search_about(
         lambda points: chi2_of(problem, points, weighted), x, here.covariance, here.unit, settings.search
     )
-    return Reached(problem, weighted, x, after_search(gain, end.outliers, settings))
+    return Reached(problem, weighted, x, after_search(gain, end.outliers))
 
 
 # ---- A search that needs no gradient, for where the residual is too rough for one
@@ -152,6 +165,9 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
 # full of small steps on which Levenberg-Marquardt stops. Points drawn about where it stopped find a lower chi2, or show
 # that there is none nearby.
 
+LEAST_GAIN = 0.01  # share of chi2 by which it must fall over so many generations, else the population stops
+WORTH = 0.02  # fall of chi2, in units of chi2 per degree of freedom, that makes a move worth it
+RADII = (1.0, 0.3, 0.1, 0.03)  # at which equal shares of the points are drawn, standard deviations of the fit
 Cost = Callable[[np.ndarray], np.ndarray]  # what is minimised, of K points at once, shape (K, P) -> (K,)
 
 
@@ -179,7 +195,7 @@ def evolve_population(
     price = cost(crowd)
     history = [float(price.min())]
     for epoch in range(settings.epochs):
-        if epoch >= settings.patience and history[-1] > (1.0 - settings.least_gain) * history[-settings.patience]:
+        if epoch >= settings.patience and history[-1] > (1.0 - LEAST_GAIN) * history[-settings.patience]:
             break
         a, b, c = (crowd[rng.permutation(size)] for _ in range(3))
         step = rng.uniform(0.4, 0.9, (size, 1))
@@ -202,7 +218,7 @@ def search_about(
 ) -> tuple[np.ndarray, float]:
     """Move to the best of the points drawn about x, again and again, until none is worth it.
 
-    The points are normal with the given covariance times the squares of `settings.radii`.
+    The points are normal with the given covariance times the squares of `RADII`.
 
     Args:
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
@@ -214,7 +230,7 @@ def search_about(
     spread, axes = np.linalg.eigh(covariance)
     root = axes * np.sqrt(np.maximum(spread, 0.0))
     size = settings.points
-    radius = np.repeat(settings.radii, size // len(settings.radii))[:, None]
+    radius = np.repeat(RADII, -(-size // len(RADII)))[:size, None]
     here = float(cost(np.tile(x, (size, 1)))[0])  # as many points as below: what is compiled serves again
     gain = 0.0
     for _ in range(settings.draws):
@@ -222,7 +238,7 @@ def search_about(
         price = cost(points)
         best = int(np.argmin(price))
         gain = max(0.0, here - float(price[best])) / unit
-        if gain < settings.worth:
+        if gain < WORTH:
             break
         x, here = points[best], float(price[best])
     return x, gain
@@ -246,6 +262,17 @@ def search_about(
 # Source: Wales and Doye 1997, Global optimization by basin-hopping; Kass and Raftery 1995, Bayes factors, sec. 4 (a
 # mixture of modes). Differs from source: points are drawn about the likeliest end only, several at a time; modes are
 # taken to be equally wide, for a mode's width is what its rough surroundings tell worst.
+
+
+NEIGHBOURHOOD = (0.15, 0.05)  # standard deviations of the points about the likeliest end, in reaches, in turn
+FIRST_ROUNDS = 4  # from each of them at first
+NEARLY_SETTLED = 0.5  # what counts as not moving there, standard errors: ends that alternate by less are as good as one
+HOPEFUL = 40.0  # -2 log L above the least from which on an end is given up after those rounds
+SEARCHES = 3  # times that so many points are drawn at most; each further time about a likelier end
+LIKELIER = 4.0  # fall of -2 log L that makes it worth drawing again
+EXPLAINED = 2.0
+"""chi2 per sample from which on an end does not explain the data: then points are drawn once more, and about the start,
+as other starts are."""
 
 
 class _End(NamedTuple):
@@ -273,19 +300,19 @@ def likeliest_nearby(
         return reached
     rng = np.random.default_rng(settings.seed)
     ends = [best]
-    for k in range(settings.searches):
-        report(f"looking for likelier optima nearby, {k + 1} of at most {settings.searches}", 0.9)
+    for k in range(SEARCHES):
+        report(f"looking for likelier optima nearby, {k + 1} of at most {SEARCHES}", 0.9)
         ends += _ends_from(_points(best, start, rng, settings), best, start, settings)
         before, best = best.deviance, min(ends, key=lambda end: end.deviance)
-        if before - best.deviance < settings.likelier and best.reached.misfit < settings.explained:
+        if before - best.deviance < LIKELIER and best.reached.misfit < EXPLAINED:
             break
     return _beside(finished(best.reached, quiet, settings), ends)
 
 
 def _points(best: _End, start: np.ndarray, rng: np.random.Generator, settings: FitSettings) -> list[np.ndarray]:
     """Points about an end that explains the data; where it does not, about the start."""
-    layout, explained = best.reached.problem.layout, best.reached.misfit < settings.explained
-    about, spreads = (best.reached.x, settings.neighbourhood) if explained else (start, (settings.spread,))
+    layout, explained = best.reached.problem.layout, best.reached.misfit < EXPLAINED
+    about, spreads = (best.reached.x, NEIGHBOURHOOD) if explained else (start, (settings.spread,))
     far = [spreads[k % len(spreads)] for k in range(settings.neighbours)]
     return [layout.off_bounds(about + each * layout.reach(about) * rng.standard_normal(about.size)) for each in far]
 
@@ -295,23 +322,23 @@ def _ends_from(points: list[np.ndarray], best: _End, start: np.ndarray, settings
     problem = best.reached.problem
 
     def first(point: np.ndarray) -> _End:
-        point, _ = descend_in_stages(problem, point, settings.rough_tolerance, settings)
+        point, _ = descend_in_stages(problem, point, ROUGH_TOLERANCE, settings)
         point = with_lag_of_start(start, problem, point)
-        return _whitened(problem.with_instants(point), point, settings.first_rounds, settings)
+        return _whitened(problem.with_instants(point), point, FIRST_ROUNDS, settings)
 
     found = concurrently(first, points)
-    least = min(end.deviance for end in (best, *found)) + settings.hopeful
+    least = min(end.deviance for end in (best, *found)) + HOPEFUL
     return concurrently(lambda end: _further(end, settings) if end.deviance < least else end, found)
 
 
 def _further(end: _End, settings: FitSettings) -> _End:
     """The rest of the rounds; the end itself where they lead to none that is likelier."""
-    later = _whitened(end.reached.problem, end.reached.x, max(1, settings.rounds - settings.first_rounds), settings)
+    later = _whitened(end.reached.problem, end.reached.x, max(1, settings.rounds - FIRST_ROUNDS), settings)
     return min(end, later, key=lambda end: end.deviance)
 
 
 def _whitened(problem: EstimationProblem, x: np.ndarray, most: int, settings: FitSettings) -> _End:
-    reached = rounds(problem, x, quiet, settings.nearly_settled, most, settings)
+    reached = rounds(problem, x, quiet, NEARLY_SETTLED, most, settings)
     return _End(reached, deviance(reached))
 
 

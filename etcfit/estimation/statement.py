@@ -14,7 +14,6 @@ import numpy as np
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .goodness import inflation
-from .settings import WhitenessSettings
 
 # ---- The residual of a fit channel by channel: what each of them says can be weighed, left out, or asked by itself
 
@@ -149,11 +148,9 @@ def _of_one(piece: Piece, f: float) -> Statement:
     return Statement(information, piece.jacobian.T @ piece.r, f * information, piece.r.size / f)
 
 
-def inflations_of(
-    pieces: Iterable[Piece], step: np.ndarray | None = None, settings: WhitenessSettings = WhitenessSettings()
-) -> list[float]:
+def inflations_of(pieces: Iterable[Piece], step: np.ndarray | None = None) -> list[float]:
     """f of each channel, after a step of the coordinates, shape (P,), where one is given."""
-    return [inflation(p.r if step is None else p.residual_after(step), settings) for p in pieces]
+    return [inflation(p.r if step is None else p.residual_after(step)) for p in pieces]
 
 
 @dataclass(frozen=True, eq=False)

@@ -76,7 +76,7 @@ class Advice:
 
 
 def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = AdviceSettings()) -> Advice:
-    """Judge one more trace of each rig test, and of a driven response that is chosen for what it tells.
+    """Judge one more trace of each rig test, and of a driven response that is chosen for what it adds.
 
     Args:
         rig: a measurement folder.
@@ -142,7 +142,7 @@ class Judge:
 def judge_of(
     problem: EstimationProblem, layout: Layout, x: np.ndarray, settings: AdviceSettings
 ) -> tuple[Judge, list[np.ndarray]]:
-    """What priors and traces of a problem tell, and what each trace does, shape (P, P)."""
+    """Information of a problem's priors and traces, and of each trace, shape (P, P)."""
     now = informations(problem, x)
     prior_sd = problem.weighted(weights.free_running(problem)).prior_sd[: x.size]
     return Judge(layout, x, fisher_information(prior_sd, np.zeros((0, x.size))) + sum(now), settings), now
@@ -184,7 +184,7 @@ def informations(problem: EstimationProblem, x: np.ndarray) -> list[np.ndarray]:
 
 
 def _again(test: str, traces: Sequence[Trace], informations: Sequence[np.ndarray], judge: Judge) -> Option:
-    """The trace of a test that tells most, made once more."""
+    """The trace of a test that adds most, made once more."""
     options = [
         Option(test, f"once more, as {trace.measurement.file}", "", *judge.gain(more), None)
         for trace, more in zip(traces, informations, strict=True)

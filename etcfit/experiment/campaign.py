@@ -1,4 +1,4 @@
-"""The next tests, chosen: what tells most of what the data know least, within what the rig can bear.
+"""The next tests, chosen: those that add most where the data say least, within what the rig can bear.
 
     gain = log(S(F) / S(F + J_k^T J_k)) / (T_k + T_handling)
 
@@ -34,6 +34,8 @@ _SLACK = 0.03  # of what a quantity does in a test: what no model promises
 _NOISE = 3.0  # standard deviations of a sample
 _ROOM = 1.25  # of a range over what is expected
 _FINE = 3.0  # steps of a logger may be so many standard deviations of the noise wide: 12 of a uniform error's variance
+DOUBT = 0.05  # relative standard deviation of the graph readings that draws from a folder without a fit have
+_TOLD = 0.5  # relative standard error below which all candidates together must bring a parameter for it to count
 
 
 class Criterion(StrEnum):
@@ -115,7 +117,7 @@ def plan_campaign(
 
     Args:
         rig: a measurement folder.
-        at: the fit to plan by, of this rig, with its effects; the graph readings, with `settings.doubt` of them, where
+        at: the fit to plan by, of this rig, with its effects; the graph readings, with `DOUBT` of them, where
             not given.
         settings: limits and candidates.
         criterion: what is to become small.
@@ -171,13 +173,13 @@ def _models(
     if at is not None:
         covariance = at.fitted().covariance
     else:
-        covariance = judge.covariance() + np.diag((settings.doubt * known.layout.reach(x)) ** 2)
+        covariance = judge.covariance() + np.diag((DOUBT * known.layout.reach(x)) ** 2)
     drawn = Fitted(rig.config, known, x, covariance).laplace(settings.draws, np.random.default_rng(settings.seed))
     return np.vstack((x[None], drawn))
 
 
 def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]], most: int = 2) -> Iterator[int]:
-    """Candidates of largest amplitude within the limits, some of each group: a smaller one tells less."""
+    """Candidates of largest amplitude within the limits, some of each group: a smaller one says less."""
     groups: dict[tuple[str, float, float], list[int]] = {}
     for k, why in enumerate(bad):
         if not why:
@@ -194,7 +196,7 @@ def _chosen(
     criterion: Criterion,
 ) -> list[int]:
     """Indices of the tests, best first."""
-    asked = judge.sd(sum(told.values())) < settings.told
+    asked = judge.sd(sum(told.values())) < _TOLD
     if not asked.any():
         asked[:] = True
 

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..rig import TEST_BY_NAME
-from .plan import PLANS, Plan, Setting, even_clock, sine_sweep
+from .plan import PLANS, QUIET, Plan, Setting, even_clock, sine_sweep
 from .settings import CampaignSettings
 
 FULL = 10_000  # counts of a duty of 1: what is played is a whole number of them
 _LEAD, _STAY, _DOWN, _OUT, _REST = 0.8, 0.2, 0.2, 0.8, 0.2  # s: ramp up, wait, to the balance, ramp down, wait
+LEVELS = 5  # amplitudes of each shape to try
 _LEAST, _MOST = 1.2, 2.5  # amplitude, times friction and times what takes a slow plate from stop to stop
 _SLOWEST = 0.4  # Hz, of a multisine and of a chirp
 _LINES = 8  # of a multisine
@@ -163,13 +164,13 @@ def _driven(shape: Shape, s: Setting, settings: CampaignSettings) -> Iterator[Ca
         return
     least = min(_LEAST * s.friction, 0.8 * room)
     freed = min(centre + s.friction, settings.supply * s.supply)
-    begin = s.settings.quiet + _LEAD + _STAY + _DOWN
+    begin = QUIET + _LEAD + _STAY + _DOWN
     levels = np.array([0.0, 0.0, freed, freed, centre, centre, 0.0, 0.0])
-    for amplitude in map(float, np.geomspace(least, max(min(_MOST * most, room), 1.01 * least), settings.levels)):
+    for amplitude in map(float, np.geomspace(least, max(min(_MOST * most, room), 1.01 * least), LEVELS)):
         for band in shape.bands:
             for duration in settings.durations:
                 wave = shape.wave(even_clock(duration, settings.play), band)
-                corners = np.cumsum([0.0, s.settings.quiet, _LEAD, _STAY, _DOWN, duration, _OUT, _REST])
+                corners = np.cumsum([0.0, QUIET, _LEAD, _STAY, _DOWN, duration, _OUT, _REST])
                 time = even_clock(float(corners[-1]), settings.play)
                 volts = np.interp(time, corners, levels)
                 volts[np.searchsorted(time, begin - 1e-9) + np.arange(wave.size)] += amplitude * wave

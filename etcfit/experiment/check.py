@@ -82,7 +82,7 @@ class CheckResult:
     readings: Readings | None  # the paper's graphs; None where they could not be read either
     warnings: tuple[str, ...]  # what a reader must know, `why_not` included
     why_not: str = ""  # why there is no verdict, or ""
-    gains: tuple[str, ...] = ()  # sentences: what knowing a gain of the ECU would tell; () where none is sought
+    gains: tuple[str, ...] = ()  # sentences: what a known gain of the ECU would make identifiable
     settings: CheckSettings = CheckSettings()  # what it was decided by
     follows: tuple[Study, ...] = ()  # traces with a setpoint, as `drive` judges a log, by the same thresholds
 
@@ -140,7 +140,7 @@ class Foresight:
 
 
 def _were_gains_known(verdict: Foresight) -> tuple[str, ...]:
-    """What each gain of the ECU that is sought in vain would tell were it known, and what all of them would."""
+    """What each gain of the ECU that is sought in vain would make identifiable were it known, and all of them."""
     unknown = tuple(s for s in GAINS.values() if s in verdict.identifiability.lost)
     keys = {symbol: key for key, symbol in GAINS.items()}
     out = []

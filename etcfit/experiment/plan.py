@@ -19,6 +19,8 @@ from .settings import PlanSettings
 # standard deviation of one sample of a sensor that this rig has not been seen with, SI; what a hobbyist's logger has
 USUAL = {"voltage": 0.01, "current": 0.01, "position": 0.002, "emf": 0.01, "motor_speed": 1.0}
 _ANYWHERE = frozenset({"current", "position"})  # seen whatever is done to the rig
+QUIET = 0.05  # s before anything happens in a trace
+_LEVELS = 3  # amplitudes of the sweeps to choose from
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,7 @@ def viscous(s: Setting) -> Plan:
     """Gear apart, a jump to half the supply."""
     level, time = 0.5 * s.supply, even_clock(1.0, 1000.0)
     says = f"motor alone, step to {level:.1f} V, 1 s at 1 kHz, speed logged"
-    return Plan("viscous", says, time, _step(time, s.settings.quiet, level), s.rest)
+    return Plan("viscous", says, time, _step(time, QUIET, level), s.rest)
 
 
 def static_load(s: Setting) -> Plan:
@@ -135,7 +137,7 @@ def static_load(s: Setting) -> Plan:
 def _release(test: str) -> Callable[[Setting], Plan]:
     """Terminals open, the plate let go from open; two tests, which differ in what is logged."""
     says = "terminals open, plate let go from open, 0.5 s at 2 kHz"
-    return lambda s: Plan(test, says, even_clock(0.5, 2000.0), None, s.open, s.settings.quiet)
+    return lambda s: Plan(test, says, even_clock(0.5, 2000.0), None, s.open, QUIET)
 
 
 PLANS: dict[str, Callable[[Setting], Plan]] = {
@@ -160,7 +162,7 @@ def sweeps(s: Setting) -> list[Plan]:
     most = min(s.friction + s.volts(s.values["K_s"] * 0.5 * (s.open - s.rest)), s.supply - abs(middle))
     least = min(1.2 * s.friction, 0.8 * most)
     time, lowest, plans = even_clock(s.duration, s.rate), s.settings.lowest, []
-    for amplitude in map(float, np.geomspace(least, most, s.settings.levels)):
+    for amplitude in map(float, np.geomspace(least, most, _LEVELS)):
         for band in s.settings.bands:
             volts = middle + amplitude * sine_sweep(time, lowest, band, s.duration)
             says = f"sine sweep {lowest:g} to {band:g} Hz in {s.duration:.1f} s, {middle:.2f} ± {amplitude:.2f} V"

@@ -27,22 +27,18 @@ class PlanSettings:
     """How a trace that does not exist yet would be made, as far as the rig's own traces do not tell.
 
     Args:
-        quiet: before anything happens, s.
         supply: where neither rig.toml nor a logged voltage tells it, V.
         rate: at which a driven plate is logged where no response was, Hz.
         duration: of such a log, s.
         lowest: frequency at which a sine sweep begins, Hz.
         bands: frequencies at which the sweeps to choose from end, Hz.
-        levels: amplitudes of the sweeps to choose from.
     """
 
-    quiet: float = real(0.05, above=0.0, high=1.0)
     supply: float = real(12.0, 0.1, 1e4)
     rate: float = real(1000.0, 1.0, 1e6)
     duration: float = real(4.0, 0.01, 1e4)
     lowest: float = real(0.3, 1e-3, 1e3)
     bands: tuple[float, ...] = reals((1.0, 4.0, 12.0), 1e-3, 1e4)
-    levels: int = whole(3, 1, 100)
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -79,13 +75,10 @@ class CampaignSettings:
         supply: share of the supply that a test may ask for.
         margin: least distance from an end stop while the plate is driven about, share of the travel.
         draws: models over which a test must stay within the limits, the fitted one besides.
-        doubt: relative standard deviation of the graph readings that draws from a folder without a fit have.
         tests: how many to choose, at most.
         least: drop of the criterion below which a test is not worth its while, relative.
         handling: time that setting up one test takes, s: information is weighed against the time spent.
         durations: of the excitation, s, each a candidate.
-        levels: amplitudes of each shape to try.
-        told: relative standard error below which all candidates together must bring a parameter for it to count.
         play: clock of what is played, Hz.
         seed: of the draws.
         plan: how traces are logged and, of rig tests that were not made yet, made.
@@ -97,13 +90,10 @@ class CampaignSettings:
     supply: float = real(0.95, above=0.0, high=1.0)
     margin: float = real(0.04, 0.0, 0.4)
     draws: int = whole(6, 0, 1000)
-    doubt: float = real(0.05, 0.0, 1.0)
     tests: int = whole(4, 1, 50)
     least: float = real(0.03, 0.0, 1.0)
     handling: float = real(10.0, 0.0, 1e5)
     durations: tuple[float, ...] = reals((3.0, 6.0), 0.1, 1e3)
-    levels: int = whole(5, 1, 100)
-    told: float = real(0.5, above=0.0, high=10.0)
     play: float = real(1000.0, 10.0, 1e5)
     seed: int = whole(0, 0)
     plan: PlanSettings = PlanSettings()

@@ -27,7 +27,7 @@ _OF_TPS = ("tps", "noise", "accuracy")  # cannot be checked before a unit has sa
 
 @dataclass(frozen=True)
 class Member:
-    """A unit's row; what an empty cell or a missing column does not tell is None."""
+    """A unit's row; None where a cell is empty or its column missing."""
 
     serial: str | None = None  # of the unit
     date: datetime.datetime | None = None  # when it was measured; in UTC where the file says an offset

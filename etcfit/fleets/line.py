@@ -197,7 +197,7 @@ def _currents(throttles: Throttle, angles: Any, body: Body) -> Any:
 class FigureResult(NamedTuple):
     """A figure of every unit."""
 
-    value: PerUnit  # SI, shape (U,); NaN where it cannot be told
+    value: PerUnit  # SI, shape (U,); NaN where a unit has none
     why: str = ""  # of the NaN; "" where there is none
 
 
@@ -291,15 +291,14 @@ def measured(model: FleetModel, condition: Condition = AS_MEASURED) -> dict[str,
 class Spread:
     """A figure over the units of a fleet."""
 
-    # mean, sd: of the units that it can be told of, SI; None where it can be told of none, or of one alone
+    # of the units that have it, SI; None where none has
     mean: float | None
-    sd: float | None
-    # low, high: 2.5 and 97.5 % of them
-    low: float | None
-    high: float | None
+    sd: float | None  # None for one unit too
+    low: float | None  # 2.5 %
+    high: float | None  # 97.5 %
     unit: str  # SI
-    told: int  # units that it can be told of
-    why: str  # it cannot be told of the others
+    told: int  # units that have it
+    why: str  # the others have none
 
     @classmethod
     def over_units(cls, figure: FigureResult, unit: str) -> Spread:
@@ -325,8 +324,8 @@ def conditions(supplies: tuple[float, ...] = SUPPLIES, cold_friction: float = 1.
 
     Args:
         supplies: V.
-        cold_friction: dry friction over that of the bench in the cold. 1 leaves it alone: how a grease stiffens is its
-            own affair, and no measurement at the bench tells it.
+        cold_friction: dry friction over that of the bench in the cold. 1 leaves it alone: how a grease stiffens no
+            measurement at the bench shows.
     """
     states = (("bench", BENCH, 1.0), ("hot", HOT, 1.0), ("cold", COLD, cold_friction))
     return tuple(

@@ -15,12 +15,10 @@ class PopulationSettings:
         level: coverage that every interval of the population states.
         uncorrelated: how many uncorrelated units' worth the prior of the correlations weighs, for each symbol that
             differs between units; 0 for none, so that a dozen units of a dozen symbols have correlations of +-1.
-        wald: relative standard error of a standard deviation above which its interval is profiled.
     """
 
     level: float = real(0.95, above=0.0, below=1.0)
     uncorrelated: float = real(1.0, 0.0, 1000.0)
-    wald: float = real(0.05, 0.0, 10.0)
 
     __post_init__ = check_ranges
 
@@ -57,26 +55,11 @@ class EngineSettings:
         time_limit: s that one unit may take.
         grace: s after which a unit that cannot be stopped at its time limit costs its worker process.
         portion: s of work that one task holds, so that tiny units share the price of a task.
-        largest_portion: units in one task.
     """
 
     tries: int = whole(2, 1, 10)
     time_limit: float = real(900.0, above=0.0, high=1e6)
     grace: float = real(30.0, above=0.0, high=1e5)
     portion: float = real(0.3, above=0.0, high=60.0)
-    largest_portion: int = whole(256, 1, 10_000)
-
-    __post_init__ = check_ranges
-
-
-@dataclass(frozen=True)
-class StoreSettings:
-    """How often results reach the disk.
-
-    Args:
-        flush: s after which what came back is on disk, so that a killed client loses no more.
-    """
-
-    flush: float = real(1.0, above=0.0, high=3600.0)
 
     __post_init__ = check_ranges

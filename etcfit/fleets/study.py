@@ -35,7 +35,7 @@ class FleetStudy:
     shrunk: Shrunk
     odd: tuple[OddUnit, ...]  # units unlike the others, most odd first
     effects: tuple[EffectInFleet, ...]  # those that the common model names, unit by unit
-    charts: Mapping[str, Chart]  # by symbol, of the units whose own data tell it
+    charts: Mapping[str, Chart]  # by symbol, of the units whose own data determine it
     drifts: tuple[Drift, ...]  # changes in the order of the fleet; `since` counts in `fitted`
     capability: Mapping[str, Capability]  # by symbol or figure that has limits
     gauge: Mapping[str, Gauge]  # by symbol; empty where no part was measured twice
@@ -104,7 +104,7 @@ def without_odd(
 
 
 def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrunk) -> FleetModel:
-    """Every unit by its shrunk values; what the fleet does not tell as the unit's own fit has it."""
+    """Every unit by its shrunk values; what the fleet does not determine as the unit's own fit has it."""
     known = free_parameters(rig)
     own = {symbol: np.array([unit.parameters[symbol].value for unit in units]) for symbol in known.layout.free}
     told = {symbol: shrunk.estimate[:, k] for k, symbol in enumerate(shrunk.symbols)}
@@ -113,7 +113,7 @@ def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrun
 
 
 def _charts(stack: Stack, found: Population) -> dict[str, Chart]:
-    """A chart of each symbol whose value differs from unit to unit, where two units or more tell it."""
+    """A chart of each symbol whose value differs from unit to unit, where the data of two units determine it."""
     out = {}
     own = scaled(stack.marginal(found.symbols))
     stderr = np.sqrt(own.variance) * own.scale
@@ -126,7 +126,7 @@ def _charts(stack: Stack, found: Population) -> dict[str, Chart]:
 
 
 def _in_order(chart: Chart, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Value and standard error for every unit, NaN where its own data do not tell."""
+    """Value and standard error for every unit, NaN where its own data determine none."""
     value, stderr = np.full(len(units), np.nan), np.full(len(units), np.nan)
     told = np.isin(units, chart.units)
     value[told], stderr[told] = chart.value, chart.stderr

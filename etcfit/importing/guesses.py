@@ -30,7 +30,7 @@ _RAMP_S = 1.0  # that a slow ramp takes each way, at least
 _USUAL_DEG, _BEYOND_DEG = (0.0, 90.0), 4.0  # travel, and how far a reading may lie beyond it before it is another
 _END_QUANTILE = 0.001  # of what was read that counts as an end stop
 _CHARGED_V, _BENCH_V = 13.8, 12.0  # a lead battery's charger; a supply for its nominal voltage
-# tests between which only the operator can tell, or which a name settles
+# tests between which only the operator or a name can decide
 _FAMILIES = (
     {"resistance", "inductance"},
     {"back_emf", "inertia"},
@@ -172,7 +172,7 @@ def rig_test_of(record: Record) -> Shown:
         lacks = plate_of(signals) is None or drive_of(signals) is None
         if not record.unexplained or not lacks or "setpoint" in signals:
             return shown
-        # told by what was not logged, and a column that nothing explains may be just that
+        # known by what was not logged, and a column that nothing explains may be just that
         told = f"{shown.reason}; but nothing tells what '{record.unexplained[0]}' is, which moves"
         return shown._replace(reason=told, sure=False)
     if named == shown.test:

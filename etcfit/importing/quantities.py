@@ -61,7 +61,7 @@ def takes_of(sheet: Sheet, answers: Answers) -> list[Take]:
 
 
 def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
-    """By what was said, by name, by unit; None where neither tells.
+    """By what was said, by name, by unit; None where none of them says it.
 
     Raises:
         MeasurementError: its name and its unit contradict each other, or the unit is not known.
@@ -179,7 +179,7 @@ def _by_unit(column: Column) -> Take | None:
 
 
 def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) -> list[Take]:
-    """Columns that neither name nor unit tells, by how they follow from each other."""
+    """Columns of unknown name and unit, by how they follow from each other."""
     # no unit, volts or per cent; a unit that the file states and that is none of these is another
     moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and not c.stated and c.varies]
     still = [c for c in nameless if c not in moving]
@@ -287,7 +287,7 @@ def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
 
 
 def _unexplained(column: Column, known_kind: bool) -> Take:
-    """A column that nothing tells; one that could matter is asked about."""
+    """A column of which nothing says what it is; one that could matter is asked about."""
     if not column.varies:
         return left_out(column, f"neither name nor unit tells what it is, and it stays at {column.values[0]:.4g}")
     matters = not known_kind or is_percent(column.unit) or bool(set(quantities_in(column.unit)) & set(SI_UNIT))

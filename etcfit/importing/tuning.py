@@ -1,5 +1,5 @@
 """Logs of a car -> a measurement folder that a fit takes: what drives the model, what is held out, and whether the logs
-can tell gains at all.
+can give gains at all.
 
 The input of the model is the logged duty where each tick of the ECU has a row of its own. A slower log does not say
 what the duty did between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the
@@ -40,39 +40,32 @@ EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic th
 LATE = "actuation_delay"  # a logged duty acts later: the ECU computes, its bridge waits for the next cycle
 HELD_AT_NOMINAL = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
 """Held, SI: position and volts tell J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m, and no more; a search
-along what they do not tell costs half of the time, and often the optimum."""
+along what they do not determine costs half of the time, and often the optimum."""
 _PERCENT = 100.0
 _SLOWER = 0.6  # share of the rows of a log in which the plate moves least
 _OTHER_SIDE = 0.03  # least share of these that an angle must bring to the side of their sign
 _STILL = 0.03  # s on either side of a cut, in which the plate should rest
+_A_TICK = 0.8  # rows per period of the ECU's clock from which on the duty is the input
+_REACH = 0.2  # share of the travel over which the plate must move at least
+_MOVES = 6  # of the plate by 5 % of the travel, at least
+_SATURATED = 0.2  # share of the rows with the duty at its limit above which the log is doubtful
+_BLIND = 0.6  # the same, above which it tells nothing
+_AT_LIMIT = 0.98  # share of the largest duty of the ECU that counts as its limit
+PIECE = 2.5  # length of what is fitted as one trace, about, s
 
 
 @dataclass(frozen=True)
 class TuneSettings:
-    """What decides whether logs of a car can tell gains.
+    """What of the logs of a car is fitted.
 
     Args:
         hold_out: share of the longest log, its end, that is predicted and not fitted.
         most_samples: that are fitted of all logs together; of more, the pieces in which the plate travels most.
-        piece: length of what is fitted as one trace, about, s.
-        a_tick: rows per period of the ECU's clock from which on the duty is the input.
-        reach: share of the travel over which the plate must move at least.
-        moves: of the plate by 5 % of the travel, at least.
-        saturated: share of the rows with the duty at its limit above which the log is doubtful.
-        blind: the same, above which it tells nothing.
-        at_limit: share of the ECU's largest duty that counts as its limit.
         supply: V, where neither the log nor the user says it.
     """
 
     hold_out: float = real(0.4, 0.0, 0.8)
     most_samples: int = whole(4_500, 100, 10**7)
-    piece: float = real(2.5, 0.1, 1e4)
-    a_tick: float = real(0.8, 0.0, 100.0)
-    reach: float = real(0.2, 0.0, 1.0)
-    moves: int = whole(6, 0, 10_000)
-    saturated: float = real(0.2, 0.0, 1.0)
-    blind: float = real(0.6, 0.0, 1.0)
-    at_limit: float = real(0.98, 0.5, 1.0)
     supply: float = real(13.5, 1.0, 100.0)
 
     __post_init__ = check_ranges
@@ -144,9 +137,9 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
                                "Gains need position, and the ECU's duty or its target.",
                                "Log both, or name the columns: --column 'HEADER=duty [%]'.")  # fmt: skip
     supply = _supply(logs, known, settings)
-    model, why, rate = _model(rig, logs, known, settings)
+    model, why, rate = _model(rig, logs, known)
     placed = [at_ticks(log, known.ecu.period) for log in logs]
-    checks = (rate, *_motion(logs, rig, settings), _saturation(logs, known, settings))
+    checks = (rate, *_motion(logs, rig), _saturation(logs, known))
     noise = float(np.median([log.channels["position"].sigma for log in logs]))
     # an ECU in the model ticks by a clock of its own phase, and its own noise moves the plate
     old = 0.0 if all(placed) and model == DUTY else _speed(logs) * known.ecu.period / math.sqrt(12.0)
@@ -173,12 +166,12 @@ def _supply(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings
     return float(np.median(np.concatenate(logged))) if logged else settings.supply
 
 
-def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> tuple[str, str, LogCheck]:
+def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu) -> tuple[str, str, LogCheck]:
     """What drives the model, why, and whether the log is fast enough for it."""
     rate = 1.0 / max(float(np.median(np.diff(log.time))) for log in logs)  # rows a second
     rows = rate * known.ecu.period
     slow = next((finding for finding in rig.findings if finding.kind == SLOW_LOG), None)
-    fast_enough = rows >= settings.a_tick if known.clock_known else slow is None
+    fast_enough = rows >= _A_TICK if known.clock_known else slow is None
     clock = f"the ECU computes a new duty every {1e3 * known.ecu.period:g} ms"
     has_duty = all("duty" in log.channels for log in logs)
     several = len(logs) > 1
@@ -195,30 +188,30 @@ def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu, settings: Tun
     if can_follow and unlike:
         says = f"the ECU would be a part of the model, and the logs were made under different gains: {lacks}"
         cure = (f"Give only the logs that were made under one set of gains; or log the duty at "
-                f"{settings.a_tick / known.ecu.period:.0f} Hz or faster, when gains do not matter.")  # fmt: skip
+                f"{_A_TICK / known.ecu.period:.0f} Hz or faster, when gains do not matter.")  # fmt: skip
         return ECU, says, LogCheck("fast enough", False, True, says, cure)
     if can_follow:
         of_all = f", which are taken for those of all {len(logs)} logs" if several else ""
         why = f"the ECU is a part of the model, with the gains that are in it now{of_all}: {lacks}"
         return ECU, why, LogCheck("fast enough", True, True, why)
-    need = settings.a_tick / known.ecu.period
+    need = _A_TICK / known.ecu.period
     target = () if all("setpoint" in log.channels for log in logs) else ("log the target too",)
     say = ("say which gains are in the ECU now (--present P,I,D or --msq FILE)",) if known.gains is None else ()
     cure = f"Log position, duty and battery at {need:.0f} Hz or faster; or {' and '.join((*target, *say))}."
     return DUTY if has_duty else ECU, lacks, LogCheck("fast enough", False, True, lacks, cure)
 
 
-def _motion(logs: Sequence[Measurement], rig: Rig, settings: TuneSettings) -> tuple[LogCheck, ...]:
+def _motion(logs: Sequence[Measurement], rig: Rig) -> tuple[LogCheck, ...]:
     """How far and how often the plate moves."""
     low, high = rig.config.travel
     shares = [(log.channels["position"].value - low) / (high - low) for log in logs]
     reach = max(float(np.max(each)) for each in shares) - min(float(np.min(each)) for each in shares)
     moves = sum(_moves(each, 0.05) for each in shares)
     return (
-        LogCheck("moves over the travel", reach >= settings.reach, True,
+        LogCheck("moves over the travel", reach >= _REACH, True,
                  f"the plate moves over {_PERCENT * reach:.0f} % of its travel",
-                 f"Open the throttle over {_PERCENT * settings.reach:.0f} % of its travel at least, engine off."),
-        LogCheck("moves often enough", moves >= settings.moves, True,
+                 f"Open the throttle over {_PERCENT * _REACH:.0f} % of its travel at least, engine off."),
+        LogCheck("moves often enough", moves >= _MOVES, True,
                  f"{moves} moves of 5 % of the travel or more",
                  "Record 20 s of brisk strokes and steps of the pedal, engine off: the ECU's bench test will do."),
     )  # fmt: skip
@@ -237,16 +230,16 @@ def _moves(share: np.ndarray, size: float) -> int:
     return count
 
 
-def _saturation(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> LogCheck:
+def _saturation(logs: Sequence[Measurement], known: KnownEcu) -> LogCheck:
     """How often the duty is at its limit."""
     duties = [log.channels["duty"].value for log in logs if "duty" in log.channels]
     if not duties:
         return LogCheck("duty within its limit", True, False, "no duty was logged, so its limit is not seen")
     duty = np.abs(np.concatenate(duties))
-    share = float(np.mean(duty >= settings.at_limit * known.ecu.duty))
+    share = float(np.mean(duty >= _AT_LIMIT * known.ecu.duty))
     says = f"the duty is at its limit in {_PERCENT * share:.1f} % of the rows"
     cure = "At its limit a duty tells nothing of the gains: record smaller steps, or begin with smaller gains."
-    return LogCheck("duty within its limit", share <= settings.saturated, share > settings.blind, says, cure)
+    return LogCheck("duty within its limit", share <= _SATURATED, share > _BLIND, says, cure)
 
 
 def at_ticks(log: Measurement, period: float) -> Measurement | None:
@@ -305,7 +298,7 @@ def _texts(
             files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
         # under an ECU in the model feedback keeps the plate near, and each piece would have an integral to be found
         most = settings.most_samples
-        cuts = _cuts(log, end, settings.piece) if model == DUTY else list(_busiest(log, 0, end, most))
+        cuts = _cuts(log, end, PIECE) if model == DUTY else list(_busiest(log, 0, end, most))
         parts += [(log, a, b) for a, b in pairwise(cuts)]
     for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
         files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)

@@ -21,6 +21,7 @@ FREEDOM = 10.0  # degrees of freedom of t
 MOST_ROUNDS = 20  # times that the normal density near the one sampled is improved at most
 ALIKE_WEIGHTS = 0.25  # share of the draws that their weights must be worth
 REFINEMENT = 4  # factor on the draws of the last round
+DRAWS_PER_COORDINATE = 40  # draws, for each coordinate, that a normal density near the one sampled is sought with
 LEAST_WALKERS = 8  # of each ensemble however few the coordinates; the snooker move needs three others in each half
 # a walker is no start where log-probability lies below that of a normal density by more than this many standard
 # deviations of its chi2
@@ -80,10 +81,10 @@ def approximate(
     Args:
         target: log-probability of coordinates, shape (K, P) -> (K,).
         mean, covariance: first guess, shapes (P,) and (P, P).
-        settings: how many draws; the first seed.
+        settings: the first seed.
     """
     random = np.random.RandomState(settings.seeds[0])
-    here, count = Approximation(mean, root_of(covariance)), settings.draws_per_coordinate * mean.size
+    here, count = Approximation(mean, root_of(covariance)), DRAWS_PER_COORDINATE * mean.size
     for _ in range(MOST_ROUNDS):
         here, power = _improved(target, here, count, random)
         if power == 1.0:

@@ -18,7 +18,6 @@ class SamplingSettings:
     Args:
         seeds: of the random numbers, one independent ensemble each.
         walkers_per_coordinate: walkers of each ensemble for each sampled coordinate.
-        draws_per_coordinate: draws, for each coordinate, that a normal density near the one sampled is sought with.
         most_steps: of each ensemble, after which sampling ends whether the chain has converged or not.
         length: tau that a chain must be long, after the burn-in.
         still: relative change of tau over the last fifth of the chain that is allowed.
@@ -27,7 +26,6 @@ class SamplingSettings:
 
     seeds: tuple[int, ...] = wholes((20230701, 20230702), 0, 2**32 - 1)
     walkers_per_coordinate: int = whole(4, 2, 1000)
-    draws_per_coordinate: int = whole(40, 8, 100_000)
     most_steps: int = whole(20_000, 0, 10**9)
     length: float = real(50.0, 1.0, 1e6)
     still: float = real(0.05, 0.0, 10.0)

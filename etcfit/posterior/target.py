@@ -29,7 +29,6 @@ from ..estimation.goodness import inflation
 from ..estimation.identifiability import WIDE
 from ..estimation.joint_fit import FitResult
 from ..estimation.levenberg_marquardt import linearise_at, minimise
-from ..estimation.settings import WhitenessSettings
 from ..model.parameters import NonNegative, log_flats
 from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import SERIES
@@ -63,7 +62,7 @@ class Target:
     def from_fit(cls, result: FitResult) -> Target:
         """The posterior that belongs to a fit."""
         problem, x = result.problem, result.x
-        factors = inflations(problem, x, result.weighted, result.settings.whiteness)
+        factors = inflations(problem, x, result.weighted)
         weighted = believed(tempered(problem, result.weighted, factors), x, problem.layout.reach(x))
         there, _ = minimise(problem, x, weighted, TOLERANCE, result.settings.steps)
         before, after = chi2_of(problem, np.stack((x, there)), weighted)
@@ -98,19 +97,14 @@ class Target:
         return np.where(np.isfinite(log_p), log_p, -np.inf)
 
 
-def inflations(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    settings: WhitenessSettings = WhitenessSettings(),
-) -> dict[tuple[str, str], float]:
+def inflations(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> dict[tuple[str, str], float]:
     """f_s of each channel of each trace at coordinates x, shape (P,), by file and channel."""
     r = problem.residual(x, weighted)
     out = {}
     for trace, part in zip(problem.batch.traces, columns(problem.batch, r), strict=True):
         for m, channel in enumerate(trace.channels):
             seen = np.isfinite(trace.data[:, m])
-            out[trace.measurement.file, channel] = inflation(part[seen, m], settings)
+            out[trace.measurement.file, channel] = inflation(part[seen, m])
     return out
 
 

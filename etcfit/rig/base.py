@@ -198,6 +198,11 @@ class RigConfig:
         lower = 0.0 if lower is None else lower
         return lower, lower + math.pi / 2 if upper is None else upper
 
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Values of the parameters that rig.toml fixes, SI, by symbol."""
+        return {symbol: known.value for symbol, known in self.parameters.items() if isinstance(known, Fixed)}
+
     def sets_aside(self, measurement: Measurement) -> bool:
         """Whether `effects` says that a trace, or its whole test, is of another rig: it is read, and no more."""
         named = {f"{OTHER_RIG}[{place}]" for place in (measurement.file, measurement.test)}

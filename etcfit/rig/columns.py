@@ -191,7 +191,7 @@ def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: 
 
 
 def _duty(columns: Mapping[str, Column], config: RigConfig, where: str, header: str) -> np.ndarray:
-    """-1 to 1, shape (n,); NaN in rows that do not tell it."""
+    """-1 to 1, shape (n,); NaN in rows that do not give it."""
     if "duty" in columns:
         return columns["duty"].value
     volts = columns["supply"].value if "supply" in columns else config.supply_V

@@ -180,7 +180,7 @@ def _split(
     if motor in known:
         values[load] = _at_least(whole - gear * known[motor], LOWEST_SHARE * whole, load, notes)
         return ()
-    if isinstance(config.parameters.get(load), Fixed):
+    if load in config.fixed:
         values[motor] = _at_least(whole - known[load], LOWEST_SHARE * whole, motor, notes) / gear
         return ()
     notes.append(f"{whole_name} = N^2 {motor} + {load} only is read; half of it is given to each")

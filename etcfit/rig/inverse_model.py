@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .base import Channel, Fixed, Measurement, RigConfig
+from .base import Channel, Measurement, RigConfig
 from .signals import even_grid, in_gap, off_stops, on_times, widened
 from .smoothing import butterworth, chebyshev
 
@@ -138,7 +138,7 @@ def solve(systems: Sequence[Equations], held: Mapping[str, float]) -> np.ndarray
 
 def held_values(config: RigConfig, N: float) -> dict[str, float]:
     """Which of `LUMPED` rig.toml fixes: J_eq and B_eq only where both their parts are; without gravity, T_g is 0."""
-    fixed = {symbol: k.value for symbol, k in config.parameters.items() if isinstance(k, Fixed)}
+    fixed = config.fixed
     held = {symbol: fixed[symbol] for symbol in ("K_s", "T_PL", "T_f", "T_g") if symbol in fixed}
     if "gravity_load" not in config.effects:
         held["T_g"] = 0.0

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from . import TESTS
-from .base import Fixed, Graph, Reading, Rig, RigConfig, Tied
+from .base import Graph, Reading, Rig, RigConfig, Tied
 
 DEFAULT_TIES = {"K_m": "K_b"}  # energy conservation, SI
 
@@ -53,8 +53,7 @@ def read_graphs(rig: Rig) -> Readings:
 def known(config: RigConfig, read: Mapping[str, float]) -> dict[str, float]:
     """Values for the next reading, SI: those given in rig.toml, replaced by those read unless fixed, ties, and N."""
     given = {symbol: k.value for symbol, k in config.parameters.items() if not isinstance(k, Tied)}
-    fixed = {symbol: k.value for symbol, k in config.parameters.items() if isinstance(k, Fixed)}
-    return _with_ties({**given, **read, **fixed, "N": config.gear_ratio}, config)
+    return _with_ties({**given, **read, **config.fixed, "N": config.gear_ratio}, config)
 
 
 def _with_ties(values: Mapping[str, float], config: RigConfig) -> dict[str, float]:

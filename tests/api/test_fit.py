@@ -6,7 +6,6 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import results
@@ -163,16 +162,3 @@ def test_the_html_table_says_that_a_fit_did_not_converge(rig: Rig) -> None:
 def test_measured_data_are_not_called_synthetic(fitted: Fit) -> None:
     fit = named(fitted, "bench", synthetic=False)
     assert "SYNTHETIC" not in fit._repr_html_() + repr(fit)
-
-
-def test_the_summary_is_what_the_command_prints(fitted: Fit) -> None:
-    text = fitted.summary(width=120)
-    assert max(map(len, text.splitlines())) <= 120
-    assert "95 % interval" in text
-
-
-def test_the_tables_can_be_stored_and_read(fitted: Fit, tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = tmp_path_factory.mktemp("csv") / "parameters.csv"
-    fitted.parameters.to_csv(path)
-    back = pd.read_csv(path, index_col="symbol")
-    assert list(back["value"]) == list(fitted.parameters["value"])

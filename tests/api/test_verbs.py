@@ -24,6 +24,7 @@ from etcfit.api.fit import Fit
 from etcfit.api.measurements import Checked
 from etcfit.cli import app
 from etcfit.control.pid import RULES, Requirements
+from etcfit.control.pid.optimal import SHARES
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
@@ -168,7 +169,7 @@ def test_a_design_has_its_scenarios_and_its_front_in_tables(designed: Designed) 
     assert list(each.index)[:3] == ["trapezoid", "large steps", "small steps"]
     assert each["overshoot_pct"].max() == worst.overshoot_pct
     assert each.loc["trapezoid", "rmse_pct"] == worst.rmse_pct
-    assert len(designed.front) == len(designed.design.settings.front.shares) + 1
+    assert len(designed.front) == len(SHARES) + 1
     assert designed.front["Kp"][0] == designed.design.front[0].gains.Kp
 
 

@@ -17,6 +17,7 @@ import etcfit
 import fleets
 import results
 from benchmarks.parts import on_plant
+from etcfit.control import fleet, on_units
 from etcfit.control.design import Design, design, design_for_fleet, ecu_of, task_of
 from etcfit.control.fleet import (
     Parts,
@@ -55,8 +56,9 @@ def invented(count: int = 50) -> OneByOne:
     return OneByOne(tuple(f"u{k}" for k in range(count)), LoopFigures(**figures), Requirements())
 
 
-def test_what_fails_on_which_unit_is_counted_and_named() -> None:
-    found = FleetVerdict(FleetDesignSettings(named=4), invented(), None, 2)
+def test_what_fails_on_which_unit_is_counted_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(on_units, "NAMED", 4)
+    found = FleetVerdict(FleetDesignSettings(), invented(), None, 2)
     assert (found.share.met, found.share.of) == (47, 50)
     assert found.fails == {"overshoot_pct": ("u3", "u7", "u9"), "stable": ("u9",)}
     assert [(odd.unit, odd.requirement, odd.meets) for odd in found.worst] == [
@@ -82,10 +84,11 @@ def test_a_unit_without_a_number_meets_nothing() -> None:
     assert set(found.worst_first[:2].tolist()) == {0, 9}
 
 
-def test_the_extremes_of_the_fleet_are_among_those_that_the_search_sees() -> None:
+def test_the_extremes_of_the_fleet_are_among_those_that_the_search_sees(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fleet, "DIRECTIONS", 2)
     rng = np.random.default_rng(0)
     x = rng.standard_normal((500, 3)) * (1.0, 0.3, 0.1)
-    some = representatives(x, 20, FleetDesignSettings(directions=2))
+    some = representatives(x, 20, FleetDesignSettings())
     assert len(set(some.tolist())) == 20
     assert {int(np.argmax(x[:, 0])), int(np.argmin(x[:, 0]))} <= set(some[:4].tolist())
     assert len(representatives(x[:5], 20, FleetDesignSettings())) == 5
@@ -171,15 +174,16 @@ def test_the_files_and_the_table_say_how_the_fleet_fares(designed: Design, tmp_p
 
 
 @pytest.mark.slow
-def test_what_no_gains_reach_is_said() -> None:
+def test_what_no_gains_reach_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     """One unit has a spring that no supply overcomes."""
     units = fleets.truths(12, 13)
     units[5] = replace(units[5], T_PL=6.0)
     model = fleets.of(units, position_noise=NOISE)
     rules = {"optimal": RULES["optimal"]}
+    monkeypatch.setattr(fleet, "REFINEMENTS", 1)
+    settings = replace(results.BRIEF, draws=40)
     with results.limits_unsought():
-        found = design_for_fleet(model, ecu_of(model.nominal), settings=replace(results.BRIEF, draws=40), rules=rules,
-                                 asked=FleetDesignSettings(refinements=1)).fleet  # fmt: skip
+        found = design_for_fleet(model, ecu_of(model.nominal), settings=settings, rules=rules).fleet
     assert found is not None
     assert not found.reached
     assert found.future is None

@@ -11,6 +11,7 @@ import rigs
 from benchmarks.safety import compare
 from etcfit.control.pid import Requirements, Task
 from etcfit.control.pid import loop as loop_module
+from etcfit.control.pid.conditions import COPPER
 from etcfit.control.pid.loop_kernel import kernel_of
 from etcfit.control.safety import Envelope
 from etcfit.control.safety.faults import detection_time, propose_jam_check
@@ -62,10 +63,10 @@ def test_a_plate_that_is_held_is_told_once_enough_has_been_asked_for_long_enough
 
 def test_heat_of_holding_is_that_of_the_closed_form_where_copper_does_not_warm() -> None:
     loop = rigs.loop(WindingHeating, ecu=Ecu(), r_h=1e-2, tau_h=8.0)
-    settings = DesignSettings(safety=SafetySettings(places=5))
+    settings = DesignSettings()
     held = holding_currents(loop, Task(rigs.plant(loop), Ecu(), Requirements(), loop, settings=settings))
     assert held.rise is not None
-    alpha, ohm = settings.conditions.copper, float(np.asarray(loop.nominal.parameter("R_a")))
+    alpha, ohm = COPPER, float(np.asarray(loop.nominal.parameter("R_a")))
     assert held.rise == pytest.approx(1e-2 * 8.0 * held.current**2 / (alpha * ohm))
     assert held.watts == pytest.approx(ohm * held.current**2)
     assert held.stall_A == pytest.approx(12.0 / ohm)
@@ -83,7 +84,7 @@ def test_heat_of_holding_is_that_of_the_closed_form_where_copper_does_not_warm()
 
 def test_settings_that_contradict_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match="most"):
-        SafetySettings(least=0.5, most=0.4)
+        SafetySettings(most=0.004)
     with pytest.raises(ValueError, match="as many parts"):
         replace(SafetySettings(), crank=(6.0,))
 

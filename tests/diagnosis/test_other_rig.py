@@ -16,6 +16,7 @@ from etcfit.diagnosis.settings import DEFAULT
 from etcfit.errors import MeasurementError
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.joint_fit import fit
+from etcfit.estimation.levenberg_marquardt import LATE
 from etcfit.estimation.ready import ready
 from etcfit.estimation.result import FitResult
 from etcfit.estimation.settings import FitSettings
@@ -117,7 +118,7 @@ def test_a_piece_without_which_the_others_stay_far_is_given_up(
 
     monkeypatch.setattr(other_rig, "descend", descended)
     place, settings = Place.named("viscous/1.csv"), FitSettings()
-    left = other_rig.left_without(small.problem, small.x, settings.late, place, settings, near)
+    left = other_rig.left_without(small.problem, small.x, LATE, place, settings, near)
     assert len(descents) == gone
     assert np.isfinite(left)
 

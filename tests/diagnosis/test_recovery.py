@@ -12,6 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.diagnosis import DiagnosisSettings
+from etcfit.diagnosis.composition import compose
 from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.score import score
@@ -42,6 +43,8 @@ def test_nothing_is_found_in_a_clean_folder(clean: Case) -> None:
     found = clean.diagnosis
     assert found.added == ()
     assert found.final == ()
+    assert found.rig == ()
+    assert len(compose(clean.result.rig, clean.result.problem.batch.traces).of_the_rig) > 30  # each was a candidate
     assert found.unexplained is None
     assert found.ties == ()
     assert [r.added for r in found.rounds] == [None]

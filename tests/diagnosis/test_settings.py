@@ -63,10 +63,8 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
     """Results of many folders are on record with these: a change of one makes them void."""
     assert plain(DEFAULT) == {
         "rounds": 8, "refits": 4, "rig_refits": 3, "refits_side_by_side": 2, "strong_bic_change": -10.0,
-        "trial_rise": 0.02, "refit_rise": 0.2, "far_rise": 2.0, "folds": 3, "pair_refits": 2, "free_pool": 6,
+        "refit_rise": 0.2, "folds": 3, "pair_refits": 2, "free_pool": 6,
         "pieces": 3, "single_traces": 8, "lapse": 0.1, "missed": 0.1, "slow_log": 0.5, "suspicion": 0.8,
-        "guide": {"give": 0.01, "bandwidth": 15.0, "bandwidth_of_rate": 0.1, "least": 0.003, "stable": 0.3,
-                  "shares": [1.0, 0.3, 0.1, 0.03, 0.01, 0.003]},
     }  # fmt: skip
 
 
@@ -85,6 +83,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
             "REWEIGHINGS": 2, "WORSE_CHI2": 1.5},
     rig_screen: {"LATE_STRETCHES": 20},
     score_module: {"FOLD_TOLERANCE": 1e-3},
+    settings: {"TRIAL_RISE": 0.02, "FAR_RISE": 2.0},
     trial: {"SPARED_GAIN": 0.01},
     unexplained: {"CURVE_REFITS": 1, "NAME_KEEPS": 0.9, "SURELY_NAMED": 0.9 / (1.0 - 0.9), "NAMES_HOLD": 0.8,
                   "CURVE_ASKED": 1.5},
@@ -110,7 +109,7 @@ def test_every_setting_is_explained() -> None:
 
 
 def test_diagnosis_json_records_what_was_decided_by(rig: Rig) -> None:
-    mine = with_(rounds=3, trial_rise=0.05)
+    mine = with_(rounds=3, refit_rise=0.05)
     recorded = diagnosis_json(diagnoses.diagnosis(rig, settings=mine))["settings"]
     assert from_json(DiagnosisSettings, json.loads(json.dumps(recorded))) == mine
 
@@ -162,10 +161,10 @@ def read() -> int:
 CASES: dict[str, tuple[Callable[..., Any], Any, dict[str, float], Any]] = {
     "strong_bic_change": (lambda **c: added(with_(**c)), True, {"strong_bic_change": -20.0}, False),
     "least_part_of_one": (lambda **c: added_of_one(with_(**c)), True, {"LEAST_PART_OF_ONE": 2.5}, False),
-    "trial_rise": (lambda **c: with_(**c).rise_in_trial(False), 0.02, {"trial_rise": 0.1}, 0.1),
+    "trial_rise": (lambda: DEFAULT.rise_in_trial(False), 0.02, {"TRIAL_RISE": 0.1}, 0.1),
     "refit_rise": (lambda **c: with_(**c).rise_in_refit(False), 0.2, {"refit_rise": 0.1}, 0.1),
-    "far_rise": (lambda **c: (with_(**c).rise_in_trial(True), with_(**c).rise_in_refit(True)), (2.0, 2.0),
-                 {"far_rise": 1.0}, (1.0, 1.0)),
+    "far_rise": (lambda: (DEFAULT.rise_in_trial(True), DEFAULT.rise_in_refit(True)), (2.0, 2.0),
+                 {"FAR_RISE": 1.0}, (1.0, 1.0)),
     "refits": (lambda **c: chosen(9, **c), 4, {"refits": 2}, 2),
     "folds": (lambda **c: len(groups_of(range(9), with_(**c).folds)), 3, {"folds": 5}, 5),
     "suspicion": (lambda **c: likely(0.75, **c).suspected, True, {"suspicion": 0.7}, False),

@@ -16,7 +16,7 @@ import results
 from diagnoses import error
 from etcfit.diagnosis import Diagnosis, diagnose
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.composition import Effect, compose
+from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.findings import RigMistake, Statement
 from etcfit.diagnosis.loop import screened
@@ -189,19 +189,6 @@ def test_one_channel_of_one_trace_that_is_late_is_named(tmp_path: Path) -> None:
     config = replace(late.before.rig.config, effects=(*late.before.rig.config.effects, mistake.effect))
     mended = fit(replace(late.before.rig, config=config))
     assert mended.chi2_per_dof < 1.02 < late.before.chi2_per_dof
-
-
-@pytest.mark.slow
-def test_a_clean_folder_has_no_mistake(resistor: Case) -> None:
-    """The resistor declared as it is: every effect of the rig is a candidate, none is taken in."""
-    rig = read_folder(resistor.folder)  # mended by the test above, or here
-    if "inductance" not in rig.config.series_ohm:
-        with (resistor.folder / "rig.toml").open("a", encoding="utf-8") as toml:
-            toml.write('\n[tests.inductance]\nseries_ohm = "free"\n')
-        rig = read_folder(resistor.folder)
-    result = fit(rig)
-    assert len(compose(result.rig, result.problem.batch.traces).of_the_rig) > 30
-    assert diagnose(result).rig == ()
 
 
 def wandering(rate: float) -> Rig:

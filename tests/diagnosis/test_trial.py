@@ -116,7 +116,7 @@ def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: Can
     assert v.gain == pytest.approx(small.chi2 - trial.model.chi2)
     assert v.gain > 0.0
     assert v.bic_change == bic_change(before, v.score, Cost(1, 1))
-    assert (v.samples, v.slack) == (small.weighted.samples, SETTINGS.trial_rise)
+    assert (v.samples, v.slack) == (small.weighted.samples, SETTINGS.rise_in_trial(False))
     assert v.holdout_rms_ratio is not None
     assert before.holdout_rms is not None
     assert v.holdout_rms_ratio == pytest.approx(np.divide(v.score.holdout_rms or np.nan, before.holdout_rms))

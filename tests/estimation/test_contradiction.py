@@ -22,7 +22,7 @@ from etcfit.estimation.contradiction import (
     disagreement,
     parted,
 )
-from etcfit.estimation.settings import ContradictionSettings, WhitenessSettings
+from etcfit.estimation.settings import ContradictionSettings
 from etcfit.estimation.statement import Split, Statement, inflations_of, statement
 
 REACH = np.ones(parts.P)
@@ -54,7 +54,7 @@ class Bench:
 
     def contradicting(self, level: float = 1e-3, understated: float = 1.0) -> tuple[Contradicting, ...]:
         settings = ContradictionSettings(level=level, understated=understated)
-        comparison = Comparison(self.fit, lambda _: parts.nothing_believed(), REACH, 0.3, settings, WhitenessSettings())
+        comparison = Comparison(self.fit, lambda _: parts.nothing_believed(), REACH, 0.3, settings)
         return comparison.contradicting(self.fit(np.zeros(parts.P), tuple(parts.TESTS)))
 
 
@@ -103,7 +103,7 @@ def test_the_statistic_is_hausmans() -> None:
     r = parts.residuals(rng, every, {"a": np.array([0.2])})
     x = parts.optimum(every, r)
     here = Subset(("a", "b"), x, parts.pieces(every, r, x), np.zeros(1))
-    two = parted(here, "a", parts.nothing_believed(1), np.ones(1), 1.0, WhitenessSettings())
+    two = parted(here, "a", parts.nothing_believed(1), np.ones(1), 1.0)
     own, others = (parts.optimum({key: every[key]}, r)[0] for key in every)
     variance = sum(1.0 / float(np.sum(J**2)) for J in every.values())
     t2 = (own - others) ** 2 / variance
@@ -119,14 +119,14 @@ def test_sides_that_share_no_direction_cannot_disagree() -> None:
     r = parts.residuals(rng, every, {"a": np.array([0.0, 9.0])})
     x = parts.optimum(every, r)
     here = Subset(("a", "b"), x, parts.pieces(every, r, x), np.zeros(2))
-    assert disagreement(parted(here, "a", parts.nothing_believed(2), np.ones(2), 1.0, WhitenessSettings()).split) == 0.0
+    assert disagreement(parted(here, "a", parts.nothing_believed(2), np.ones(2), 1.0).split) == 0.0
 
 
 def test_a_test_linearised_at_its_own_optimum_says_the_same_where_all_is_linear() -> None:
     bench = Bench(1, {"beta": np.array([0.0, 0.4, 0.0])})
     start, rest = np.zeros(parts.P), ("alpha", "gamma")
     there = bench.fit(start, rest)
-    asked = there, "beta", parts.nothing_believed(), REACH, 0.3, WhitenessSettings()
+    asked = there, "beta", parts.nothing_believed(), REACH, 0.3
     near, far = parted(*asked), parted(*asked, bench.fit(start, ("beta",)))
     assert disagreement(far.split) == pytest.approx(disagreement(near.split), rel=1e-6)
     assert disagreement(far.split) < -10.0

@@ -13,7 +13,7 @@ import pytest
 from bodies import OPEN, N
 from driven import SOUGHT, driven, driven_rig, started
 from etcfit.datasets import fetch
-from etcfit.estimation import joint_fit
+from etcfit.estimation import free_run, joint_fit
 from etcfit.estimation.free_run import (
     Guided,
     Model,
@@ -31,7 +31,7 @@ from etcfit.estimation.joint_fit import FitResult, fit, from_own_starts
 from etcfit.estimation.levenberg_marquardt import minimise
 from etcfit.estimation.result import Termination
 from etcfit.estimation.rounds import Reached, quiet
-from etcfit.estimation.settings import FitSettings, GlobalSearchSettings, GuideSettings
+from etcfit.estimation.settings import FitSettings, GlobalSearchSettings
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import pooled
@@ -50,7 +50,7 @@ SETTINGS = FitSettings()
 
 def stiffness(truth: Truth, span: float, rate: float = 1000.0, torque: bool = False, **changes: float) -> float:
     values = {s: getattr(truth, s) for s in ("J_m", "J_L", "T_f", "R_a", "L_a", "K_b", "K_m")}
-    return guide_stiffness(values | changes, N, Guided(span, rate, torque), GuideSettings())
+    return guide_stiffness(values | changes, N, Guided(span, rate, torque))
 
 
 @pytest.mark.parametrize("travel", [OPEN, 0.1], ids=["whole travel", "a twentieth of it"])
@@ -86,18 +86,22 @@ def test_without_dry_friction_a_guide_has_a_share_of_its_bandwidths_stiffness(ra
     assert stiffness(CONSISTENT, OPEN, rate, torque=True, T_f=0.0) == pytest.approx(expected, rel=1e-3)
 
 
-def asked(**changes: float) -> float:
+def asked() -> float:
     """Stiffness without dry friction, N m/rad."""
     values = {s: getattr(CONSISTENT, s) for s in ("J_m", "J_L", "R_a", "L_a", "K_b", "K_m")} | {"T_f": 0.0}
-    return guide_stiffness(values, N, Guided(OPEN, 30.0, True), replace(GuideSettings(), **changes))
+    return guide_stiffness(values, N, Guided(OPEN, 30.0, True))
 
 
 @pytest.mark.parametrize(
-    ("changes", "times"),
-    [({"least": 0.006}, 2.0), ({"bandwidth_of_rate": 0.2}, 4.0), ({"bandwidth": 1.5}, 0.25), ({"give": 0.5}, 1.0)],
+    ("name", "value", "times"),
+    [("LEAST", 0.006, 2.0), ("BANDWIDTH_OF_RATE", 0.2, 4.0), ("BANDWIDTH", 1.5, 0.25), ("GIVE", 0.5, 1.0)],
 )
-def test_a_setting_changes_what_it_names(changes: dict[str, float], times: float) -> None:
-    assert asked(**changes) == pytest.approx(times * asked())
+def test_a_constant_changes_what_it_names(
+    name: str, value: float, times: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = asked()
+    monkeypatch.setattr(free_run, name, value)
+    assert asked() == pytest.approx(times * before)
 
 
 # ---- where it leads
@@ -147,8 +151,8 @@ def test_the_guide_is_as_stiff_as_the_logged_angle_asks(problem: EstimationProbl
     span = max(float(np.ptp(trace.data[:, 0])) for trace in traces)
     rate = 1.0 / float(np.median(np.concatenate([np.diff(trace.instants) for trace in traces])))
     values = problem.layout.values(x, problem.free_parameters.held)
-    expected = guide_stiffness(values, problem.config.gear_ratio, Guided(span, rate, False), GuideSettings())
-    assert guide_stiffness_of(problem, x, GuideSettings()) == pytest.approx(expected, rel=1e-9)
+    expected = guide_stiffness(values, problem.config.gear_ratio, Guided(span, rate, False))
+    assert guide_stiffness_of(problem, x) == pytest.approx(expected, rel=1e-9)
 
 
 def test_without_a_logged_angle_there_is_no_guide_and_nothing_moves(truth: Truth, tmp_path: Path) -> None:
@@ -158,15 +162,20 @@ def test_without_a_logged_angle_there_is_no_guide_and_nothing_moves(truth: Truth
     known = free_parameters(rig.config)
     blind = EstimationProblem.of_traces(rig.config, known, tuple(trace for trace in found if trace is not None))
     x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
-    assert guide_stiffness_of(blind, x, GuideSettings()) == 0.0
+    assert guide_stiffness_of(blind, x) == 0.0
     assert relax_guide(blind, x) is x
 
 
 # ---- A model that holds another is also started from where that one ended, and ends no higher
 
-SMALL_SEARCH = FitSettings(reweighings=1, search=GlobalSearchSettings(points=8, epochs=2, draws=1))
+SMALL_SEARCH = FitSettings(search=GlobalSearchSettings(points=8, epochs=2, draws=1))
 NEVER_NEAR = replace(SMALL_SEARCH, misfit=0.0)
 STRIBECK, DRAG = "stribeck_friction", "quadratic_drag"
+
+
+@pytest.fixture
+def one_weighing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_run, "REWEIGHINGS", 1)
 
 
 @pytest.fixture(scope="module")
@@ -197,6 +206,7 @@ def height(reached: Reached) -> float:
     return free_run_cost(reached.problem, reached.x)
 
 
+@pytest.mark.usefixtures("one_weighing")
 @pytest.mark.parametrize("settings", [SMALL_SEARCH, NEVER_NEAR], ids=["near", "far"])
 def test_a_caught_model_ends_no_higher_than_the_smaller_ones_inside_it(
     settings: FitSettings, rig: Rig, truth: Truth
@@ -218,6 +228,7 @@ def test_a_caught_model_ends_no_higher_than_the_smaller_ones_inside_it(
     assert comes_near(end, settings) is (settings is SMALL_SEARCH)
 
 
+@pytest.mark.usefixtures("one_weighing")
 def test_the_effect_that_lowers_the_error_most_comes_first(rig: Rig, truth: Truth) -> None:
     asked: list[tuple[str, ...]] = []
 
@@ -252,6 +263,7 @@ def test_without_an_effect_nothing_is_said_of_its_parameters(rig: Rig) -> None:
     assert set(less.config.parameters) == {"R_a"}
 
 
+@pytest.mark.usefixtures("one_weighing")
 def test_a_residual_as_large_as_that_of_a_far_model_is_not_near(rig: Rig, truth: Truth) -> None:
     """Whether its descent was forgiven enough or not."""
     model = begun(rig, truth)

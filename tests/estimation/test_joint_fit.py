@@ -207,9 +207,6 @@ def test_the_end_of_the_rounds_is_judged_by_what_the_last_one_moved() -> None:
     assert judged[10.1].reason == "the last round still moved a parameter by 10 standard errors"
     nowhere = after_rounds(0.0, np.nan, outliers=3)
     assert (nowhere.converged, nowhere.reason_code, nowhere.outliers) == (False, Reason.NOT_COMPUTABLE, 3)
-    strict = FitSettings(alternating=0.01, wandering=0.5)
-    assert after_rounds(0.02, 1e-9, settings=strict).reason_code is Reason.ALTERNATING
-    assert after_rounds(0.99, 1e-9, settings=strict).reason_code is Reason.WANDERING
 
 
 def test_the_end_of_a_search_is_judged_by_what_it_still_gained() -> None:
@@ -218,7 +215,6 @@ def test_the_end_of_a_search_is_judged_by_what_it_still_gained() -> None:
     assert done.reason.endswith("lowers it by 0.1")
     assert (cut.converged, cut.reason_code, cut.outliers) == (False, Reason.ROUGH, 2)
     assert "by 0.11 of its own size" in cut.reason
-    assert after_search(0.11, settings=FitSettings(rough=0.2)).converged
 
 
 def test_everything_is_identifiable_with_all_six_tests_and_responses(case: Case) -> None:
@@ -285,6 +281,7 @@ def spoilt(measurement: Measurement) -> Measurement:
     return replace(measurement, channels=channels)
 
 
+@pytest.mark.slow  # its fit is the one of the test above
 def test_what_is_held_out_is_never_fitted(case: Case, again: Again) -> None:
     held = {m.file for m in case.rig.measurements if m.held_out}
     assert held == {"response/drive_3.csv", "static_load/ramp_2.csv"}

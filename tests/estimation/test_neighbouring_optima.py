@@ -65,7 +65,7 @@ def end(x: float, sd: float = 0.5, prior_sd: float = np.inf, wander: np.ndarray 
 
 @pytest.fixture(autouse=True)
 def _a_line_for_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
-    """chi2 with the prior of what only stands for a problem; of real ones: tests/problem/test_chi2.py."""
+    """chi2 with the prior of what only stands for a problem; of real ones: tests/problem/test_residual_kernels.py."""
 
     def chi2_of(problem: Any, points: np.ndarray, weighted: Any) -> np.ndarray:
         priors = np.sum(((points - weighted.prior_mean) / weighted.prior_sd) ** 2, axis=1)
@@ -105,12 +105,14 @@ class Rounds:
 def nearby(first: Any, follow: Rounds, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> Any:
     monkeypatch.setattr(rounds, "rounds", follow)
     monkeypatch.setattr(rounds, "concurrently", lambda work, of: [work(each) for each in of])
+    for constant in [name for name in settings if name.isupper()]:
+        monkeypatch.setattr(rounds, constant, settings.pop(constant))
     return likeliest_nearby(first, np.array([1.0]), lambda *_: None, FitSettings(**settings))
 
 
 def test_the_likeliest_end_is_kept_and_the_others_widen_it(monkeypatch: pytest.MonkeyPatch) -> None:
     first = end(1.9)
-    kept = nearby(first, Rounds(1.5, 1.2, 1.5, 1.2), monkeypatch, neighbours=2, searches=1)
+    kept = nearby(first, Rounds(1.5, 1.2, 1.5, 1.2), monkeypatch, neighbours=2, SEARCHES=1)
     assert kept.x[0] == 1.5
     weight = np.exp([-0.5 * (deviance(each) - deviance(end(1.5))) for each in (first, end(1.5), end(1.2))])
     expected = 0.01**2 + np.sum(weight / weight.sum() * np.array([0.4, 0.0, -0.3]) ** 2)
@@ -129,7 +131,7 @@ def test_none_is_looked_for_where_none_is_asked_for_or_nothing_can_be_computed(
 
 def test_an_end_far_from_the_likeliest_after_the_first_rounds_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     rounds = Rounds(1.6, 4.0, 1.5)
-    settings = {"neighbours": 2, "searches": 1, "hopeful": 4.0, "first_rounds": 3, "rounds": 12}
+    settings = {"neighbours": 2, "SEARCHES": 1, "HOPEFUL": 4.0, "FIRST_ROUNDS": 3, "rounds": 12}
     assert nearby(end(1.9), rounds, monkeypatch, **settings).x[0] == 1.5
     assert rounds.most == [3, 3, 9]
     assert rounds.begun[2] == 1.6
@@ -139,8 +141,8 @@ def test_an_end_far_from_the_likeliest_after_the_first_rounds_is_given_up(monkey
 def test_points_are_drawn_about_an_end_that_explains_the_data_or_else_about_the_start(
     explained: float, about: float, spread: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings = {"neighbours": 40, "neighbourhood": (0.05,), "spread": 0.35, "searches": 1, "first_rounds": 1}
-    nearby(end(4.0), follow := Rounds(1.5), monkeypatch, explained=explained, **settings)
+    settings = {"neighbours": 40, "NEIGHBOURHOOD": (0.05,), "spread": 0.35, "SEARCHES": 1, "FIRST_ROUNDS": 1}
+    nearby(end(4.0), follow := Rounds(1.5), monkeypatch, EXPLAINED=explained, **settings)
     drawn = np.array([x for x, most in zip(follow.begun, follow.most, strict=True) if most == 1])
     assert drawn.size == 40
     assert abs(drawn.mean() - about) < 4.0 * spread / np.sqrt(40.0)
@@ -148,10 +150,10 @@ def test_points_are_drawn_about_an_end_that_explains_the_data_or_else_about_the_
 
 
 def test_points_are_drawn_again_about_a_likelier_end_until_nothing_is_gained(monkeypatch: pytest.MonkeyPatch) -> None:
-    settings = {"neighbours": 4, "neighbourhood": (0.05,), "explained": 1e9, "first_rounds": 1, "hopeful": 0.0}
+    settings = {"neighbours": 4, "NEIGHBOURHOOD": (0.05,), "EXPLAINED": 1e9, "FIRST_ROUNDS": 1, "HOPEFUL": 0.0}
     places = [*[3.0] * 4, *[2.5] * 4, 1.5]
     for searches, times in ((9, 4), (2, 2)):
-        kept = nearby(end(4.0), follow := Rounds(*places), monkeypatch, searches=searches, **settings)
+        kept = nearby(end(4.0), follow := Rounds(*places), monkeypatch, SEARCHES=searches, **settings)
         drawn = np.array([x for x, most in zip(follow.begun, follow.most, strict=True) if most == 1])
         assert drawn.size == 4 * times  # about 4.0, 3.0, 2.5 and 1.5; from there on nothing is gained
         assert np.all(np.abs(drawn.reshape(times, 4).mean(axis=1) - [4.0, 3.0, 2.5, 1.5][:times]) < 0.1)
@@ -159,6 +161,6 @@ def test_points_are_drawn_again_about_a_likelier_end_until_nothing_is_gained(mon
 
 
 def test_the_search_goes_on_while_nothing_explains_the_data(monkeypatch: pytest.MonkeyPatch) -> None:
-    settings = {"neighbours": 4, "searches": 3, "first_rounds": 1, "explained": 1e-9}
+    settings = {"neighbours": 4, "SEARCHES": 3, "FIRST_ROUNDS": 1, "EXPLAINED": 1e-9}
     nearby(end(1.5), follow := Rounds(1.5), monkeypatch, **settings)
     assert follow.most.count(1) == 3 * 4

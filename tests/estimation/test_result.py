@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from etcfit.estimation import goodness
 from etcfit.estimation.intervals import intervals
 from etcfit.estimation.ready import ready
 from etcfit.estimation.result import Budget, FitResult, Optimum, Reason, StartSummary, Termination, outcome
-from etcfit.estimation.settings import FitSettings, IdentifiabilitySettings, WhitenessSettings
+from etcfit.estimation.settings import FitSettings, IdentifiabilitySettings
 from etcfit.problem import weights
 from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Rig
@@ -81,11 +82,14 @@ def test_what_the_data_do_not_see_is_named(plain: FitResult) -> None:
     assert known.stderr == pytest.approx(OHM * SIGMA / (VOLTS / OHM) / np.sqrt(39.0), rel=1e-3)
 
 
-def test_residuals_larger_than_their_noise_widen_the_intervals_and_are_named(rig: Rig, plain: FitResult) -> None:
+def test_residuals_larger_than_their_noise_widen_the_intervals_and_are_named(
+    rig: Rig, plain: FitResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """At 2 % off, the mean square of the residual is about 8: sd grows by its root."""
     off = left(rig, ohm=1.02 * OHM)
     size = np.mean(np.append((error(1.02 * OHM) / SIGMA) ** 2, 0.0))
-    loose = left(rig, ohm=1.02 * OHM, settings=FitSettings(whiteness=WhitenessSettings(lags=5)))
+    monkeypatch.setattr(goodness, "LAGS", 5)
+    loose = left(rig, ohm=1.02 * OHM)
     assert size > 4.0
     assert off.widening["R_a"] == 1.0  # 40 samples: too few for 12 lags
     assert loose.widening["R_a"] >= np.sqrt(size) * 0.99
@@ -144,7 +148,7 @@ def test_held_out_traces_are_predicted_and_scored_apart(tmp_path: Path) -> None:
 
 def test_what_counts_as_unknown_is_a_setting(rig: Rig, plain: FitResult) -> None:
     """R_a is known to 0.12 %: with a threshold below that it is lost."""
-    strict = FitSettings(identifiability=IdentifiabilitySettings(unknown=1e-3, weak=1e-4))
+    strict = FitSettings(identifiability=IdentifiabilitySettings(unknown=1e-3))
     assert left(rig, settings=strict).identifiability.lost == ("R_a", "T_f")
     fine = FitSettings(identifiability=IdentifiabilitySettings(unknown_widened=1e-3))
     assert intervals(replace(plain, settings=fine))["R_a"].status == "not identifiable"

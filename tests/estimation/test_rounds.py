@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from etcfit.estimation import rounds
 from etcfit.estimation.rounds import evolve_population, search_about
 from etcfit.estimation.settings import GlobalSearchSettings
 
@@ -61,7 +60,7 @@ def ripples(points: np.ndarray) -> np.ndarray:
 def test_draws_about_a_point_walk_down_to_the_minimum_and_say_that_no_more_is_to_be_had() -> None:
     end, gain = search_about(ripples, MINIMUM + np.array([1.5, -1.0]), np.eye(2), unit=1.0)
     assert np.max(np.abs(end - MINIMUM)) < 0.3
-    assert gain < GlobalSearchSettings().worth
+    assert gain < rounds.WORTH
 
 
 def test_a_search_cut_short_says_what_its_last_move_gained() -> None:
@@ -71,8 +70,9 @@ def test_a_search_cut_short_says_what_its_last_move_gained() -> None:
     assert gain > 1.0
 
 
-def test_a_move_that_is_not_worth_it_is_not_made() -> None:
+def test_a_move_that_is_not_worth_it_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rounds, "WORTH", 1e3)
     start = MINIMUM + np.array([1.5, -1.0])
-    end, gain = search_about(ripples, start, np.eye(2), 1.0, replace(GlobalSearchSettings(), worth=1e3))
+    end, gain = search_about(ripples, start, np.eye(2), 1.0)
     assert np.array_equal(end, start)
     assert gain > 0.0

@@ -12,7 +12,7 @@ import results
 from etcfit import TESTS, read_folder
 from etcfit.estimation.joint_fit import fit
 from etcfit.experiment.advice import Advice, Judge, Option, advise, judged_at, separated
-from etcfit.experiment.plan import PLANS, USUAL, Setting, channels, sweeps, trace_of
+from etcfit.experiment.plan import PLANS, QUIET, USUAL, Setting, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
@@ -93,12 +93,12 @@ def test_sweeps_differ_in_amplitude_and_band(setting: Setting) -> None:
 
 
 def test_the_settings_say_what_was_not_measured(rig: Rig) -> None:
-    mine = PlanSettings(levels=2, bands=(5.0,), lowest=0.5, quiet=0.1, supply=6.0, rate=10.0)
+    mine = PlanSettings(bands=(5.0,), lowest=0.5, supply=6.0, rate=10.0)
     setting = Setting.of_rig(rig, VALUES, mine)
-    first, second = sweeps(setting)
+    first, second, _ = sweeps(setting)
     assert first.says.startswith("sine sweep 0.5 to 5 Hz")
     assert first.says != second.says
-    assert PLANS["back_emf"](setting).release == 0.1
+    assert PLANS["back_emf"](setting).release == QUIET
     assert (setting.supply, setting.rate) == (
         12.0,
         pytest.approx(Setting.of_rig(rig, VALUES).rate),

@@ -14,7 +14,7 @@ import results
 from benchmarks.plan import one
 from etcfit.errors import UsageError
 from etcfit.experiment.campaign import Criterion, band, logger, plan_campaign
-from etcfit.experiment.candidates import FULL, SHAPES, Candidate, Shape, candidates
+from etcfit.experiment.candidates import FULL, LEVELS, SHAPES, Candidate, Shape, candidates
 from etcfit.experiment.limits import COOLING, HEAT_CAPACITY, Winding, exceeded_limits
 from etcfit.experiment.plan import PLANS, Setting, channels, sweeps
 from etcfit.experiment.settings import CampaignSettings
@@ -45,7 +45,7 @@ def test_there_is_a_candidate_of_each_shape_and_of_each_test_not_made_yet(every:
     kinds = {c.kind for c in every}
     assert kinds == {shape.name for shape in SHAPES} | set(PLANS) - {"inertia"}
     for shape in SHAPES:
-        count = len(shape.bands) * len(SETTINGS.durations) * SETTINGS.levels
+        count = len(shape.bands) * len(SETTINGS.durations) * LEVELS
         assert sum(c.kind == shape.name for c in every) == count
     assert len({c.group for c in every if c.kind == "chirp"}) == 4
 

@@ -37,7 +37,7 @@ from fleet_works import (
 )
 
 QUICK = EngineSettings(time_limit=2.0)
-PORTIONS = EngineSettings(portion=0.4, largest_portion=50)
+PORTIONS = EngineSettings(portion=0.4)
 ROOT = Path(__file__).parents[2]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")])}
 
@@ -327,7 +327,7 @@ def test_units_are_handed_out_in_order_first_one_by_one() -> None:
     assert not agenda.waiting
 
 
-@pytest.mark.parametrize(("seconds", "least", "most"), [(1e-4, 50, 50), (0.1, 3, 4), (0.4, 1, 1), (60.0, 1, 1)])
+@pytest.mark.parametrize(("seconds", "least", "most"), [(1e-4, 256, 256), (0.1, 3, 4), (0.4, 1, 1), (60.0, 1, 1)])
 def test_a_portion_is_as_large_as_its_time_allows(seconds: float, least: int, most: int) -> None:
     agenda = Agenda(orders(1000), PORTIONS)
     for _ in range(30):

@@ -189,14 +189,15 @@ def test_quick_coverage() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("weak", [0.3, 1.0, 2.0, 3.0])
-def test_intervals_hold_what_they_state_with_a_dozen_units(weak: float) -> None:
-    fleets = 150
-    found = coverage(Design(12, 2, weak), fleets, 5000)
-    # 92..98 % are asked for; of so many fleets an observed share may be this much beyond (symbols are correlated)
-    low, high = expected_range(0.92, fleets)[0], expected_range(0.98, fleets)[1]
-    assert low <= found.mean <= high
-    assert low <= found.sd <= high
+def test_intervals_hold_what_they_state_with_a_dozen_units() -> None:
+    """92..98 % are asked for; of so many fleets an observed share may be this much beyond (symbols are correlated):
+    for each weakness of the data, and closer for all of them."""
+    fleets, weak = 40, (0.3, 1.0, 2.0, 3.0)
+    each = [coverage(Design(12, 2, w), fleets, 5000 + fleets * k) for k, w in enumerate(weak)]
+    found = np.array([(one.mean, one.sd) for one in each])
+    for shares, of in ((found, fleets), (found.mean(axis=0), fleets * len(weak))):
+        low, high = expected_range(0.92, of)[0], expected_range(0.98, of)[1]
+        assert np.all((low <= shares) & (shares <= high)), found
 
 
 @pytest.mark.parametrize("errors", [0.5, 1.0])
@@ -285,9 +286,13 @@ def test_shrinking_helps_weak_units_and_does_not_harm_strong_ones(weak: float, m
 
 @pytest.mark.slow
 @pytest.mark.parametrize("symbols", [4, 10])
-@pytest.mark.parametrize(("weak", "most"), [(3.0, 0.8), (2.0, 0.8), (0.3, 1.02), (0.1, 1.02), (0.03, 1.02)])
-def test_shrinking_helps_with_a_dozen_units_too(symbols: int, weak: float, most: float) -> None:
-    assert shrinkage(Design(12, symbols, weak), 30, 1000) <= most
+@pytest.mark.parametrize(
+    ("weak", "most", "fleets"),
+    # a fleet's own ratio scatters by 0.06 where errors are large, far below the limit, and by 0.14 where they are small
+    [(3.0, 0.8, 5), (2.0, 0.8, 5), (0.3, 1.02, 30), (0.1, 1.02, 30), (0.03, 1.02, 30)],
+)
+def test_shrinking_helps_with_a_dozen_units_too(symbols: int, weak: float, most: float, fleets: int) -> None:
+    assert shrinkage(Design(12, symbols, weak), fleets, 1000) <= most
 
 
 WIDENED = (1.0, 1.5, 1.5, 2.0, 40.0)  # the middle unit's is 1.5

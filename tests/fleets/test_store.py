@@ -18,7 +18,6 @@ import pytest
 
 from etcfit.errors import UsageError
 from etcfit.fleets.engine.store import Store
-from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.unit import FailedUnit, UnitResult
 from fleet_works import result_of
 
@@ -133,7 +132,7 @@ def test_two_cannot_write_at_once_and_both_can_read(tmp_path: Path) -> None:
 
 
 def test_what_was_added_is_on_disk_without_anybody_asking(tmp_path: Path) -> None:
-    with Store(tmp_path, StoreSettings(flush=0.05)) as store:
+    with Store(tmp_path, flush=0.05) as store:
         store.add([result_of("a")])
         until = time.monotonic() + 5
         while not Store(tmp_path).digests() and time.monotonic() < until:
@@ -145,7 +144,7 @@ def test_a_disk_that_is_full_is_said_to_who_adds_the_next(tmp_path: Path, monkey
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    with Store(tmp_path, StoreSettings(flush=0.02)) as store:
+    with Store(tmp_path, flush=0.02) as store:
         monkeypatch.setattr(os, "write", full)
         store.add([result_of("a")])
         time.sleep(0.3)
@@ -159,9 +158,8 @@ ADDS = """
 import sys, time
 from pathlib import Path
 from fleet_works import result_of
-from etcfit.fleets.settings import StoreSettings
 from etcfit.fleets.engine.store import Store
-with Store(Path(sys.argv[1]), StoreSettings(flush=0.01)) as store:
+with Store(Path(sys.argv[1]), flush=0.01) as store:
     for k in range(1_000_000):
         store.add([result_of(f"u{k}")])
         print(k, flush=True)

@@ -11,6 +11,7 @@ import pytest
 
 from etcfit.datasets.base import write_folder
 from etcfit.errors import MeasurementError
+from etcfit.importing import tuning
 from etcfit.importing.tuning import DUTY, ECU, HELD_AT_NOMINAL, KnownEcu, TuneInput, TuneSettings, tune_input
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import RUSEFI
@@ -125,9 +126,10 @@ def test_the_folder_is_one_and_its_end_is_held_out(tmp_path: Path) -> None:
     assert rig.config.parameters["K_p"].value == pytest.approx(6.2 * 13.2 / (np.pi / 2))  # pyright: ignore
 
 
-def test_of_a_long_log_the_busiest_stretch_is_fitted() -> None:
+def test_of_a_long_log_the_busiest_stretch_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tuning, "PIECE", 0.5)
     rig = log(500.0)
-    found = made(rig, settings=TuneSettings(most_samples=1000, piece=0.5))
+    found = made(rig, settings=TuneSettings(most_samples=1000))
     rows = [len(text.splitlines()) - 2 for file, text in found.files.items() if file.endswith(".csv")]
     assert max(rows) <= 1001
     assert sum(rows) <= 2 * 1300  # of the fitted pieces and of what is held out

@@ -1,24 +1,22 @@
-"""Normal equations in one pass, against the residual differentiated by JAX as a whole."""
+"""Normal equations in one pass: in which pieces, and what is not computed in the loop. That they are those of the
+residual differentiated by JAX as a whole: test_residual_kernels."""
 
 from __future__ import annotations
 
 import re
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_array_equal
 
 import results
 from etcfit.estimation.ready import ready
-from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.problem.normal_equations import NormalEquations, linearise, linearised, normal_equations, shared_out
+from etcfit.problem.normal_equations import NormalEquations, linearise, shared_out
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.residual import WeightedData, residual
+from etcfit.problem.residual import WeightedData
 
 
 class Case(NamedTuple):
@@ -27,34 +25,14 @@ class Case(NamedTuple):
     weighted: WeightedData
 
 
-def case(folder: Path, added: tuple[str, ...] = ()) -> Case:
-    """Eqs. 1-2 and some effects off their bounds, whitened by the Kalman filter."""
+def _unwhitened(folder: Path) -> Case:
+    from etcfit.problem.weights import free_running
+
     rig = results.rig(folder)
-    known = free_parameters(rig.config, tuple(EFFECT_BY_NAME[name] for name in added))
+    known = free_parameters(rig.config)
     problem = EstimationProblem.of_traces(rig.config, known, ready(rig)[0])
-    x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
-    return Case(problem, x, problem.weighted(problem.kalman(x)))
-
-
-@pytest.mark.slow  # compiles the model, and its residual as a whole
-@pytest.mark.parametrize(
-    "added",
-    [(), ("winding_heating", "limp_home_spring", "stop_bounce"), ("channel_delay", "actuation_delay")],
-    ids=["Eqs. 1-2", "with memories", "with delays"],
-)
-def test_residual_jacobian_and_equations_are_those_of_the_residual(tmp_path: Path, added: tuple[str, ...]) -> None:
-    problem, x, weighted = case(tmp_path, added)
-    whole = jax.jit(partial(residual, problem.layout.form, weighted=weighted))
-    J = np.asarray(jax.jit(jax.jacfwd(lambda x: whole(x)))(x))
-    r, columns = linearised(problem.layout.form, x, weighted)
-    size = np.linalg.norm(J.reshape(-1, x.size), axis=0)
-    assert_allclose(r, whole(x), rtol=1e-9, atol=1e-9)
-    assert np.max(np.linalg.norm((columns - J).reshape(-1, x.size), axis=0) / np.maximum(size, 1e-9)) < 1e-8
-    e = normal_equations(problem.layout.form, weighted, x.size)(x)
-    flat = J.reshape(-1, x.size)
-    assert e.chi2 == pytest.approx(float(np.sum(np.asarray(r) ** 2)), rel=1e-9)
-    assert_allclose(e.gradient, flat.T @ np.asarray(r).ravel(), rtol=1e-7, atol=1e-7 * float(size.max()))
-    assert_allclose(e.information, flat.T @ flat, rtol=1e-7, atol=1e-7 * float(size.max()) ** 2)
+    x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
+    return Case(problem, x, problem.weighted(free_running(problem)))
 
 
 @pytest.mark.parametrize("cores", [1, 2, 3, 64])
@@ -82,16 +60,6 @@ def test_equations_with_a_number_that_is_none_are_not_finite() -> None:
     assert good.finite
     assert not good._replace(chi2=np.float64(np.inf)).finite
     assert not good._replace(gradient=np.array([0.0, np.nan])).finite
-
-
-def _unwhitened(folder: Path) -> Case:
-    from etcfit.problem.weights import free_running
-
-    rig = results.rig(folder)
-    known = free_parameters(rig.config)
-    problem = EstimationProblem.of_traces(rig.config, known, ready(rig)[0])
-    x = known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters})
-    return Case(problem, x, problem.weighted(free_running(problem)))
 
 
 def test_what_no_step_changes_is_computed_before_the_loop(tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def of_design(fit: FitResult) -> RenderableType:
     on = OnParts(each, each)
     parts = PartsVerdict("runs/line", "line 4", ("J_m",), {"u100": "odd"}, {"manual": on, "damping_optimum": on}, each,
                          each)  # fmt: skip
-    fleet = FleetVerdict(FleetDesignSettings(named=3), each, Share(2, 3, 0.1, 0.9), 1)
+    fleet = FleetVerdict(FleetDesignSettings(), each, Share(2, 3, 0.1, 0.9), 1)
     return design_table(replace(design, fleet=fleet, parts=parts))
 
 

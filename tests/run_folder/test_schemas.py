@@ -149,9 +149,9 @@ MINE: dict[str, tuple[Any, Callable[[Rig, Any], dict[str, Any]]]] = {
         DiagnosisSettings(rounds=3),
         lambda rig, mine: diagnosis_json(diagnoses.diagnosis(rig, settings=mine)),
     ),
-    "advice": (AdviceSettings(apart=0.7, plan=PlanSettings(levels=2)), advice),
+    "advice": (AdviceSettings(apart=0.7, plan=PlanSettings(lowest=0.5)), advice),
     "plan": (
-        CampaignSettings(current=4.0, plan=PlanSettings(levels=2)),
+        CampaignSettings(current=4.0, plan=PlanSettings(lowest=0.5)),
         lambda rig, mine: plan_json(campaigns.campaign(rig, mine)),
     ),
     "frequency_response": (FrequencySettings(poor=0.2), sines),

@@ -29,6 +29,7 @@ from ..settings import FrequencySettings
 from .wave import Ratio
 
 HIGHEST = 4
+FEWEST_POINTS = 4  # frequencies from which on an order of lag is sought
 _STARTS = (0.3, 1.0, 3.0)  # of its time constants over that of the middle frequency
 _TAU = (-14.0, 1.0)  # ln tau
 _ROUGH = 0.1  # tau to begin with
@@ -98,8 +99,8 @@ def order_of(
         frequencies: Hz, shape (N,).
     """
     highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
-    if len(ratios) < settings.fewest_points:
-        says = f"{len(ratios)} frequencies cannot tell an order of lag: {settings.fewest_points} or more can."
+    if len(ratios) < FEWEST_POINTS:
+        says = f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
         return Order(None, {}, (), highest, says, settings)
     problem = _Problem.of_ratios(frequencies, ratios)
     tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))

@@ -29,6 +29,8 @@ from .lag import Order, order_of
 from .wave import NEARLY, Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
 
 SETPOINT, POSITION, DRIVE = "setpoint", "position", "drive"
+_HARMONICS = 7  # fitted at most, the fundamental among them
+OUTSIDE_LOW = 0.01  # share of the power of the setpoint in its 2nd to 5th harmonic, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +89,8 @@ def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings 
                      f"Log it for {settings.fewest_cycles / frequency:.2g} s or longer.")  # fmt: skip
     # as many harmonics as the slowest logged signal has 2.5 samples a cycle of
     step = max(float(np.median(np.diff(signal.time))) for signal in channels.values())
-    count = int(np.clip(1.0 / (2.5 * frequency * step), 1, settings.harmonics))
-    window = settled(wanted, position, frequency, count, settings)
+    count = int(np.clip(1.0 / (2.5 * frequency * step), 1, _HARMONICS))
+    window = settled(wanted, position, frequency, count)
     parts = {name: signal.between(window.begin, window.end) for name, signal in channels.items()}
     for name, signal in parts.items():
         density = signal.time.size / window.cycles
@@ -97,7 +99,7 @@ def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings 
             raise _unfit(trace, settings, found, "Log it faster, or without gaps.")
     waves = fit_waves(parts, frequency, count)
     outside, low = waves.outside[SETPOINT], float(np.sum(waves.in_harmonics[SETPOINT][:4]))
-    if outside > settings.outside or low > settings.outside_low:
+    if outside > settings.outside or low > OUTSIDE_LOW:
         raise _unfit(trace, settings, f"the setpoint is no sine: {100.0 * outside:.2g} % of its power lies outside "
                      f"{waves.frequency:.3g} Hz, {100.0 * low:.2g} % in the 2nd to 5th harmonic.",
                      "Log the response to a sine, or move the file to closed_loop/.")  # fmt: skip
@@ -123,7 +125,7 @@ def _channels(trace: Measurement, config: RigConfig, settings: FrequencySettings
 def _unfit(trace: Measurement, settings: FrequencySettings, found: str, mend: str) -> MeasurementError:
     required = (f"A frequency response needs setpoint and position over {settings.fewest_cycles} cycles or more, "
                 f"{settings.samples_a_cycle:g} samples a cycle, and a setpoint with at most "
-                f"{100.0 * settings.outside:g} % of its power outside one frequency ({100.0 * settings.outside_low:g} "
+                f"{100.0 * settings.outside:g} % of its power outside one frequency ({100.0 * OUTSIDE_LOW:g} "
                 "% in its 2nd to 5th harmonic).")  # fmt: skip
     return MeasurementError(trace.file, found, required, mend)
 

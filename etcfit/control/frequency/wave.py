@@ -21,7 +21,6 @@ import numpy as np
 
 from ...estimation.goodness import inflation
 from ...rig.signals import even_grid
-from ..settings import FrequencySettings
 
 _ROUNDS = 8
 _SETTLED = 1e-9  # of the frequency
@@ -29,6 +28,8 @@ _Z = 1.959963984540054  # 95 %, two sides
 _DRIFT_CYCLES = 3.5  # fewer are not used to tell a drift from the waves, where cycles outside them are compared
 _DRIFT_ERRORS = 3.0  # standard errors at which a drift is told from zero
 NEARLY = 0.05  # share of a cycle that may be missing from a whole one
+STRAYS = 4.0  # an early cycle that differs from the settled ones by more times their own scatter has not settled
+SAME = 1e-3  # cycles that differ by less than this share of the swing never count as different
 
 
 class Signal(NamedTuple):
@@ -313,16 +314,10 @@ def common(setpoint: Signal, position: Signal) -> tuple[float, float]:
     return max(float(setpoint.time[0]), float(position.time[0])), last
 
 
-def settled(
-    setpoint: Signal,
-    position: Signal,
-    frequency: float,
-    harmonics: int,
-    settings: FrequencySettings = FrequencySettings(),
-) -> Window:
+def settled(setpoint: Signal, position: Signal, frequency: float, harmonics: int) -> Window:
     """Whole cycles counted back from the end, without the first ones that are not like the last half of them.
 
-    A cycle strays whose own mean and fundamental differ from those of the last half by more than `strays` times what
+    A cycle strays whose own mean and fundamental differ from those of the last half by more than `STRAYS` times what
     the cycles of that half differ by (root mean square). The very first one is left out wherever three others remain:
     what fades within the noise of single samples does not within that of their mean.
 
@@ -334,19 +329,19 @@ def settled(
     begin, end = common(setpoint, position)
     count = int((end - begin) * frequency + NEARLY)
     edges = end - np.arange(count, -1, -1) / frequency
-    first = max(_strays(signal, edges, frequency, harmonics, settings) for signal in (setpoint, position))
+    first = max(_strays(signal, edges, frequency, harmonics) for signal in (setpoint, position))
     first = max(first, 1) if count > 3 else first
     return Window(float(edges[first]), end, count - first, (end - begin) * frequency - (count - first))
 
 
-def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int, settings: FrequencySettings) -> int:
+def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int) -> int:
     """How many cycles come before the first from which on none strays."""
     half = max((edges.size - 1) // 2, 2)
     reference = signal.between(edges[-1 - half], edges[-1])
     residual = Signal(signal.time, departure(signal, reference, frequency, harmonics))
     sizes = np.array([_size(residual.between(a, b), frequency) for a, b in pairwise(edges)])
     scatter, swing = float(np.sqrt(np.mean(sizes[-half:] ** 2))), float(np.ptp(reference.value))
-    limit = max(settings.strays * scatter, settings.same * swing)
+    limit = max(STRAYS * scatter, SAME * swing)
     return int(np.max(np.flatnonzero(sizes[:-half] > limit) + 1, initial=0))
 
 

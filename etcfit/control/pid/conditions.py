@@ -24,6 +24,8 @@ from .loop import Loop
 
 LEAD = 0.3  # s at the first level of a scenario, not judged
 BEYOND_REST = 0.02  # how far the steps across the limp-home position go beyond it either way, share of the travel
+_LARGE_HOLD = 0.5  # s that each large step is held
+_HOLD = 0.4  # s that each other step is held
 _FINE = 2001  # angles between which the default position is found
 
 
@@ -35,13 +37,13 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
         further: more of them, such as a log's own setpoint.
     """
     rest = default_position(loop)
-    large = stairs("large steps", (settings.low, settings.high, settings.low), settings.large_hold, LEAD)
+    large = stairs("large steps", (settings.low, settings.high, settings.low), _LARGE_HOLD, LEAD)
     sizes = [MIDDLE, *(share for size in settings.small for share in (MIDDLE + size, MIDDLE))]  # up by each, and back
-    small = stairs("small steps", sizes, settings.hold, LEAD)
+    small = stairs("small steps", sizes, _HOLD, LEAD)
     every = [large, small]
     if rest is not None:
         across = (rest - BEYOND_REST, rest + BEYOND_REST, rest - BEYOND_REST)
-        every.append(stairs("across the limp-home position", across, settings.hold, LEAD))
+        every.append(stairs("across the limp-home position", across, _HOLD, LEAD))
     return in_turn(trapezoid(), *every, *further)
 
 
@@ -71,6 +73,7 @@ def default_position(loop: Loop) -> float | None:
 
 
 DRY_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")  # every parameter that scales with it
+COPPER = 0.00393  # by how much the resistance of copper grows, 1/K, at 20 degrees Celsius
 
 
 class Conditions(NamedTuple):
@@ -105,7 +108,7 @@ def under(loop: Loop, conditions: Conditions, settings: ConditionSettings) -> Lo
         loop: D models.
         conditions: shape (D,) each.
     """
-    warmer = 1.0 + settings.copper * (conditions.winding - settings.bench)
+    warmer = 1.0 + COPPER * (conditions.winding - settings.bench)
     drive = np.ones(loop.draws) if loop.drive is None else loop.drive
     throttles = scaled(loop.throttles, {"R_a": warmer, **dict.fromkeys(DRY_FRICTION, conditions.friction)})
     if loop.ecu.compensated:

@@ -18,6 +18,10 @@ from ..settings import ManualSettings
 from .base import Refusal, Task
 from .formulas import Ultimate, from_ultimate
 
+COUNT = 64  # of each gain that is tried, evenly spaced in the logarithm; Ki and Kd have 0 among them
+_QUICK = 1.05  # tracking error over the least that proportional gain alone reaches, up to which a gain is quick
+_CALM = 0.25  # overshoot over the one allowed, below which a response is calm
+
 
 def manual(task: Task) -> Gains | Refusal:
     """P until quick, D until calm, then a little I, turned on the nonlinear model as the paper turned them on the rig.
@@ -38,11 +42,11 @@ def manual(task: Task) -> Gains | Refusal:
         return loop.judged(Gains(p, i, d), setpoint).each(lambda figure: np.asarray(figure)[0])
 
     quick = tried(proportional, np.zeros(1), np.zeros(1)).rmse_pct
-    kp = proportional[np.argmax(quick <= settings.quick * quick.min())]
+    kp = proportional[np.argmax(quick <= _QUICK * quick.min())]
     if kp == proportional[-1]:
         return Refusal(f"P alone tracks best at the largest gain tried, {kp:g} V/rad: raise highest in ManualSettings")
     calm = tried(kp, np.zeros(1), derivative).overshoot_pct
-    below = calm < settings.calm * asked.overshoot_pct
+    below = calm < _CALM * asked.overshoot_pct
     kd = derivative[np.argmax(below)] if below.any() else derivative[np.argmin(calm)]
     end = tried(kp, integral, kd)
     keeps = end.overshoot_pct < asked.overshoot_pct
@@ -54,8 +58,8 @@ def manual(task: Task) -> Gains | Refusal:
 
 
 def grids(settings: ManualSettings) -> Gains:
-    """Values of each gain that are tried, rising, shape (count,) each: V/rad, V/(rad s) and V s/rad."""
-    (p, i, d), (p_end, i_end, d_end), n = settings.lowest, settings.highest, settings.count
+    """Values of each gain that are tried, rising, shape (COUNT,) each: V/rad, V/(rad s) and V s/rad."""
+    (p, i, d), (p_end, i_end, d_end), n = settings.lowest, settings.highest, COUNT
     return Gains(
         np.geomspace(p, p_end, n),
         np.concatenate(([0.0], np.geomspace(i, i_end, n - 1))),
@@ -67,6 +71,8 @@ _HYSTERESIS = 0.005  # error at which the relay turns over, share of the travel
 _SWINGS = 0.06, 0.9, 12  # least and largest amplitude, shares of the supply, and how many; the least that swings counts
 _TURNS = 4  # of the swing in the second half of an experiment at least
 _CLEAR = 1.2  # swing over the hysteresis above which it counts
+_HOLD = 2.0  # duration of each experiment, s; the first half lets the swing settle
+LONGEST_STEP = 2.5e-5  # of the integration, s; each turn of the relay leaves an error of that order
 
 
 class Relay(NamedTuple):
@@ -97,15 +103,14 @@ def relay(task: Task) -> Gains | Refusal:
 
 def experiment(task: Task) -> Ultimate | Refusal:
     """The relay's swing on the nominal plant."""
-    settings = task.settings.relay
     alone = task.loop.first(1)
-    nominal = replace(alone, settings=replace(alone.settings, longest_step=settings.longest_step))
+    nominal = replace(alone, settings=replace(alone.settings, longest_step=LONGEST_STEP))
     ecu, body = nominal.ecu, nominal.body
     span = _HYSTERESIS * (body.upper - body.lower)
     _, hold, _ = nominal.holds(np.array([nominal.angle(MIDDLE)]))
     swings = np.geomspace(*_SWINGS) * ecu.supply
     relays = Relay(jnp.asarray(swings), jnp.full(swings.shape, float(hold[0])), jnp.full(swings.shape, span))
-    path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, settings.hold, lead=0.0))
+    path = nominal.run(switch, relays, jnp.ones(()), step(MIDDLE, MIDDLE, _HOLD, lead=0.0))
     for swing, angle in zip(swings, np.asarray(path.position)[0], strict=True):
         swung = swing_of(angle[angle.size // 2 :], ecu.period, _TURNS)
         if swung is not None and swung[0] > _CLEAR * span:

@@ -133,6 +133,8 @@ def _step(plant: TransferFunction, time: np.ndarray) -> np.ndarray:
 
 
 D = 0.5  # each double ratio a_k a_(k-2) / a_(k-1)^2: damping 0.7 at about 6 % overshoot
+SETTLES = 6.0  # settling time asked for, over Te
+DAMPED = 0.7  # Te at most, over the Te at which the back-EMF alone damps as much as is asked for and Kd would be 0
 
 
 def damping_optimum(task: Task) -> Gains | Refusal:
@@ -140,14 +142,14 @@ def damping_optimum(task: Task) -> Gains | Refusal:
 
     With the plant b0 / (s^3 + a2 s^2 + a1 s + a0) its coefficients are those of s^4 + a2 s^3 + (a1 + b0 Kd) s^2 +
     (a0 + b0 Kp) s + b0 Ki. D2 = D3 = 1/2, and D4 follows from Te; Te is a sixth of the settling time asked for, less
-    where the motor's own damping asks for it (`DampingSettings`), and no less than 8 / a2, where D4 = 1/2.
+    where the motor's own damping asks for it (`DAMPED`), and no less than 8 / a2, where D4 = 1/2.
 
     Source: Deur, Pavkovic, Peric, Jansz and Hrovat 2004, IEEE Trans. Ind. Appl. 40(3), section III. Differs from
     source: the armature is not neglected, the loop is not sampled, and Te is taken from the requirement.
     """
-    plant, settings = task.plant, task.settings.damping
-    damped = settings.damped * plant.a2 / (D**2 * plant.a1)
-    te = max(1.0 / (D**3 * plant.a2), min(task.requirements.settling_s / settings.settles, damped))
+    plant = task.plant
+    damped = DAMPED * plant.a2 / (D**2 * plant.a1)
+    te = max(1.0 / (D**3 * plant.a2), min(task.requirements.settling_s / SETTLES, damped))
     # s^4 has coefficient 1: divide by D2^3 D3^2 D4 Te^4, in which D4 = 1 / (D2 D3 Te a2)
     ki = plant.a2 / (D**3 * te**3)
     kp, kd = ki * te - plant.a0, ki * D * te**2 - plant.a1
@@ -157,7 +159,7 @@ def damping_optimum(task: Task) -> Gains | Refusal:
 
 
 def as_found(task: Task) -> Gains | Refusal:
-    """Kp, Ki, Kd as [ecu] of rig.toml tells them or the fit found them.
+    """Kp, Ki, Kd as [ecu] of rig.toml states them or the fit found them.
 
     Source: the rig's own logs (`effects.controller`). Differs from source: they are tried in the task's ECU, whose
     clock, delay and bias curve may be others.

@@ -98,7 +98,7 @@ _RUNAWAY = 1e6  # a response beyond this many travels has gone
 
 
 def controller(gains: Gains, ecu: Ecu, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*gains W"]:
-    """C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f), V/rad: what `ecu.tick` makes of -y.
+    """C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f), V/rad: what `model.pid.tick` makes of -y.
 
     The setpoint's weights are not in it: they change how the setpoint enters the loop, not what goes round in it.
 

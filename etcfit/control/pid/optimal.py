@@ -121,11 +121,14 @@ def best_of_several(
     return leaders[np.argsort(cost)[: settings.elite]]
 
 
+_ABOUT = 0.15  # standard deviation of the gains with which a search from a begin begins, in their logarithm
+
+
 def _apart(begins: np.ndarray, settings: OptimumSettings) -> list[np.ndarray]:
     """The first few begins of which none lies in the population about another: other valleys, as far as is known."""
     kept: list[np.ndarray] = []
     for begin in begins:
-        if all(np.max(np.abs(begin - other)) > settings.about for other in kept):
+        if all(np.max(np.abs(begin - other)) > _ABOUT for other in kept):
             kept.append(begin)
     return kept[: settings.starts]
 
@@ -146,7 +149,7 @@ def _about(best: np.ndarray, rng: np.random.Generator, settings: OptimumSettings
     """A population about the best so far, which is its first; logarithms of the gains, shape (population, 3)."""
     low, high = _ends(settings)
     scatter = np.vstack((np.zeros(3), rng.standard_normal((settings.population - 1, 3))))
-    return np.clip(best + settings.about * scatter, low, high)
+    return np.clip(best + _ABOUT * scatter, low, high)
 
 
 def _ends(settings: OptimumSettings) -> tuple[np.ndarray, np.ndarray]:
@@ -232,6 +235,9 @@ def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float)
     return Scores(rmse, np.maximum(worst + spare, 0.0), settings)
 
 
+SHARES = (0.85, 0.7, 0.55, 0.4, 0.25)  # of the activity that the best gains without a limit have
+
+
 @dataclass(frozen=True)
 class FrontPoint:
     """The best gains within a limit of the duty's activity."""
@@ -249,7 +255,7 @@ def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
     The first is not limited; the others are allowed a share of its activity each.
     """
     alone, points = replace(task, loop=task.loop.first(1)), list[FrontPoint]()
-    for share in (math.inf, *task.settings.front.shares):
+    for share in (math.inf, *SHARES):
         limit = share * points[0].activity if points else math.inf
         here = replace(alone, requirements=replace(task.requirements, duty_activity_pct=limit))
         begin, figures, missed = best_from(here, begin, task.settings.front.rounds)

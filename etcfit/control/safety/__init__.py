@@ -1,4 +1,4 @@
-"""What the proposed gains do where something fails: jam, sensor, supply, current; and how that is told in time."""
+"""What the proposed gains do where something fails: jam, sensor, supply, current; and how that is detected in time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .unpowered import Holding, Return, holding_currents, return_times
 
 @dataclass(frozen=True, eq=False)
 class Safety:
-    """What happens where something fails, and how it is told."""
+    """What happens where something fails, and how it is detected."""
 
     envelope: Envelope  # how far off a sound throttle is
     jam: JamCheck | None  # the jam check proposed; None where no threshold gets along with the timeout allowed

@@ -19,6 +19,7 @@ from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of
 FAILS_AT = 0.6  # s for which a plate may settle before something fails
 WATCHED = 1.2  # s for which it is watched afterwards
 _THRESHOLDS = 40  # tried for the jam check, evenly spaced in the logarithm
+_LEAST = 0.005  # error from which on a threshold of the jam check is looked for, share of the travel
 _CLOCK = 0.01  # to whose whole multiples a timeout is rounded up, s
 _RECOVERED = 0.01  # distance from the setpoint at which a plate is back after a dip, share of the travel
 
@@ -60,7 +61,7 @@ def envelope(task: Task, gains: Gains) -> Envelope:
     asked = setpoint.at(time)
     seen = run_trials(loop, stack_trials([of_setpoint(loop, gains, asked)]), float(asked[0]))
     error = (asked - loop.share(seen.shown[:, 0]))[:, time >= setpoint.judged_from]
-    errors = np.geomspace(settings.least, settings.most, _THRESHOLDS)
+    errors = np.geomspace(_LEAST, settings.most, _THRESHOLDS)
     longest = task.ecu.period * np.array([np.max(longest_above(error, level)) for level in errors])
     return Envelope(errors, longest, loop.draws, float(np.max(np.abs(error))))
 
@@ -100,7 +101,7 @@ class Runaway:
     fault: str  # in words
     asked: float  # setpoint since then, share of the travel
     opens: float  # widest opening that no check stops, share of the travel
-    jam_after: float | None  # s until the jam check has told it in every model; None where in one it does not
+    jam_after: float | None  # s until the jam check has detected it in every model; None where in one it never does
     jam_opens: float  # widest opening with that check, share of the travel
     # apart_after, apart_opens: likewise with the check of two sensors against each other beside it
     apart_after: float | None

@@ -15,12 +15,13 @@ from ...model.effects.winding_heating import WindingHeating
 from ...model.throttle import Throttle
 from ..motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..pid.base import Task
-from ..pid.conditions import default_position
+from ..pid.conditions import COPPER, default_position
 from ..pid.feedforward import held
 from ..pid.loop import Body, Loop
 
 RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
 FALLS = 2.0  # s for which a plate without a current is watched
+_PLACES = 21  # positions at which the holding current is given
 _FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 
@@ -101,7 +102,7 @@ class Holding:
 def holding_currents(loop: Loop, task: Task) -> Holding:
     """What holding takes over the whole travel, and what the ECU's largest duty does to a plate at its stop."""
     settings, throttle = task.settings.safety, loop.nominal
-    shares = np.linspace(0.0, 1.0, settings.places)
+    shares = np.linspace(0.0, 1.0, _PLACES)
     angles = loop.angle(shares)
     closing, current, opening = (np.asarray(held(throttle, angles, side, *loop.body)[0])
                                  for side in (-1.0, 0.0, 1.0))  # fmt: skip
@@ -110,7 +111,7 @@ def holding_currents(loop: Loop, task: Task) -> Holding:
     stall = volts / ohm
     if heating is None or float(heating.r_h) <= 0.0:
         return Holding(shares, current, closing, opening, ohm * current**2, None, stall, ohm * stall**2, None)
-    grows, slow, copper = float(heating.r_h), float(heating.tau_h), task.settings.conditions.copper
+    grows, slow, copper = float(heating.r_h), float(heating.tau_h), COPPER
     warmth = grows / (ohm * copper)  # K of each A2 s
     rise = warmth * slow * current**2
     longest = _time_to_warm_by(settings.insulation - task.settings.conditions.bench, volts, ohm, warmth, copper, slow)

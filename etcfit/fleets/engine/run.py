@@ -30,6 +30,7 @@ from .work import AbstractWork, Lost, Order, Portion, Trouble
 LOOK = 0.1  # s after which a wait for an answer ends, answer or not
 RECOUNT = 2.0  # s between two looks at the workers and what they do
 MISSING = 10.0  # s after which a task that no worker has, while one is free, is handed out again
+LARGEST_PORTION = 256  # units in one task
 
 Orders = tuple[Order, ...]
 Ends = list[UnitResult | FailedUnit]
@@ -115,7 +116,7 @@ class Agenda:
 
         units of a portion = time of a portion / time of a unit, the mean over the last ones
 
-    The settings say when a unit is given up, and how large portions are.
+    The settings say when a unit is given up, and how long a portion takes.
     """
 
     def __init__(self, orders: Iterable[Order], settings: EngineSettings) -> None:
@@ -134,7 +135,7 @@ class Agenda:
         """The next orders; a unit whose portion died goes alone, and the last ones are shared out evenly."""
         fair = -(-len(self._orders) // max(workers, 1))
         fitting = int(self._settings.portion / max(self._seconds_a_unit, 1e-9))
-        most = max(1, min(fair, fitting, self._settings.largest_portion))
+        most = max(1, min(fair, fitting, LARGEST_PORTION))
         orders = [self._orders.popleft()]
         while len(orders) < most and self._orders and not self._alone & {orders[0].unit, self._orders[0].unit}:
             orders.append(self._orders.popleft())

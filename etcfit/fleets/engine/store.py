@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 
 from ...files import held, named, put_aside, whole
-from ..settings import StoreSettings
 from ..unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 _HEAD = struct.Struct(">II")  # of a block
@@ -41,13 +40,13 @@ class Store:
 
     Args:
         folder: made where it is not there.
-        settings: when results are written.
+        flush: s after which what came back is on disk, so that a killed client loses no more.
     """
 
     remark: str = ""
 
-    def __init__(self, folder: Path, settings: StoreSettings = StoreSettings()) -> None:
-        self.folder, self.path, self._settings = folder, folder / "ends.log", settings
+    def __init__(self, folder: Path, flush: float = 1.0) -> None:
+        self.folder, self.path, self._flush_after = folder, folder / "ends.log", flush
         self._waiting: list[UnitResult | FailedUnit] = []
         self._lock, self._writing, self._ended = threading.Lock(), threading.Lock(), threading.Event()
         self._error: OSError | None = None
@@ -118,7 +117,7 @@ class Store:
             yield from (_end(every[n]) for n in counts)
 
     def _flush_often(self) -> None:
-        while not self._ended.wait(self._settings.flush):
+        while not self._ended.wait(self._flush_after):
             try:
                 self.flush()
             except OSError as error:

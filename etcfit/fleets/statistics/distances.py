@@ -18,10 +18,10 @@ from scipy import stats
 from .likelihood import weights
 from .stack import Scaled
 
-LEAST = 1e-300  # a p value below is not told from it
+LEAST = 1e-300  # smaller p values count as this one
 MANY = 100  # scores without which a quantile of the tail is noise
 TAIL = 0.9  # quantile of the fleet's own scores that, beside the median, sets the scale of the null
-FEWEST = 4  # units that tell a symbol; of fewer none can be called far
+FEWEST = 4  # units whose data determine a symbol; of fewer none can be called far
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,13 +4,13 @@ Two grounds that know nothing of each other: the unit's parameters are far from 
 model leaves more of its traces unexplained than the others' do (`misfits`). A unit's p is twice the smaller of the two
 (Bonferroni: they may depend on each other); over all units Benjamini and Hochberg.
 
-What makes a unit far is told in two ways. `scores` are marginal: the symbol's own distance, own uncertainty included.
+What makes a unit far is said in two ways. `scores` are marginal: the symbol's own distance, own uncertainty included.
 `drives` share d^2 out among the symbols so that the squares add up to it, correlations taken off:
 
     z_j = x_j / sqrt(V_jj),   drives = (D V D)^-1/2 D x,   D = diag(V)^-1/2,   V = F^-1 + Omega
 
 Source: Garthwaite and Koch 2016 (Psychometrika 81), the corr-max transformation. Differs from source: only symbols that
-the unit's own data tell.
+the unit's own data determine.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class OddUnit:
     p: float  # that an ordinary unit is as odd, on either ground
     rate: float  # the least rate of false ones at which it would still be called odd
     symbols: tuple[str, ...]  # that make it odd, worst first; none where only its traces do
-    scores: Mapping[str, float]  # z of every symbol that its data tell
+    scores: Mapping[str, float]  # z of every symbol that its data determine
     drives: Mapping[str, float]  # share of each in the distance, signed
     misfit: float  # z of its chi2 per degree of freedom among the fleet's; 0 where none is known
     traces: tuple[TraceScore, ...]  # that make it odd, worst first
@@ -105,7 +105,7 @@ def odd_units(
 
 
 def _scores(data: Scaled, mean: np.ndarray, between: np.ndarray, u: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """z and drives of the symbols that unit u tells."""
+    """z and drives of the symbols that unit u's data determine."""
     told = np.flatnonzero(data.tells[u])
     root = data.root[u]
     own = np.linalg.pinv(root.T @ root, rcond=1e-13, hermitian=True)

@@ -36,17 +36,17 @@ LEAST_SHARE = 0.7  # of the units that stays in the population, whatever the oth
 class Population:
     """The design and its spread, SI."""
 
-    symbols: tuple[str, ...]  # told by the fleet's data, P of them
+    symbols: tuple[str, ...]  # that the fleet's data determine, P of them
     mean: Float[np.ndarray, " P"]  # mu
     covariance: Float[np.ndarray, "P P"]  # Omega, zero for shared symbols
     mean_covariance: Float[np.ndarray, "P P"]  # of mu if Omega were known
-    mean_stderr: Float[np.ndarray, " P"]  # by the scatter of the units; NaN where one unit alone tells the symbol
+    mean_stderr: Float[np.ndarray, " P"]  # by the scatter of the units; NaN where one unit alone determines the symbol
     degrees: Float[np.ndarray, " P"]  # of freedom of `mean_stderr`
     mean_interval: Float[np.ndarray, "P 2"]  # lower and upper bound; NaN where there is none
     sd_interval: Float[np.ndarray, "P 2"]  # of the standard deviation between units; NaN for shared symbols
     shared: Bool[np.ndarray, " P"]  # whether one value holds for all units
-    informed: Int[np.ndarray, " P"]  # number of units whose own data alone tell it
-    uninformed: tuple[str, ...]  # symbols that the fleet's data do not tell
+    informed: Int[np.ndarray, " P"]  # number of units whose own data alone determine it
+    uninformed: tuple[str, ...]  # symbols that the fleet's data do not determine
     units: tuple[str, ...]  # that the population is estimated from
     left_out: tuple[str, ...]  # those too far from it
 

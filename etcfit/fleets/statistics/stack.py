@@ -33,7 +33,7 @@ class Stack:
         return Stack(names, self.symbols, self.estimate[kept], self.information[kept])
 
     def marginal(self, symbols: Sequence[str]) -> Stack:
-        """F_kk - F_kd F_dd^+ F_dk: what the data tell of some symbols when nothing is known of the others."""
+        """F_kk - F_kd F_dd^+ F_dk: what the data say of some symbols when nothing is known of the others."""
         keep = [self.symbols.index(s) for s in symbols]
         drop = [p for p in range(len(self.symbols)) if p not in keep]
         kk, estimate = self.information[:, keep][:, :, keep], self.estimate[:, keep]
@@ -106,8 +106,8 @@ class Scaled:
     root: Float[np.ndarray, "N P P"]  # H
     x: Float[np.ndarray, "N P"]
     rank: Float[np.ndarray, " N"]  # directions that each unit informs
-    tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone tell a symbol
-    variance: Float[np.ndarray, "N P"]  # of the unit's own estimate, marginal; infinite where it tells nothing
+    tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone determine a symbol
+    variance: Float[np.ndarray, "N P"]  # of the unit's own estimate, marginal; infinite where its data say nothing
     spread: Float[np.ndarray, " P"]  # robust standard deviation between units, symbol by symbol
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Scaled:
@@ -122,7 +122,7 @@ class Scaled:
 
 
 def scaled(stack: Stack) -> Scaled:
-    """Centre and scale are medians over the units that tell a symbol: no odd unit moves them."""
+    """Centre and scale are medians over the units whose data determine a symbol: no odd unit moves them."""
     diagonal = np.einsum("upp->up", stack.information)
     own = np.array([1.0 / np.sqrt(np.median(d[d > 0.0])) if np.any(d > 0.0) else 1.0 for d in diagonal.T])
     root, rank, tells, variance = _roots(stack.information * own[:, None] * own[None, :])
@@ -144,7 +144,7 @@ def scaled(stack: Stack) -> Scaled:
 
 
 def _roots(f: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """H, rank, what is told, and the marginal variance, of information (N, P, P) with diagonals near one."""
+    """H, rank, determined symbols and marginal variance, of information (N, P, P) with diagonals near one."""
     d = np.einsum("upp->up", f)
     s = np.sqrt(np.where(d > 0.0, d, 1.0))  # each unit by its own diagonal, that one good symbol hides no weak one
     value, vector = np.linalg.eigh(f / (s[:, :, None] * s[:, None, :]))

@@ -155,7 +155,7 @@ def _united(source: Source, channels: list[_Channel]) -> tuple[tuple[Column, ...
             remarks.append(f"'{channel.topic}': of messages at one instant the last counts; {lost} left out")
         for name, (own, numbers) in channel.numbers.items():
             values = with_gaps(ticks.size, rows[np.array(own)], numbers)
-            # called by its path; guessed by its field, and by its topic where the field does not tell
+            # its label is its path; what it is is guessed by its field, or by the path where the field says nothing
             path = f"{channel.topic}.{name}" if name else channel.topic
             told = name if names.count(name) == 1 and name and name not in _NAMELESS else path
             made = column(told, values, channel.units.get(name) or channel.units[""])

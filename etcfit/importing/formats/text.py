@@ -1,6 +1,6 @@
 """Reads text files: CSV of Tektronix and Rigol scopes, LabVIEW's .lvm, MegaLogViewer's .msl, any other table.
 
-The first lines tell which of `DIALECTS` a file is in. What is in none of them is read by `rig.layout`, which finds
+The first lines show which of `DIALECTS` a file is in. What is in none of them is read by `rig.layout`, which finds
 header, separator and units by itself. MegaLogViewer's binary log (.mlg) is here too, beside its text form.
 """
 

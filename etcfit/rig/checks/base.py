@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import erfc
 from typing import NamedTuple, TypeVar
 
 from ...errors import first_names
@@ -52,7 +53,7 @@ class Records:
 
     @cached_property
     def currents(self) -> Mapping[str, OtherCurrent]:
-        """The current of each rig test in each of its readings, where windows tell them apart."""
+        """The current of each rig test in each of its readings, where enough windows compare them."""
         return _present({name: other_current(traces, self.config) for name, traces in self._trusted.items()})
 
     @cached_property
@@ -66,8 +67,16 @@ class Records:
         logged = [(t.file, name, c) for t in self.traces for name, c in t.channels.items() if name not in COMMANDS]
         return _present({(file, name): spectrum(channel, LOWER_MAINS) for file, name, channel in logged})
 
+    def where(
+        self, read: Callable[[Measurement, RigConfig], Value | None]
+    ) -> Iterator[tuple[tuple[Measurement, ...], dict[str, Value]]]:
+        """The traces of each rig test in which something is read, and what is, by file."""
+        for traces in self.tests.values():
+            if found := _present({t.file: read(t, self.config) for t in traces}):
+                yield traces, found
+
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
-        """Signs of R, L and k in a trace; where it cannot tell one, that of all traces of its test.
+        """Signs of R, L and k in a trace; where it shows none, that of all traces of its test.
 
         One trace separates little: a sign of its own is believed against its test's only for a value about as large.
         """
@@ -115,6 +124,11 @@ def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Fin
         where = f"every trace of {test}" if len(traces) > 1 else shown[0]
     alone = shown[0] if len(shown) == 1 and len(traces) > 1 else None
     return replace(finding, found=f"In {where} {finding.found}", test=test, file=alone)
+
+
+def by_chance(errors: float) -> float:
+    """Probability that noise puts a reading so many standard errors away, either way."""
+    return erfc(errors / 2**0.5)
 
 
 def column(channel: Channel, factor: float = 1.0) -> str:

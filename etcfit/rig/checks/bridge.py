@@ -129,10 +129,7 @@ def unsigned_current(records: Records) -> Iterator[Finding]:
 
 def switched_voltage(records: Records) -> Iterator[Finding]:
     """A voltage that shows the switching of a PWM."""
-    for traces in records.tests.values():
-        found = {t.file: jumps for t in traces if (jumps := _pwm_jumps(t, records.config)) is not None}
-        if not found:
-            continue
+    for traces, found in records.where(_pwm_jumps):
         channel, jumps = next(t for t in traces if t.file in found).channels["voltage"], sum(found.values())
         highest = np.max(np.abs(channel.logged(channel.value)))
         yield found_in(found, traces, Finding(

@@ -54,6 +54,14 @@ class Value(NamedTuple):
         return 0 if abs(self.value) <= errors * self.error else (1 if self.value > 0.0 else -1)
 
 
+def weighted_mean(values: Iterable[Value]) -> Value:
+    """The mean of readings, each weighted by its error: sum(x / e^2) / sum(1 / e^2)."""
+    value, error = np.array(list(values)).T
+    weight = 1.0 / error**2
+    whole = max(float(np.sum(weight)), 1e-300)  # not 0 where no reading has a finite error
+    return Value(float(np.sum(weight * value)) / whole, whole**-0.5)
+
+
 @dataclass(frozen=True, eq=False)
 class Windows:
     """Integrals and gains over each window, SI, shape (n,) each."""
@@ -191,7 +199,7 @@ def _solved(w: Windows) -> Circuit | None:
 
 
 def values_of(w: Windows) -> dict[str, Value] | None:
-    """R, L, k and drop that these windows tell, those of them that they tell; None where there are too few."""
+    """R, L, k and drop, those of them that these windows show; None where there are too few."""
     columns = {"R": w.amperes} if np.any(w.amperes) else {}
     for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
         if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
@@ -266,7 +274,7 @@ def _signed(w: Windows, sign: np.ndarray) -> Windows:
 
 
 def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurrent | None:
-    """The current of one rig test in each reading; None where too few windows tell."""
+    """The current of one rig test in each reading; None for too few windows."""
     if TEST_BY_NAME[traces[0].test].boundary.terminals_open:
         return None
     drives = {t.file: v for t in traces if "current" in t.channels and (v := drive_voltage(t, config)) is not None}

@@ -27,8 +27,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .. import TEST_BY_NAME
-from ..base import Finding, Measurement
+from ..base import Finding, Measurement, RigConfig
 from .base import COMMANDS, Records, found_in, scaled_unit
+from .circuit import Value, weighted_mean
 from .line import Line, Spectrum, line_near
 
 MAINS = (50.0, 60.0)  # Hz
@@ -75,11 +76,9 @@ def _mains_in(records: Records, test: str, name: str, band: float) -> Mains | No
 
 def _at(spectra: Sequence[Spectrum], nominal: float, band: float) -> Mains:
     lines = tuple(line_near(s, nominal, band) for s in spectra)
-    weight = np.array([1.0 / line.error**2 for line in lines])
-    frequency = float(np.sum(weight * [line.frequency for line in lines]) / max(float(np.sum(weight)), 1e-300))
     return Mains(nominal, lines, _together([line.chance for line in lines]), _together([x.neighbours for x in lines]),
-                 float(np.median([line.amplitude for line in lines])), frequency,
-                 float(1.0 / np.sqrt(max(float(np.sum(weight)), 1e-300))))  # fmt: skip
+                 float(np.median([line.amplitude for line in lines])),
+                 *weighted_mean(Value(line.frequency, line.error) for line in lines))  # fmt: skip
 
 
 def _together(chances: Sequence[float]) -> float:
@@ -204,21 +203,20 @@ def _crossing(time: np.ndarray, value: np.ndarray, level: float) -> float | None
 
 def lost_samples(records: Records) -> Iterator[Finding]:
     """Tests in which an even clock lost samples."""
-    for traces in records.tests.values():
-        lost = {t.file: count for t in traces if (count := _lost(t.time)) > LOST_SHARE * t.time.size}
-        if lost:
-            yield found_in(lost, traces, Finding(
-                "lost_samples", sum(lost.values()), "samples", 0.0,
-                f"an even clock has lost {sum(lost.values())} samples.",
-                "Nothing need be mended, for time is read as it is logged; look whether the logger wrote "
-                "its rows too late.", channel="time",
-            ))  # fmt: skip
+    for traces, lost in records.where(_lost):
+        count = sum(lost.values())
+        yield found_in(lost, traces, Finding(
+            "lost_samples", count, "samples", 0.0, f"an even clock has lost {count} samples.",
+            "Nothing need be mended, for time is read as it is logged; look whether the logger wrote its rows too "
+            "late.", channel="time",
+        ))  # fmt: skip
 
 
-def _lost(time: np.ndarray) -> int:
-    """How many samples are missing on an even clock; time in s, shape (n,), n >= 2."""
-    periods = np.diff(time) / np.median(np.diff(time))
+def _lost(trace: Measurement, _: RigConfig) -> int | None:
+    """How many samples an even clock has lost; None for few."""
+    periods = np.diff(trace.time) / np.median(np.diff(trace.time))
     whole = np.round(periods)
     if np.mean(np.abs(periods - 1.0) < WHOLE) < EVEN:
-        return 0
-    return int(np.sum((whole - 1.0)[(whole > 1.0) & (np.abs(periods - whole) < WHOLE)]))
+        return None
+    lost = int(np.sum((whole - 1.0)[(whole > 1.0) & (np.abs(periods - whole) < WHOLE)]))
+    return lost if lost > LOST_SHARE * trace.time.size else None

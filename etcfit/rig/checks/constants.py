@@ -20,12 +20,12 @@ only adds, so the test with the larger R has it.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import erfc, exp, log, pi
+from math import exp, log, pi
 from statistics import median
 
 from .. import TEST_BY_NAME
 from ..base import Finding
-from .base import Records, scaled_unit
+from .base import Records, by_chance, scaled_unit
 from .circuit import Value, excess
 
 ERRORS = 8.0  # standard errors of a reading: one that is less sure says nothing; and by which two must differ
@@ -169,5 +169,5 @@ def _resistor(test: str, a: Value, other: str, b: Value) -> Finding:
     more, error = a.value - b.value, (a.error**2 + b.error**2) ** 0.5
     found = (f"The circuit of {test} shows {a.value:.4g} ohm, that of {other} {b.value:.4g}: {more:.3g} ohm more "
              f"({more / error:.0f} standard errors).")  # fmt: skip
-    return Finding("series_resistance", more, "ohm", float(erfc(more / error / 2**0.5)), found,
+    return Finding("series_resistance", more, "ohm", by_chance(more / error), found,
                    f'Write [tests.{test}] series_ohm = "free" in rig.toml.', test)  # fmt: skip

@@ -24,7 +24,6 @@ are left out: its instant is sought by the fit.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import erfc
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -32,19 +31,19 @@ import numpy as np
 from .. import TEST_BY_NAME
 from ..base import Channel, Finding, Measurement, RigConfig
 from ..signals import drive_voltage, jumps, on_times
-from .base import Records, found_in
+from .base import Records, by_chance, found_in
 from .circuit import Value
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
-WINDING = ("inductance", "response")  # tests that tell L, best first
+WINDING = ("inductance", "response")  # tests that show L, best first
 CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with one ten times faster than the "
         "winding, or put y + T dy/dt in the place of the column y.")  # fmt: skip
 SLOW = (0.03, 0.2)  # parts of the record at which the search for one lag begins
 FAST = (0.3, 0.05)  # parts of that lag at which the search for a second one begins
 GAIN = 30.0  # by how much two lags must lower chi2, over all steps of a test
-LAG_ERROR = 0.2  # of the fast time constant, relative, at most
+LAG_ERROR = 0.2  # of either time constant, relative, at most
 LEFT = 2.0  # noises, rms, that two lags may leave
 ALIKE = 3.0  # largest over smallest of a test's time constants, at most
 LONGEST = 8e-3  # s; no winding of a small motor has a longer L/R
@@ -54,7 +53,7 @@ FLAT = 0.03  # of the step, by which the voltage may move after it
 
 LAGS = 4
 AHEAD = 5.5  # standard errors of d
-NEW = 0.08  # rms of what the input's own past does not tell, of its standard deviation, at least
+NEW = 0.08  # rms of what the input's own past does not predict, of its standard deviation, at least
 LEVELS = 8  # fiftieths of its span that an input takes, at least: a binary signal is made for one clock
 FEWEST = 100  # samples
 ALONE = 0.1  # of an edge's size: changes about a lone edge are smaller
@@ -62,14 +61,13 @@ EDGE, EDGE_SHARE = 9.0, 0.02  # noises, and of the span: an edge
 
 
 class Rise(NamedTuple):
-    """Time constants of one rise, s, the slow one first; the relative error of the fast one; by how much two lags lower
-    chi2, and the noises that they leave, rms."""
+    """Both time constants of one rise."""
 
-    slow: float
-    fast: float
-    error: float
-    gain: float
-    left: float
+    slow: float  # s
+    fast: float  # s
+    error: float  # the larger of theirs, relative
+    gain: float  # by which two lags lower chi2
+    left: float  # noises that two lags leave, rms
 
 
 def slow_current(records: Records) -> Iterator[Finding]:
@@ -95,7 +93,7 @@ def _of_two_lags(rises: dict[str, Rise], traces: tuple[Measurement, ...], record
     R = circuit.R.value if circuit is not None and circuit.R is not None else None
     henries = f": {R * a:.3g} or {R * b:.3g} H, not {R * (a + b):.3g}" if R is not None and R > 0.0 else ""
     return found_in(rises, traces, Finding(
-        "slow_current", a, "s", float(erfc((gain / 2.0) ** 0.5)),
+        "slow_current", a, "s", by_chance(gain**0.5),
         f"'{channel.header}' rises after the step as behind two lags, of "
         f"{1e3 * a:.3g} and {1e3 * b:.3g} ms (two lower chi2 by {gain:.0f} against one that may begin late): one "
         "is L/R of the winding, the other a low-pass in the current's channel. Which is which this current cannot "
@@ -114,7 +112,7 @@ def _of_circuit(records: Records) -> Iterator[Finding]:
     if circuit.L is not None and lag - LONGEST_ERRORS * error > LONGEST:
         alike = all(value > LONGEST / 2.0 for value, _ in lags.values())
         yield Finding(
-            "slow_current", lag, "s", float(erfc((lag - LONGEST) / error / 2**0.5)),
+            "slow_current", lag, "s", by_chance((lag - LONGEST) / error),
             f"In {test} the current follows the voltage with a lag of {1e3 * lag:.3g} +- {1e3 * error:.2g} ms; L/R "
             "of a small motor's winding is a few. One lag says only the sum of the winding's and of a low-pass in "
             f"the current's channel: {circuit.L.value:.3g} H is an upper bound of L_a.",
@@ -180,35 +178,32 @@ def _shape(s: np.ndarray, slow: float, fast: float = 0.0) -> np.ndarray:
 
 
 class Look(NamedTuple):
-    """One trace: t of the next input; rms of what the input's own past does not tell, of its standard deviation; Hz."""
+    """The input of one trace."""
 
-    ahead: float
-    new: float
-    rate: float
+    ahead: float  # t of the next sample as a predictor of the motion before it
+    new: float  # rms of what its own past does not predict, of its standard deviation
+    rate: float  # of the log, Hz
 
 
 def slow_log(records: Records) -> Iterator[Finding]:
     """Logs in which the next input predicts the motion before it."""
-    for traces in records.tests.values():
-        looks = {t.file: look for t in traces if (look := _look(t, records.config)) is not None}
-        slow = {file: look for file, look in looks.items() if look.ahead > AHEAD}
-        if slow:
-            channels = next(t for t in traces if t.file in slow).channels
-            worst = max(slow.values(), key=lambda look: look.ahead)
-            name = "voltage" if "voltage" in channels else "duty"
-            yield found_in(slow, traces, Finding(
-                "slow_log", worst.rate, "Hz", float(erfc(worst.ahead / 2**0.5)),
-                f"the log is slower than what acts in it: at {worst.rate:.4g} Hz "
-                f"'{channels[name].header}' changes between two samples, for its next sample tells the motion before "
-                f"it ({worst.ahead:.0f} standard errors), and {100.0 * worst.new:.0f} % of its rms is new from one "
-                "sample to the next. A fit or a diagnosis can only guess what acted in between.",
-                "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in "
-                "rig.toml, so that the model works out what acted between samples.", channel=name,
-            ))  # fmt: skip
+    for traces, slow in records.where(_look):
+        channels = next(t for t in traces if t.file in slow).channels
+        worst = max(slow.values(), key=lambda look: look.ahead)
+        name = "voltage" if "voltage" in channels else "duty"
+        yield found_in(slow, traces, Finding(
+            "slow_log", worst.rate, "Hz", by_chance(worst.ahead),
+            f"the log is slower than what acts in it: at {worst.rate:.4g} Hz '{channels[name].header}' changes "
+            f"between two samples, for its next sample tells the motion before it ({worst.ahead:.0f} standard errors), "
+            f"and {100.0 * worst.new:.0f} % of its rms is new from one sample to the next. A fit or a diagnosis can "
+            "only guess what acted in between.",
+            "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in "
+            "rig.toml, so that the model works out what acted between samples.", channel=name,
+        ))  # fmt: skip
 
 
 def _look(trace: Measurement, config: RigConfig) -> Look | None:
-    """None where the input is one that a log follows."""
+    """What predicts the motion, where it is the next input; None where the log follows its input."""
     drive = drive_voltage(trace, config)
     position = trace.channels.get("position") or trace.channels.get("motor_speed")
     if drive is None or position is None or drive.value.size < FEWEST:
@@ -232,7 +227,8 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
     power = float(ahead @ ahead)
     slope = float(ahead @ move) / max(power, 1e-300)
     error = float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300)))
-    return Look(slope / max(error, 1e-300), new, rate)
+    look = Look(slope / max(error, 1e-300), new, rate)
+    return look if look.ahead > AHEAD else None
 
 
 def _about_lone_edges(drive: Channel) -> np.ndarray:

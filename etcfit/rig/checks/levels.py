@@ -14,15 +14,14 @@ physics explains is left alone: an angle at an end stop, a voltage or duty at wh
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import erfc
 
 import numpy as np
 
 from .. import TEST_BY_NAME
 from ..base import Channel, Finding, Measurement, RigConfig
 from ..signals import drive_voltage, runs
-from .base import COMMANDS, Records, found_in
-from .circuit import Value
+from .base import COMMANDS, Records, by_chance, found_in
+from .circuit import Value, weighted_mean
 
 OFFSET_ERRORS = 8.0  # standard errors of the mean
 OFFSET_NOISES = 0.7  # of one sample, the least offset
@@ -49,7 +48,7 @@ def channel_offset(records: Records) -> Iterator[Finding]:
         sizes = [value.value for value, _ in off.values()]
         of_one_sign = len(off) > 1 and min(sizes) * max(sizes) > 0.0
         if of_one_sign and max(map(abs, sizes)) < 2.0 * min(map(abs, sizes)):
-            mean = _mean([value for value, _ in off.values()])
+            mean = weighted_mean([value for value, _ in off.values()])
             yield _reads(None, name, mean, next(iter(off.values()))[1])
         else:
             yield from (_reads(test, name, *value) for test, value in off.items())
@@ -61,7 +60,7 @@ def _reads(test: str | None, name: str, offset: Value, channel: Channel) -> Find
     before = "the plate is let go" if name == "emf" else "a voltage is there"
     otherwise = ', or take [model] effects = ["current_sensor_offset"] in rig.toml' if name == "current" else ""
     mend = f"Subtract {size:.4g} from the column '{channel.header}'{' there' if test else ''}{otherwise}."
-    return Finding("channel_offset", size, unit, float(erfc(abs(mean) / error / 2**0.5)),
+    return Finding("channel_offset", size, unit, by_chance(abs(mean) / error),
                    f"In {test or 'every test'} '{channel.header}' reads {size:.4g} {unit} before {before} "
                    f"({abs(mean) / error:.0f} standard errors), where it must read 0.", mend, test,
                    channel=name)  # fmt: skip
@@ -74,13 +73,7 @@ def _offset(traces: Sequence[Measurement], name: str, records: Records) -> tuple
                                                           OFFSET_STEPS * channel.quantum)]  # fmt: skip
     if not off or len(off) < OFFSET_SHARE * len(read) or len({np.sign(v.value) for v in off}) > 1:
         return None
-    return _mean(off), read[0][0]
-
-
-def _mean(values: list[Value]) -> Value:
-    """Weighted by their errors."""
-    error = float(1.0 / np.sqrt(sum(1.0 / v.error**2 for v in values)))
-    return Value(error**2 * sum(v.value / v.error**2 for v in values), error)
+    return weighted_mean(off), read[0][0]
 
 
 def _zero(trace: Measurement, name: str, records: Records) -> Value | None:

@@ -53,7 +53,7 @@ class Spectrum(NamedTuple):
 
 
 def spectrum(channel: Channel, frequency: float) -> Spectrum | None:
-    """What is there about a frequency, Hz; None where the trace is too short, slow or uneven to tell."""
+    """The spectrum about a frequency, Hz; None where the trace is too short, slow or uneven for one."""
     time, value = channel.time[:LONGEST], channel.value[:LONGEST]
     steps = np.diff(time)
     step = float(np.median(steps)) if steps.size else 0.0

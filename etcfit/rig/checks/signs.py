@@ -62,7 +62,7 @@ def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
     boundary = TEST_BY_NAME[trace.test].boundary
     if boundary.terminals_open:
         return ("emf" if "emf" in trace.channels else "voltage",) if signs.k < 0 else ()
-    if boundary.gear_apart:  # R hides behind a motor that spins, and k behind brushes where few windows tell
+    if boundary.gear_apart:  # R hides behind a motor that spins, and k behind the brushes' drop
         if _opposed(trace, "current"):
             return (_driver(trace, signs),)
         return ("motor_speed",) if _opposed(trace, "motor_speed") else ()

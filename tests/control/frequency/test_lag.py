@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import control
+from etcfit.control.frequency import lag
 from etcfit.control.frequency.lag import Order, order_of
 from etcfit.control.frequency.wave import Ratio
 from etcfit.control.settings import FrequencySettings
@@ -100,8 +101,11 @@ def test_a_model_error_keeps_small_intervals_from_telling_too_much() -> None:
     assert answer.best.order == 2
 
 
-@pytest.mark.parametrize("stricter", [{"poor": 0.0}, {"fewest_points": 30}])
-def test_the_settings_decide_when_an_order_is_told(stricter: dict[str, Any]) -> None:
+def test_what_is_left_and_how_many_points_there_are_decide_when_an_order_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     points = ratios(LAGS[2], PAPER, 0.0, 0.003, 0)
     assert order_of(PAPER, points).is_certain
-    assert not order_of(PAPER, points, FrequencySettings(**stricter)).is_certain
+    assert not order_of(PAPER, points, FrequencySettings(poor=0.0)).is_certain
+    monkeypatch.setattr(lag, "FEWEST_POINTS", 30)
+    assert not order_of(PAPER, points).is_certain

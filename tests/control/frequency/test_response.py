@@ -16,6 +16,8 @@ from typer.testing import CliRunner
 import control
 import results
 from etcfit.cli import app
+from etcfit.control.frequency import response as response_module
+from etcfit.control.frequency import wave
 from etcfit.control.frequency.response import point_of
 from etcfit.control.settings import FrequencySettings
 from etcfit.errors import MeasurementError
@@ -159,7 +161,6 @@ STRICTER: dict[str, tuple[dict[str, Any], str]] = {
     "cycles": ({"fewest_cycles": 9}, "7.6 cycles of 2 Hz.*over 9 cycles or more"),
     "density": ({"samples_a_cycle": 300.0}, "samples a cycle of the setpoint.*300 samples a cycle"),
     "power": ({"outside": 0.0}, "no sine.*at most 0 % of its power outside"),
-    "low harmonics": ({"outside_low": 0.0}, "no sine.*0 % in its 2nd to 5th"),
 }
 
 
@@ -170,10 +171,18 @@ def test_the_settings_decide_which_traces_count(name: str) -> None:
         point_of(trace(2.0), CONFIG, FrequencySettings(**stricter))
 
 
-def test_more_cycles_stray_where_they_must_be_more_alike() -> None:
+def test_a_setpoint_with_low_harmonics_is_no_sine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(response_module, "OUTSIDE_LOW", 0.0)
+    with pytest.raises(MeasurementError, match=r"no sine.*0 % in its 2nd to 5th"):
+        point_of(trace(2.0), CONFIG)
+
+
+def test_more_cycles_stray_where_they_must_be_more_alike(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = trace(2.0)
     assert point_of(whole, CONFIG).window.cycles == 6
-    assert point_of(whole, CONFIG, FrequencySettings(strays=0.0, same=1e-5)).window.cycles < 6
+    monkeypatch.setattr(wave, "STRAYS", 0.0)
+    monkeypatch.setattr(wave, "SAME", 1e-5)
+    assert point_of(whole, CONFIG).window.cycles < 6
 
 
 ROOT = Path(__file__).parents[3]

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 import rigs
 from bodies import NOMINAL, OPEN
-from etcfit.control.pid import Gains, Refusal, Requirements, Task
+from etcfit.control.pid import Gains, Refusal, Requirements, Task, experiments
 from etcfit.control.pid.experiments import experiment, manual
 from etcfit.control.pid.formulas import Ultimate
 from etcfit.control.setpoint import trapezoid
-from etcfit.control.settings import DesignSettings, ManualSettings, RelaySettings
+from etcfit.control.settings import DesignSettings, ManualSettings
 from etcfit.model.ecu import Ecu
 from independent.effects import NONE
 from independent.kernel import at_rest, mode_at_rest, record, step
@@ -66,6 +66,7 @@ def swung(swing: float, period: float, hold: float = 2.0, parts: int = 20) -> np
     return np.array(out)
 
 
+@cache
 def ultimate_by_relay(period: float) -> tuple[float, float]:
     """Of the smallest of the amplitudes that keeps the plate swinging: 4 d / (pi sqrt(a^2 - e^2)), and its period."""
     for swing in 12.0 * np.geomspace(0.06, 0.9, 12):
@@ -80,11 +81,10 @@ def ultimate_by_relay(period: float) -> tuple[float, float]:
     raise AssertionError("no relay keeps the plate swinging")
 
 
-def found(period: float, relay: RelaySettings = RelaySettings()) -> Ultimate:
+def found(period: float) -> Ultimate:
     ecu = Ecu(period=period, resolution=0.0)
     loop = rigs.loop(ecu=ecu)
-    task = Task(rigs.plant(loop), ecu, Requirements(), loop)
-    result = experiment(replace(task, settings=DesignSettings(relay=relay)))
+    result = experiment(Task(rigs.plant(loop), ecu, Requirements(), loop))
     assert isinstance(result, Ultimate)
     return result
 
@@ -99,6 +99,7 @@ def test_the_ultimate_gain_is_that_of_the_generator(period: float) -> None:
 
 
 @pytest.mark.slow
-def test_long_steps_would_be_far_off() -> None:
+def test_long_steps_would_be_far_off(monkeypatch: pytest.MonkeyPatch) -> None:
     gain, _ = ultimate_by_relay(1e-3)
-    assert abs(found(1e-3, RelaySettings(longest_step=5e-4)).gain / gain - 1.0) > 0.04
+    monkeypatch.setattr(experiments, "LONGEST_STEP", 5e-4)
+    assert abs(found(1e-3).gain / gain - 1.0) > 0.04

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from etcfit.control.pid import Gains
+from etcfit.control.pid import Gains, experiments
 from etcfit.control.pid.experiments import grids, swing_of
 from etcfit.control.pid.optimal import FrontPoint, Scores, best_of_several, carried, cross_entropy
 from etcfit.control.settings import ManualSettings, OptimumSettings
@@ -108,8 +108,9 @@ def test_nothing_on_the_front_follows_worse_than_what_is_calmer() -> None:
     assert [(p.activity, p.rmse) for p in found][1] == (3.5, 0.7)
 
 
-def test_the_manual_procedure_tries_gains_from_the_least_to_the_largest() -> None:
-    p, i, d = grids(ManualSettings(lowest=(0.2, 0.1, 1e-3), highest=(120.0, 5000.0, 3.0), count=5))
+def test_the_manual_procedure_tries_gains_from_the_least_to_the_largest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiments, "COUNT", 5)
+    p, i, d = grids(ManualSettings(lowest=(0.2, 0.1, 1e-3), highest=(120.0, 5000.0, 3.0)))
     assert (p[0], p[-1], i[0], i[1], i[-1], d[0], d[1], d[-1]) == pytest.approx(
         (0.2, 120.0, 0.0, 0.1, 5000.0, 0.0, 1e-3, 3.0)
     )

@@ -14,7 +14,7 @@ import pytest
 import control
 import etcfit.control.pid
 from etcfit.control.loop_figures import judge
-from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task
+from etcfit.control.pid import RULES, Gains, Refusal, Requirements, Task, formulas
 from etcfit.control.pid.formulas import (
     Ultimate,
     amigo,
@@ -27,7 +27,6 @@ from etcfit.control.pid.formulas import (
 )
 from etcfit.control.pid.linear_loop import margins, respond
 from etcfit.control.setpoint import Setpoint, step, trapezoid
-from etcfit.control.settings import DampingSettings, DesignSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.linear import PAPER_EQ_8, TransferFunction
 
@@ -148,13 +147,16 @@ def test_damping_optimum_places_the_double_ratios() -> None:
 
 
 @pytest.mark.parametrize(
-    ("damping", "te"),
-    [(DampingSettings(), 0.02), (DampingSettings(settles=3.0), 0.04), (DampingSettings(damped=0.1), 0.018913)],
+    ("name", "value", "te"),
+    [("SETTLES", 6.0, 0.02), ("SETTLES", 3.0, 0.04), ("DAMPED", 0.1, 0.018913)],
 )
-def test_the_damping_optimum_is_as_quick_as_the_settings_say(damping: DampingSettings, te: float) -> None:
+def test_the_damping_optimum_is_as_quick_as_its_constants_say(
+    name: str, value: float, te: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Ki = a2 / (D^3 Te^3 b0) with Te = 0.12 s / settles, or damped a2 / (D^2 a1) where that is less."""
+    monkeypatch.setattr(formulas, name, value)
     plant = lags(1.3, 0.5, 0.05, 0.002)  # a2 = 522, a1 = 11040
-    asked = replace(task(plant), requirements=Requirements(settling_s=0.12), settings=DesignSettings(damping=damping))
+    asked = replace(task(plant), requirements=Requirements(settling_s=0.12))
     _, ki, _ = gains(damping_optimum(asked))
     assert ki == pytest.approx(plant.a2 / (0.125 * te**3 * plant.b0), rel=1e-4)
 

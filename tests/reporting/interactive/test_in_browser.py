@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
 pytestmark = pytest.mark.slow
-COUNT, SAMPLES, WORST = 200, 4000, 137
+COUNT, SAMPLES, WORST = 200, 2000, 137
 LIMIT = 8_000_000
 SOON = 4.0  # times what the page of a few traces takes
 
