@@ -6,6 +6,7 @@ import ast
 import json
 import tomllib
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -470,6 +471,7 @@ SHORT = {
 }
 
 
+@cache
 def noiseless(effects: Effects) -> list[np.ndarray]:
     """Every channel of some short traces over its sensor's noise, in turn."""
     columns = []

@@ -165,8 +165,8 @@ def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: 
 # alone.
 #
 # What a single event of a single trace shows is no evidence: the instant of an edge that nobody logged, while the plate
-# turns back, bends what follows until the plate rests again. So a residual that is white but for one event counts as
-# noise.
+# turns back, bends what follows until the plate rests again. So a residual that is no larger than noise, and is white
+# but for one event, counts as noise.
 
 _AXES = {"torque": ("angle", "speed", "current", "load", "time"), "voltage": ("current", "speed", "angle", "time")}
 
@@ -214,11 +214,16 @@ def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[tuple[Tr
 
 
 def _is_noise(s: CandidateModel, along: Sequence[Signals], rows: Sequence[Whiteness]) -> bool:
-    """Whether every residual is white, or would be without one event of one trace."""
+    """Whether every residual is white, or is no larger than noise and would be white without one event of one trace."""
     odd = {row.file for row in rows if not row.white}
-    if len(odd) != 1:
+    if len(odd) != 1 or any(is_larger_than_noise(row.rms, row.n) for row in rows):
         return not odd
     return any(white_but_for_one_event(*each) for each in _residuals(s, along) if each[0].measurement.file in odd)
+
+
+def is_larger_than_noise(rms: float, count: int) -> bool:
+    """Whether a whitened residual of so many samples is larger than a wrong estimate of its noise explains."""
+    return not rms < 1.0 + LARGE_RMS + LARGE_RMS_DEVIATIONS / math.sqrt(2.0 * count)
 
 
 def white_but_for_one_event(trace: Trace, r: np.ndarray, along: Signals) -> bool:
@@ -269,8 +274,7 @@ def whiteness(place: Place, r: np.ndarray, logged: np.ndarray, along: Signals) -
     name, rho = strongest(own, {k: v[logged] for k, v in regressors.items()})
     p = min(1.0, len(regressors) * 2.0 * float(ndtr(-abs(rho) * math.sqrt(own.size))))
     size, box = float(np.sqrt(np.mean(own**2))), ljung_box(own)
-    fair = size < 1.0 + LARGE_RMS + LARGE_RMS_DEVIATIONS / math.sqrt(2.0 * own.size)
-    white = fair and box > WHITE_P and p > WHITE_P
+    white = not is_larger_than_noise(size, own.size) and box > WHITE_P and p > WHITE_P
     return Whiteness(*place, own.size, size, box, name, rho, p, white)
 
 

@@ -49,14 +49,26 @@ def _mistakes(found: Diagnosis) -> list[dict[str, Any]]:
 EFFECTS = Record(
     effects=key("[text]", "Names, those of Eqs. 1-2 among them.", effects_of),
 )  # fmt: skip
-EVIDENCE = record_of(Whiteness, null=("rms", "ljung_box", "correlation", "p"), ref="evidence")
+EVIDENCE = record_of(
+    Whiteness,
+    null=("rms", "ljung_box", "correlation", "p"),
+    ref="evidence",
+    file=key("text", "The trace."),
+    test=key("text", "Rig test."),
+    channel=key("text", "Quantity."),
+    n=key("whole", "Samples."),
+)
 SHARE = record_of(Share, null=("share",))
 CANDIDATE = record_of(
     Candidate,
     null=("screened", "own"),
     optional=("screened", "own", "refitted", "holdout_chi2_change", "prior"),
     ref="candidate",
-)
+    fit_rms_ratio=key("number?", "Free-running error of the fitted traces with it over that without it."),
+    holdout_rms_ratio=key("number?", "The same of the held-out traces; null where there are none."),
+    bic_change=key("number?", "Change of the Bayesian information criterion, `prior` included; below -10 it is worth "
+        "its parameters."),
+)  # fmt: skip
 ROUND = Record(
     "One turn.",
     effects=key("[text]", "The model it began with."),

@@ -37,7 +37,12 @@ HELD_OUT = Record(
     explained=key("number?", "Share of its motion that is explained, at most 1.", lambda found: found.explained[0]),
     explained_fitted=key("number?", "The same of the fitted part.", lambda found: found.explained[1]),
 )  # fmt: skip
-BORNE = record_of(Borne, null=("worst", "missed", "hertz"), without=("rows",))
+BORNE = record_of(
+    Borne,
+    null=("missed", "hertz"),
+    without=("rows",),
+    worst=key("number?", "|Delta T|, stable below 1, asked for is 0.5; null where the log has no motion there."),
+)
 LARGE_STEPS = Record(
     low_pct=key("number", "Lower level, % of the travel.", "low", scale=100.0),
     high_pct=key("number", "Upper level, % of the travel.", "high", scale=100.0),

@@ -16,10 +16,12 @@ from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.composition import Composition
 from etcfit.diagnosis.evidence import (
     SHARE_BINS,
+    WHITE_P,
     Place,
     correlation,
     evidence,
     explained,
+    is_larger_than_noise,
     is_white,
     motions,
     rows_of,
@@ -150,7 +152,7 @@ def test_noise_is_called_white(rng: np.random.Generator) -> None:
 def test_a_residual_that_is_too_large_is_not_white(rng: np.random.Generator) -> None:
     row = judged(1.2 * rng.normal(size=2000))
     assert not row.white
-    assert row.ljung_box > 1e-4
+    assert row.ljung_box > WHITE_P
     assert row.rms == pytest.approx(1.2, abs=0.05)
 
 
@@ -158,7 +160,7 @@ def test_a_residual_that_repeats_itself_is_not_white(rng: np.random.Generator) -
     w = rng.normal(size=2001)
     row = judged((w[1:] + 0.3 * w[:-1]) / np.sqrt(1.09))
     assert not row.white
-    assert row.ljung_box < 1e-4
+    assert row.ljung_box < WHITE_P
 
 
 @pytest.mark.parametrize("name", ["speed", "angle", "current", "input", "time"])
@@ -166,9 +168,9 @@ def test_a_residual_that_goes_along_with_what_the_plate_did_is_not_white(rng: np
     signal = rng.normal(size=2000)
     row = judged(0.15 * signal + 0.98 * rng.normal(size=2000), **{name: signal})
     assert not row.white
-    assert row.ljung_box > 1e-4
+    assert row.ljung_box > WHITE_P
     assert row.strongest == name
-    assert row.p < 1e-4
+    assert row.p < WHITE_P
 
 
 def test_a_residual_that_goes_along_with_the_direction_says_so(rng: np.random.Generator) -> None:
@@ -201,6 +203,14 @@ def test_what_one_event_shows_is_no_evidence_and_what_two_show_is(
     assert not all(row.white for row in rows_of(trace, once, QUIET))
     assert white_but_for_one_event(trace, once, QUIET)
     assert not white_but_for_one_event(trace, bent(once, COUNT // 2, COUNT // 2 + COUNT // 12), QUIET)
+
+
+def test_an_event_that_is_larger_than_noise_is_evidence(small: CandidateModel) -> None:
+    """The trace of the small model was drawn by hand: most of it is far off."""
+    assert any(is_larger_than_noise(row.rms, row.n) for row in evidence(small).rows)
+    assert not is_white(small)
+    assert is_larger_than_noise(1.2, 2000)
+    assert not is_larger_than_noise(1.1, 2000)
 
 
 def test_an_event_is_a_tenth_of_a_trace_and_not_half_of_it(small: CandidateModel, rng: np.random.Generator) -> None:

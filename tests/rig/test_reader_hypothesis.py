@@ -40,7 +40,7 @@ BARE = settings(
     phases=[Phase.explicit, Phase.generate],
 )
 # other examples at each run: what one in two hundred shows is found by nineteen runs in twenty
-THOROUGH = settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+THOROUGH = settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 def reading(files: dict[str, str | bytes]) -> Rig:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,7 @@ def swung(swing: float, period: float, hold: float = 2.0, parts: int = 20) -> np
     return np.array(out)
 
 
+@cache
 def ultimate_by_relay(period: float) -> tuple[float, float]:
     """Of the smallest of the amplitudes that keeps the plate swinging: 4 d / (pi sqrt(a^2 - e^2)), and its period."""
     for swing in 12.0 * np.geomspace(0.06, 0.9, 12):
