@@ -59,7 +59,7 @@ class TuneRequest:
         supply: V; None for what the log says.
         answers: what the user said of the columns.
         anyway: give gains even where the model is a compromise or did not converge.
-        settings: what decides whether logs can tell gains.
+        settings: what of the logs is fitted.
         of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
         own: what the user's own tune says; its gains count where none are given. None where there is none.
     """

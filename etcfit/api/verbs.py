@@ -146,7 +146,7 @@ def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool =
 
     Args:
         rig: as read, or its folder.
-        settings: every threshold, budget and seed; the defaults where None.
+        settings: thresholds, budgets and seeds; the defaults where None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
@@ -466,7 +466,7 @@ def tune(
         anyway: give gains even where the model is a compromise or did not converge.
         supply: V; as logged where None, else 13.5.
         tune_file: the ECU's tune (.msq): its gains where none are given, its bias table, the limit of its integral.
-        settings: what decides whether logs can tell gains; the defaults where None.
+        settings: what of the logs is fitted; the defaults where None.
         quiet: show no progress.
         controller: fields of `Ecu` that its make leaves open, as period=1e-3.
     Raises:

@@ -126,7 +126,7 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
         rig: the logs as the importer reads them.
         name: of the new rig.
         known: of the ECU.
-        settings: what decides.
+        settings: what of the logs is fitted.
     Raises:
         MeasurementError: no log has a position with a duty or a setpoint beside it.
     """
