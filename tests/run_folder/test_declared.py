@@ -100,7 +100,8 @@ def test_fields_of_a_class_are_keys_with_the_meaning_that_stands_at_them() -> No
     found = record.schema()
     said = {name: each["description"] for name, each in found["properties"].items()}
     assert said == {
-        "low": "Ends, per cent.", "high": "Ends, per cent.", "first": "Of all, s.", "kind": "Which; null of the others.",
+        "low": "Ends, per cent.", "high": "Ends, per cent.", "first": "Of all, s.",
+        "kind": "Which; null of the others.",
         "share": "Of the time, which goes on behind the end of a line.", "pair": "Both.", "extra": "More.",
     }  # fmt: skip
     assert record.meaning == "What a log shows."
