@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from etcfit.fleets.statistics import intervals
+from etcfit.fleets.settings import FleetSettings, PopulationSettings
 from etcfit.fleets.statistics.odd import odd_units
 from etcfit.fleets.statistics.population import population, shrink
 from etcfit.fleets.statistics.stack import Stack
 
-NO_PROFILES = 10.0  # of `intervals.WALD`, where intervals are not looked at
+NO_PROFILES = FleetSettings(PopulationSettings(wald=10.0))  # where intervals are not looked at
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,10 @@ def _within(truth: np.ndarray, interval: np.ndarray) -> np.ndarray:
 
 def shrinkage(design: Design, fleets: int, first_seed: int) -> float:
     """Root mean square error of shrunk values over that of each unit's own, symbols in units of their spread."""
-    intervals.WALD = NO_PROFILES
     own = shrunk = 0.0
     for seed in range(first_seed, first_seed + fleets):
         drawn = draw(design, seed)
-        found = shrink(drawn.stack, population(drawn.stack))
+        found = shrink(drawn.stack, population(drawn.stack, settings=NO_PROFILES))
         own += float(np.sum(((drawn.stack.estimate - drawn.values) / drawn.mean) ** 2))
         shrunk += float(np.sum(((found.estimate - drawn.values) / drawn.mean) ** 2))
     return float(np.sqrt(shrunk / own))
@@ -123,11 +122,10 @@ def shrinkage(design: Design, fleets: int, first_seed: int) -> float:
 
 def false_odd(design: Design, fleets: int, first_seed: int) -> tuple[float, float]:
     """Share of healthy units called odd, and of fleets with any."""
-    intervals.WALD = NO_PROFILES
     counts = []
     for seed in range(first_seed, first_seed + fleets):
         drawn = draw(design, seed)
-        counts.append(len(odd_units(drawn.stack, population(drawn.stack))))
+        counts.append(len(odd_units(drawn.stack, population(drawn.stack, settings=NO_PROFILES))))
     return float(np.mean(counts)) / design.units, float(np.mean(np.array(counts) > 0))
 
 

@@ -24,14 +24,12 @@ from etcfit.exporting.base import ExportSettings
 from etcfit.files import plain
 from etcfit.posterior.settings import SamplingSettings
 from etcfit.ranges import Range, check_ranges, from_json, real, reals, whole
-from etcfit.reporting.fleet import Judgement
 
 ROOMS = [file.parent.name for file in sorted(Path(etcfit.__file__).parent.glob("*/settings.py"))]
 KINDS: list[Any] = [
     *(each for room in ROOMS for each in vars(import_module(f"etcfit.{room}.settings")).values()
       if isinstance(each, type) and is_dataclass(each) and each.__module__ == f"etcfit.{room}.settings"),
     ExportSettings,
-    Judgement,
 ]  # fmt: skip
 FIELDS = [(kind, each.name) for kind in KINDS for each in fields(kind)]
 IN_ARGS = [(kind, name) for kind, name in FIELDS if kind is not DiagnosisSettings]  # its fields are explained in place

@@ -15,10 +15,12 @@ class PopulationSettings:
         level: coverage that every interval of the population states.
         uncorrelated: how many uncorrelated units' worth the prior of the correlations weighs, for each symbol that
             differs between units; 0 for none, so that a dozen units of a dozen symbols have correlations of +-1.
+        wald: relative standard error of a standard deviation above which its interval is profiled.
     """
 
     level: float = real(0.95, above=0.0, below=1.0)
     uncorrelated: float = real(1.0, 0.0, 1000.0)
+    wald: float = real(0.05, 0.0, 10.0)
 
     __post_init__ = check_ranges
 

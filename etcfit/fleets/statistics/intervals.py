@@ -16,7 +16,6 @@ from .stack import Scaled
 
 ALONE = 1e-8  # 1 - T below: the direction is told by this unit alone, its scatter is not seen
 FAR = 1e4  # times its estimate, or the scale: a bound beyond is none
-WALD = 0.05  # relative standard error of a standard deviation above which its interval is profiled
 
 
 def mean_intervals(
@@ -86,7 +85,7 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
     z = stats.norm.ppf(0.5 + 0.5 * settings.level)
     out = np.zeros((size, 2))
     for j, (d, error) in enumerate(zip(best.d, stderr, strict=True)):
-        if d > 0.0 and error < WALD * d:
+        if d > 0.0 and error < settings.wald * d:
             out[j] = d * np.exp(np.array([-z, z]) * error / d)
         else:
             out[j] = _Profile(view, best, j, settings.level).bounds(float(error))

@@ -14,7 +14,6 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from ...errors import first_names
-from ...ranges import check_ranges, real, whole
 from ..blocks import all_shown, headline, stacked
 from ..numbers import Digits, counted, mean_digits, short
 from ..table import Cell, Column, Kind, Notes, Table, of_texts
@@ -22,23 +21,9 @@ from ..table import Cell, Column, Kind, Notes, Table, of_texts
 Content = Mapping[str, Any]  # fleet.json
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """When a fleet's figures are called bad.
-
-    Args:
-        capable: least Cpk of a process that keeps its limits.
-        gauge: most repeatability and reproducibility together, per cent of the whole spread.
-        named: how many units a sentence names before it counts the others.
-    """
-
-    capable: float = real(1.33, 0.0, 10.0)
-    gauge: float = real(30.0, 0.0, 100.0)
-    named: int = whole(4, 1)
-    __post_init__ = check_ranges
-
-
-JUDGEMENT = Judgement()
+CAPABLE = 1.33  # least Cpk of a process that keeps its limits
+GAUGE = 30.0  # most repeatability and reproducibility together, per cent of the whole spread
+_NAMED = 4  # how many units a sentence names before it counts the others
 
 
 @dataclass(frozen=True)
@@ -54,10 +39,10 @@ class Sentence:
     bad: bool = False
 
 
-def verdict(content: Content, judgement: Judgement = JUDGEMENT) -> tuple[Sentence, ...]:
+def verdict(content: Content) -> tuple[Sentence, ...]:
     """Units, odd ones, drift, specification limits, gauge, effects: what was worked out, in this order."""
     parts = (_units, _odd_units, _drifts, _capable, _gauges, _effects_found)
-    return tuple(sentence for part in parts for sentence in part(content, judgement))
+    return tuple(sentence for part in parts for sentence in part(content))
 
 
 def title(content: Content) -> str:
@@ -65,7 +50,7 @@ def title(content: Content) -> str:
     return content.get("name") or "Fleet without a name"
 
 
-def _units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
+def _units(content: Content) -> Iterator[Sentence]:
     fitted = len(content.get("units") or ())
     failed, stuck = (len(content.get(key) or ()) for key in ("failed", "not_converged"))
     verb = "has" if fitted == 1 else "have"
@@ -73,7 +58,7 @@ def _units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
     yield Sentence(text, bad=failed + stuck > 0)
 
 
-def _odd_units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
+def _odd_units(content: Content) -> Iterator[Sentence]:
     odd, of = content.get("odd"), len(content.get("units") or ())
     if odd is None or not of:
         return
@@ -83,11 +68,11 @@ def _odd_units(content: Content, judgement: Judgement) -> Iterator[Sentence]:
     named = [f"{each['unit']} ({', '.join(each['symbols'])})" if each["symbols"] else each["unit"] for each in odd]
     verb = "is" if len(odd) == 1 else "are"
     share = f"{short(100.0 * len(odd) / of, 2)} %"
-    text = f"{counted(len(odd), 'unit')} {verb} odd ({share}): {first_names(named, judgement.named)}."
+    text = f"{counted(len(odd), 'unit')} {verb} odd ({share}): {first_names(named, _NAMED)}."
     yield Sentence(text, bad=True)
 
 
-def _drifts(content: Content, judgement: Judgement) -> Iterator[Sentence]:
+def _drifts(content: Content) -> Iterator[Sentence]:
     drift = content.get("drift")
     if drift is None:
         return
@@ -114,27 +99,27 @@ def unit_of(content: Content, symbol: str) -> str:
     return ""
 
 
-def _capable(content: Content, judgement: Judgement) -> Iterator[Sentence]:
+def _capable(content: Content) -> Iterator[Sentence]:
     known = {name: each["cpk"] for name, each in (content.get("capability") or {}).items() if each["cpk"] is not None}
     if not known:
         return
-    poor = [f"{name} ({short(cpk)})" for name, cpk in known.items() if cpk < judgement.capable]
+    poor = [f"{name} ({short(cpk)})" for name, cpk in known.items() if cpk < CAPABLE]
     if poor:
-        yield Sentence(f"Cpk below {judgement.capable:g}: {', '.join(poor)}.", bad=True)
+        yield Sentence(f"Cpk below {CAPABLE:g}: {', '.join(poor)}.", bad=True)
     else:
-        yield Sentence(f"Cpk is {judgement.capable:g} or above for {', '.join(known)}.")
+        yield Sentence(f"Cpk is {CAPABLE:g} or above for {', '.join(known)}.")
 
 
-def _gauges(content: Content, judgement: Judgement) -> Iterator[Sentence]:
+def _gauges(content: Content) -> Iterator[Sentence]:
     known = {name: each["rr_percent"] for name, each in (content.get("gauge") or {}).items()
              if each["rr_percent"] is not None}  # fmt: skip
-    poor = [f"{name} ({short(share)} %)" for name, share in known.items() if share > judgement.gauge]
+    poor = [f"{name} ({short(share)} %)" for name, share in known.items() if share > GAUGE]
     if poor:
-        text = f"Measuring takes more than {judgement.gauge:g} % of the spread: {', '.join(poor)}."
+        text = f"Measuring takes more than {GAUGE:g} % of the spread: {', '.join(poor)}."
         yield Sentence(text, bad=True)
 
 
-def _effects_found(content: Content, judgement: Judgement) -> Iterator[Sentence]:
+def _effects_found(content: Content) -> Iterator[Sentence]:
     effects = content.get("effects")
     if not effects:
         return
@@ -147,18 +132,18 @@ _UNIT: Mapping[str, Kind] = {"unit": "word"}
 _MOST = 20  # rows of units; fleet.json and the page have them all
 
 
-def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> RenderableType:
+def fleet_table(content: Content) -> RenderableType:
     """fleet.json for stdout."""
     return stacked(
-        _head(content, judgement),
+        _head(content),
         all_shown(
-            population_table(content, judgement),
-            capability_table(content, judgement),
+            population_table(content),
+            capability_table(content),
             _odd(content),
             _drift(content),
             effects_table(content),
             figures_table(content),
-            gauge_table(content, judgement),
+            gauge_table(content),
             predictions_table(content),
             _without("Not converged", content.get("not_converged") or ()),
             _without("Failed, and in nothing above", content.get("failed") or ()),
@@ -166,13 +151,13 @@ def fleet_table(content: Content, judgement: Judgement = JUDGEMENT) -> Renderabl
     )
 
 
-def _head(content: Content, judgement: Judgement) -> RenderableType:
+def _head(content: Content) -> RenderableType:
     head = headline(title(content), bool(content.get("synthetic")))
-    lines = [Text(f"- {each.text}", style="bold red" if each.bad else "") for each in verdict(content, judgement)]
+    lines = [Text(f"- {each.text}", style="bold red" if each.bad else "") for each in verdict(content)]
     return Group(head, *lines)
 
 
-def population_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+def population_table(content: Content) -> Table:
     """What is left of the units' differences once their own uncertainty is taken off."""
     rows = []
     for symbol, each in (content.get("population") or {}).items():
@@ -189,7 +174,7 @@ def population_table(content: Content, judgement: Judgement = JUDGEMENT) -> Tabl
         Column("95 % interval of mean", lambda row: _span(row["mean_ci95"]), spare=3),
         Column("spread, 1 sd", own(lambda row: _by(row["sd"], row["sd_ci95"], None), "shared by all")),
         Column("95 % interval of spread", own(lambda row: _span(row["sd_ci95"]), "-"), spare=2),
-        Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
+        Column("Cpk", lambda row: _cpk(row["cpk"])),
         Column("units that tell it", lambda row: "-" if row["informed"] is None else f"{row['informed']:,}", spare=1),
         Column("unit", "unit", "unit")), rows, file=_FILE)  # fmt: skip
 
@@ -207,8 +192,8 @@ def _span(interval: Sequence[float] | None) -> str:
     return Digits.of_value(max(abs(low), abs(high)), 0.5 * (high - low)).span(low, high)
 
 
-def _cpk(value: float | None, judgement: Judgement) -> Cell:
-    return Cell(short(value), "bad" if value is not None and value < judgement.capable else "")
+def _cpk(value: float | None) -> Cell:
+    return Cell(short(value), "bad" if value is not None and value < CAPABLE else "")
 
 
 def _named(content: Content, kind: str, name: str) -> list[dict[str, Any]]:
@@ -222,12 +207,12 @@ _MEAN = (
 )
 
 
-def capability_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+def capability_table(content: Content) -> Table:
     """What has limits, and how many units would lie outside."""
-    return Table(f"Specification limits; a Cpk below {judgement.capable:g} is marked", (
+    return Table(f"Specification limits; a Cpk below {CAPABLE:g} is marked", (
         Column("limit of", "name", "symbol"), Column("low", "low", digits=4), Column("high", "high", digits=4), *_MEAN,
         Column("Cp", "cp", spare=1), Column("95 % interval of Cp", lambda row: _span(row["cp_ci95"]), spare=4),
-        Column("Cpk", lambda row: _cpk(row["cpk"], judgement)),
+        Column("Cpk", lambda row: _cpk(row["cpk"])),
         Column("95 % interval of Cpk", lambda row: _span(row["cpk_ci95"]), spare=2),
         Column("outside", lambda row: "-" if row["outside"] is None else f"{short(100.0 * row['outside'], 2)} %"),
         Column("unit", "unit", "unit")), _named(content, "capability", "name"), file=_FILE)  # fmt: skip
@@ -270,16 +255,14 @@ def figures_table(content: Content) -> Table:
         Column("unit", "unit", "word")), _named(content, "figures", "figure"), file=_FILE)  # fmt: skip
 
 
-def gauge_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+def gauge_table(content: Content) -> Table:
     """Repeatability and reproducibility."""
 
     def percent(row: Mapping[str, Any]) -> Cell:
         share = row["rr_percent"]
-        return Cell("-") if share is None else Cell(f"{short(share)} %", "bad" if share > judgement.gauge else "")
+        return Cell("-") if share is None else Cell(f"{short(share)} %", "bad" if share > GAUGE else "")
 
-    title = (
-        f"Gauge R&R, standard deviations of the same units measured again; more than {judgement.gauge:g} % is marked"
-    )
+    title = f"Gauge R&R, standard deviations of the same units measured again; more than {GAUGE:g} % is marked"
     return Table(title, (
         Column("gauge of", "symbol", "symbol"), Column("repeatability", "repeatability"),
         Column("rig", "rig", spare=4), Column("operator", "operator", spare=3),
@@ -289,7 +272,7 @@ def gauge_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
         _named(content, "gauge", "symbol"), file=_FILE)  # fmt: skip
 
 
-def predictions_table(content: Content, judgement: Judgement = JUDGEMENT) -> Table:
+def predictions_table(content: Content) -> Table:
     """The figures in other conditions."""
     rows = content.get("predictions") or ()
     units = {name: each["unit"] for row in rows for name, each in row["figures"].items()}

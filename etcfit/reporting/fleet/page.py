@@ -16,7 +16,7 @@ from ...files import plain, write_text
 from ...fleets.config import ZERO_CELSIUS
 from .. import html, packed
 from ..html import Parts, scripted
-from . import JUDGEMENT, TABLES, Content, Judgement, title, verdict
+from . import TABLES, Content, title, verdict
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -214,13 +214,13 @@ SCRIPTS = ("decode.js", "numbers.js", "theme.js", "store.js", "panel.js", "point
 part = Parts((("etcfit.reporting.fleet", "template"),))
 
 
-def write_fleet_page(run: Path, content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> Path:
+def write_fleet_page(run: Path, content: Content, units: pd.DataFrame) -> Path:
     """Write RUN/fleet.html from fleet.json and units.parquet, whole or not at all; where it is."""
-    write_text(run / NAME, render(content, units, judgement))
+    write_text(run / NAME, render(content, units))
     return run / NAME
 
 
-def render(content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEMENT) -> str:
+def render(content: Content, units: pd.DataFrame) -> str:
     """The whole page, HTML: words and tables stand in it, what is drawn is drawn from the data by its scripts."""
     return scripted(
         part,
@@ -230,8 +230,8 @@ def render(content: Content, units: pd.DataFrame, judgement: Judgement = JUDGEME
         synthetic=content.get("synthetic"),
         fleet=content,
         title=title(content),
-        verdict=verdict(content, judgement),
-        tables={name: table(content, judgement) for name, table in TABLES.items()},
+        verdict=verdict(content),
+        tables={name: table(content) for name, table in TABLES.items()},
         symbol=html.symbol,
         number=html.number,
     )

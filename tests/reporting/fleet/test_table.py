@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 import fleet_pages as made
+from etcfit.reporting import fleet
 from etcfit.reporting.blocks import render
-from etcfit.reporting.fleet import JUDGEMENT, Judgement, fleet_table, verdict
+from etcfit.reporting.fleet import fleet_table, verdict
 
 EMPTY: dict[str, Any] = {
     **{key: [] for key in ("units", "failed", "not_converged", "odd", "drift", "predictions")},
@@ -29,8 +30,8 @@ def content() -> dict[str, Any]:
     return made.fleet().content
 
 
-def text(content: dict[str, Any], judgement: Judgement = JUDGEMENT) -> str:
-    return render(fleet_table(content, judgement), width=200)
+def text(content: dict[str, Any]) -> str:
+    return render(fleet_table(content), width=200)
 
 
 def test_every_part_of_a_fleet_is_printed(content: dict[str, Any]) -> None:
@@ -73,13 +74,15 @@ def test_an_empty_fleet_says_so_and_no_more() -> None:
     assert "Population" not in text(EMPTY)
 
 
-def test_a_verdict_follows_the_judgement(content: dict[str, Any]) -> None:
-    def bad(judgement: Judgement) -> str:
-        return " ".join(each.text for each in verdict(content, judgement) if each.bad)
+def test_a_verdict_follows_what_counts_as_bad(content: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    def bad() -> str:
+        return " ".join(each.text for each in verdict(content) if each.bad)
 
-    assert "Cpk below 1.33: K_s" in bad(Judgement())
-    assert "T_f (35.0 %)" in bad(Judgement())
-    easy = bad(Judgement(capable=0.1, gauge=50.0))
+    assert "Cpk below 1.33: K_s" in bad()
+    assert "T_f (35.0 %)" in bad()
+    monkeypatch.setattr(fleet, "CAPABLE", 0.1)
+    monkeypatch.setattr(fleet, "GAUGE", 50.0)
+    easy = bad()
     assert "Cpk" not in easy
     assert "T_f (35.0 %)" not in easy
 
