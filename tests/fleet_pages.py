@@ -126,10 +126,10 @@ def _content(
         "charts": charts,
         "capability": _capabilities(c, figures),
         "gauge": {"K_s": {"unit": "N*m/rad", "repeatability": 6e-4, "rig": 3e-4, "operator": 2e-4,
-                          "reproducibility": 3.6e-4, "part": 6e-3, "total": 6.04e-3, "rr_percent": 11.6, "ndc": 12.1,
+                          "reproducibility": 3.6e-4, "part": 6e-3, "total": 6.04e-3, "rr_percent": 11.6, "ndc": 12,
                           "parts": 10, "measurements": 30, "untold": []},
                   "T_f": {"unit": "N*m", "repeatability": 2e-3, "rig": 1e-3, "operator": 0.0,
-                          "reproducibility": 1e-3, "part": 6e-3, "total": 6.4e-3, "rr_percent": 35.0, "ndc": 3.8,
+                          "reproducibility": 1e-3, "part": 6e-3, "total": 6.4e-3, "rr_percent": 35.0, "ndc": 3,
                           "parts": 10, "measurements": 30, "untold": []}},
         "figures": figures,
         "predictions": [_prediction(name, kelvin, volts) for name, kelvin in (("cold", 253.15), ("hot", 373.15))

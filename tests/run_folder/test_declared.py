@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
 
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
-from etcfit.run_folder.declared import Record, by_name, key, list_of
+from etcfit.run_folder.declared import Record, by_name, key, list_of, record_of
 
 INNER = Record("One part.", size=key("number", "Of it.", scale=100.0)).closed()
 OUTER = Record(
@@ -68,3 +70,45 @@ def test_the_schema_takes_what_is_written_and_nothing_wrong(wrong: dict[str, Any
     validator.validate(written)
     with pytest.raises(ValidationError):
         validator.validate(written | wrong)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a log shows.
+
+    Args:
+        first: of all, s.
+    """
+
+    # low, high: ends, per cent
+    low: float
+    high: float | None
+    first: float = 0.0
+    kind: Literal["quick", "slow"] = "slow"  # which; None of the others
+    # of the time, which goes on behind
+    # the end of a line
+    share: float = 0.5
+    pair: tuple[float, float] = (0.0, math.inf)  # both
+    hidden: int = 0
+
+    def low_or_high(self) -> float:
+        return self.low
+
+
+def test_fields_of_a_class_are_keys_with_the_meaning_that_stands_at_them() -> None:
+    record = record_of(Shown, null=("pair",), shares=("share",), without=("hidden",), extra=key("flag", "More."))
+    found = record.schema()
+    said = {name: each["description"] for name, each in found["properties"].items()}
+    assert said == {
+        "low": "Ends, per cent.", "high": "Ends, per cent.", "first": "Of all, s.",
+        "kind": "Which; null of the others.",
+        "share": "Of the time, which goes on behind the end of a line.", "pair": "Both.", "extra": "More.",
+    }  # fmt: skip
+    assert record.meaning == "What a log shows."
+    assert found["properties"]["low"]["type"] == "number"
+    assert found["properties"]["high"]["type"] == ["number", "null"]
+    assert found["properties"]["kind"]["enum"] == ["quick", "slow"]
+    assert (found["properties"]["share"]["minimum"], found["properties"]["share"]["maximum"]) == (0, 1)
+    assert found["properties"]["pair"]["items"]["type"] == ["number", "null"]
+    assert found["properties"]["pair"]["minItems"] == 2
+    assert found["required"] == ["low", "high", "first", "kind", "share", "pair", "extra"]

@@ -43,7 +43,8 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
 def how_sure(found: Found) -> Part:
     """Each effect found, how sure it is, and what else could explain the same; the answers to every question."""
     said = [f"{each['asks']} {likely_in_one_line(each['answers'])}." for each in found.get("questions") or ()]
-    said += [CALIBRATED] if said else []
+    if said:
+        said.append(f"Answers to one question exclude each other: their probabilities add up to one. {CALIBRATED}")
     rows = [(each["effect"], each["certainty"], f"{each['probability']:.2f}",
              likely_in_one_line(each["instead"]) or "nothing that was tried", each["told_by"])
             for each in found.get("statements") or () if "certainty" in each]  # fmt: skip
