@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..car_log import Lack
 from ..control.borne import Borne
+from ..control.pid.conditions import LARGE_HOLD
 from ..importing.tuning import LogCheck
 from .declared import Record, key, list_of, record_of
 from .drive import GAIN_SETS
@@ -46,7 +47,7 @@ BORNE = record_of(
 LARGE_STEPS = Record(
     low_pct=key("number", "Lower level, % of the travel.", "low", scale=100.0),
     high_pct=key("number", "Upper level, % of the travel.", "high", scale=100.0),
-    hold_s=key("number", "For how long each is held, s.", "large_hold"),
+    hold_s=key("number", "For how long each is held, s.", lambda _: LARGE_HOLD),
 )  # fmt: skip
 STEP = Record(
     "One set of gains on the fitted model.",

@@ -192,17 +192,22 @@ def bent(r: np.ndarray, begin: int, end: int) -> np.ndarray:
     return out
 
 
+@pytest.fixture(scope="module")
+def long() -> Trace:
+    """A plate that rests, as long as the noise that stands for its residual."""
+    time = np.arange(COUNT) * 1e-3
+    still = {"voltage": np.zeros(COUNT), "current": np.zeros(COUNT), "position": np.zeros(COUNT)}
+    return prepare(measurement("response", time, still), CONFIG)
+
+
 @pytest.mark.parametrize("begin", [0, 333, COUNT - COUNT // 12])
 def test_what_one_event_shows_is_no_evidence_and_what_two_show_is(
-    small: CandidateModel, rng: np.random.Generator, begin: int
+    long: Trace, rng: np.random.Generator, begin: int
 ) -> None:
-    (trace,) = small.problem.batch.traces
-    trace = replace(trace, data=np.zeros((COUNT, len(trace.channels))))
-    noise = rng.normal(size=(COUNT, len(trace.channels)))
-    once = bent(noise, begin, begin + COUNT // 12)
-    assert not all(row.white for row in rows_of(trace, once, QUIET))
-    assert white_but_for_one_event(trace, once, QUIET)
-    assert not white_but_for_one_event(trace, bent(once, COUNT // 2, COUNT // 2 + COUNT // 12), QUIET)
+    once = bent(rng.normal(size=long.data.shape), begin, begin + COUNT // 12)
+    assert not all(row.white for row in rows_of(long, once, QUIET))
+    assert white_but_for_one_event(long, once, QUIET)
+    assert not white_but_for_one_event(long, bent(once, COUNT // 2, COUNT // 2 + COUNT // 12), QUIET)
 
 
 def test_an_event_that_is_larger_than_noise_is_evidence(small: CandidateModel) -> None:
@@ -213,11 +218,8 @@ def test_an_event_that_is_larger_than_noise_is_evidence(small: CandidateModel) -
     assert not is_larger_than_noise(1.1, 2000)
 
 
-def test_an_event_is_a_tenth_of_a_trace_and_not_half_of_it(small: CandidateModel, rng: np.random.Generator) -> None:
-    (trace,) = small.problem.batch.traces
-    trace = replace(trace, data=np.zeros((COUNT, len(trace.channels))))
-    long = bent(rng.normal(size=(COUNT, len(trace.channels))), 0, COUNT // 2)
-    assert not white_but_for_one_event(trace, long, QUIET)
+def test_an_event_is_a_tenth_of_a_trace_and_not_half_of_it(long: Trace, rng: np.random.Generator) -> None:
+    assert not white_but_for_one_event(long, bent(rng.normal(size=long.data.shape), 0, COUNT // 2), QUIET)
 
 
 # ---- in words

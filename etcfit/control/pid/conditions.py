@@ -24,7 +24,7 @@ from .loop import Loop
 
 LEAD = 0.3  # s at the first level of a scenario, not judged
 BEYOND_REST = 0.02  # how far the steps across the limp-home position go beyond it either way, share of the travel
-_LARGE_HOLD = 0.5  # s that each large step is held
+LARGE_HOLD = 0.5  # s that each large step is held
 _HOLD = 0.4  # s that each other step is held
 _FINE = 2001  # angles between which the default position is found
 
@@ -37,7 +37,7 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
         further: more of them, such as a log's own setpoint.
     """
     rest = default_position(loop)
-    large = stairs("large steps", (settings.low, settings.high, settings.low), _LARGE_HOLD, LEAD)
+    large = stairs("large steps", (settings.low, settings.high, settings.low), LARGE_HOLD, LEAD)
     sizes = [MIDDLE, *(share for size in settings.small for share in (MIDDLE + size, MIDDLE))]  # up by each, and back
     small = stairs("small steps", sizes, _HOLD, LEAD)
     every = [large, small]

@@ -115,8 +115,10 @@ def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> 
     mistakes: Sequence[Any] = (*(diagnosis.rig if diagnosis is not None else ()), *final.rig.findings)
     for each in mistakes:
         if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
-            named = f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
-            yield named if isinstance(each, Finding) else each.sentence
+            if isinstance(each, Finding):
+                yield f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
+            else:
+                yield each.sentence
 
 
 def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:
