@@ -27,7 +27,7 @@ from .settings import FitSettings
 STEPS = FitSettings().steps
 ROUGH_TOLERANCE = 1e-2
 """A descent from a start ends where neither chi2 (relative) nor any stretched coordinate (absolute) changes by more."""
-LATE = (0.064, 0.016, 0.004, 0.0)
+LATE: tuple[float, ...] = (0.064, 0.016, 0.004, 0.0)
 """By how much every sampling instant may be off, s, in one descent after the other: a simulated plate that meets its
 stop a little early is forgiven at first, and less and less."""
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature

@@ -158,8 +158,8 @@ class _Writer:
         if dataclasses.is_dataclass(value):
             fields = [field.name for field in dataclasses.fields(value)]
             return ["object", _name(type(value)), {name: self.encode(getattr(value, name)) for name in fields}]
-        if isinstance(value, tuple) and hasattr(value, "_fields"):
-            return ["named", _name(type(value)), {name: self.encode(v) for name, v in value._asdict().items()}]
+        if isinstance(value, tuple) and (by_name := getattr(value, "_asdict", None)):
+            return ["named", _name(type(value)), {name: self.encode(v) for name, v in by_name().items()}]
         if type(value).__module__.partition(".")[0] == _PACKAGE and not getattr(value, "__dict__", {}):
             return ["plain", _name(type(value))]
         if isinstance(value, Mapping):

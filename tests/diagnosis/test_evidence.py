@@ -197,7 +197,9 @@ def long() -> Trace:
     """A plate that rests, as long as the noise that stands for its residual."""
     time = np.arange(COUNT) * 1e-3
     still = {"voltage": np.zeros(COUNT), "current": np.zeros(COUNT), "position": np.zeros(COUNT)}
-    return prepare(measurement("response", time, still), CONFIG)
+    trace = prepare(measurement("response", time, still), CONFIG)
+    assert trace is not None
+    return trace
 
 
 @pytest.mark.parametrize("begin", [0, 333, COUNT - COUNT // 12])

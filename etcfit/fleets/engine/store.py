@@ -198,11 +198,12 @@ def _end(row: Mapping[str, Any]) -> UnitResult | FailedUnit:
         return FailedUnit(**row)
     estimate = np.array(row["estimate"], dtype=float)
     information = np.array(row["information"], dtype=float).reshape(estimate.size, estimate.size)
+    alike: dict[str, Any] = {name: row[name] for name in _ALIKE} | {"warnings": tuple(row["warnings"])}
     return UnitResult(
         own=UnitEstimate(row["unit"], tuple(row["symbols"]), estimate, information),
         parameters={symbol: UnitParameter(**each) for symbol, each in row["parameters"].items()},
         traces=tuple(TraceMisfit(**each) for each in row["traces"]),
         digest=row["digest"],
         widening=row["widening"],
-        **{name: row[name] for name in _ALIKE} | {"warnings": tuple(row["warnings"])},
+        **alike,
     )
