@@ -59,6 +59,7 @@ def names(count: int) -> list[str]:
 
 
 def run(units: list[str], work: CountingWork, workers: Crew, parts: Path, settings: EngineSettings = QUICK) -> Tally:
+    workers.client.wait_for_workers(max(workers.workers, 1))  # those that a test before killed come back
     with Store(parts) as store:
         return run_units(units, work, workers, store, lambda *_: None, settings)
 
