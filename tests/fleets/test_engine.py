@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -59,7 +60,8 @@ def names(count: int) -> list[str]:
 
 
 def run(units: list[str], work: CountingWork, workers: Crew, parts: Path, settings: EngineSettings = QUICK) -> Tally:
-    workers.client.wait_for_workers(max(workers.workers, 1))  # those that a test before killed come back
+    with suppress(TimeoutError):  # those that a test before killed come back, most often
+        workers.client.wait_for_workers(max(workers.workers, 1), timeout=10.0)
     with Store(parts) as store:
         return run_units(units, work, workers, store, lambda *_: None, settings)
 
