@@ -185,27 +185,32 @@ def evidence(s: CandidateModel) -> Evidence:
     """Test the residual of the fitted traces."""
     stiffness = guide_stiffness_of(s.problem, s.x)
     along = signals(s.problem, s.x, stiffness)
-    rows = _rows(s, along)
+    judged = list(_residuals(s, along))
+    rows = _rows(judged)
     volts = missing_voltage(s.problem, s.x, stiffness)
     found = (*shares("torque", along, [a["torque"] for a in along]),
              *shares("voltage", along, volts))  # fmt: skip
     found = tuple(sorted(found, key=lambda share: -share.share))
-    noise = _is_noise(s, along, rows)
+    noise = _is_noise(judged, rows)
     return Evidence(tuple(rows), noise, found, tuple(sentences(rows, found, noise)))
 
 
 def is_white(s: CandidateModel) -> bool:
     """`Evidence.white` alone, for whoever decides by it: nothing is said of what the residual goes along with."""
     along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x))
-    return _is_noise(s, along, _rows(s, along))
+    judged = list(_residuals(s, along))
+    return _is_noise(judged, _rows(judged))
 
 
-def _rows(s: CandidateModel, along: Sequence[Signals]) -> list[Whiteness]:
+Judged = tuple[Trace, np.ndarray, Signals]  # a trace, its whitened residual, shape (n, M), and the signals along it
+
+
+def _rows(judged: Sequence[Judged]) -> list[Whiteness]:
     """Each channel of each trace."""
-    return [row for trace, r, signal in _residuals(s, along) for row in rows_of(trace, r, signal)]
+    return [row for each in judged for row in rows_of(*each)]
 
 
-def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[tuple[Trace, np.ndarray, Signals]]:
+def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[Judged]:
     """Each trace with its whitened residual, shape (n, M), judged by its noise alone: far from the data samples were
     weighed down."""
     weighed_down = s.problem.sigma / s.problem.batch.slots.sigma if s.far else 1.0
@@ -213,12 +218,12 @@ def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[tuple[Tr
     return zip(s.problem.batch.traces, r, along, strict=True)
 
 
-def _is_noise(s: CandidateModel, along: Sequence[Signals], rows: Sequence[Whiteness]) -> bool:
+def _is_noise(judged: Sequence[Judged], rows: Sequence[Whiteness]) -> bool:
     """Whether every residual is white, or is no larger than noise and would be white without one event of one trace."""
     odd = {row.file for row in rows if not row.white}
     if len(odd) != 1 or any(is_larger_than_noise(row.rms, row.n) for row in rows):
         return not odd
-    return any(white_but_for_one_event(*each) for each in _residuals(s, along) if each[0].measurement.file in odd)
+    return any(white_but_for_one_event(*each) for each in judged if each[0].measurement.file in odd)
 
 
 def is_larger_than_noise(rms: float, count: int) -> bool:

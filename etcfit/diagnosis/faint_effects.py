@@ -38,14 +38,13 @@ from ..estimation.levenberg_marquardt import linearise_at
 from ..estimation.result import FitResult
 from ..model.parameters import Parameter
 from .candidate_model import CandidateModel
-from .screen import Background, lowest
+from .screen import IMITATED, Background, lowest
 from .tangents import Variant, fitted_samples, tangents_inside, variants
 from .unexplained import grown
 
 SIZES = (1.0, 0.3, 0.1, 0.03)  # s over the scale of the amplitudes, equally probable: small effects are many
 PRIOR = 0.1  # weight of an effect before the data, over that of nothing
 WORTH_SAYING = 1.05  # factor of an interval from which on the effects behind it are listed
-IMITATED = 1e-6  # share of a way's power below which parameters do all of it
 _LISTED = 3  # effects listed at most
 _NEGLIGIBLE = 1e-6  # share of all weights below which a part of the mixture is left out
 _TAIL = 2.0 * float(ndtr(-Z_95))
@@ -106,11 +105,12 @@ def faint_parts(s: CandidateModel) -> list[Part]:
     def one(variant: Variant, columns: np.ndarray) -> list[Part]:
         columns = np.where(np.isfinite(columns), columns, 0.0)
         own = background.free_of(background.basis, columns)
-        ways = own_ways(own.T @ own, np.sum(columns**2, axis=0))
+        gram = own.T @ own
+        ways = own_ways(gram, np.sum(columns**2, axis=0))
         mine = [parameters[symbol] for symbol in variant.amplitudes]
         across = own.T @ background.r / here.unit
         bends = -here.covariance @ (background.jacobian.T @ columns) / here.unit
-        return parts_of(variant, mine, Linear(own.T @ own / here.unit, across, bends), ways)
+        return parts_of(variant, mine, Linear(gram / here.unit, across, bends), ways)
 
     return [part for parts in tangents_inside(lean, every, one) for part in parts]
 

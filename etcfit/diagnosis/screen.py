@@ -52,7 +52,7 @@ def bounded(columns: np.ndarray, target: np.ndarray, low: np.ndarray) -> np.ndar
 
 
 RIGS_AT_ONCE = 16  # tangents of the rig in one kernel: more take long to compile, and much memory
-_IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
+IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
 
 
@@ -123,7 +123,7 @@ class Background:
         """
         whole, imitated = np.sum(columns**2, axis=0), np.sum((self.basis[rows].T @ columns) ** 2, axis=0)
         own = whole - imitated
-        return Own(self.r[rows] @ columns, np.where(own > _IMITATED * whole, own, 0.0))
+        return Own(self.r[rows] @ columns, np.where(own > IMITATED * whole, own, 0.0))
 
     def signature(self, variant: Variant, columns: np.ndarray, parameters: Mapping[str, Parameter]) -> Signature:
         """The score test of one variant.
@@ -135,7 +135,7 @@ class Background:
         whole = np.where(np.isfinite(columns), columns, 0.0)
         own = self.free_of(self.basis, whole)
         power, kept = np.sum(whole**2, axis=0), np.sum(own**2, axis=0)
-        own = np.where(kept > _IMITATED * power, own, 0.0)
+        own = np.where(kept > IMITATED * power, own, 0.0)
         share = float(np.sum(own**2) / max(float(power.sum()), 1e-300))
         if share == 0.0:
             return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
