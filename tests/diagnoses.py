@@ -47,7 +47,7 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         "final": (FOUND,),
         "rounds": rounds(before),
         "added": (FOUND,),
-        "removed": ("backlash was taken away again: what came after explains it (BIC -3.0).",),
+        "removed": ("backlash was taken away again: later effects explain the same (BIC -3.0).",),
         "sets": (SetTried((FOUND, "backlash"), 12.5, False), SetTried(("gravity_load", "backlash"), None, False)),
         "ties": (
             Tie(
@@ -86,7 +86,7 @@ def rounds(before: FitResult) -> tuple[RoundReport, ...]:
               Share("voltage", "current", 0.03))  # fmt: skip
     says = (
         "2 of 8 residuals are not white.",
-        "Of the missing torque, a curve over one quantity takes away: angle 62 %.",
+        "Of the missing torque, a curve over one quantity explains: angle 62 %.",
     )
     first = Evidence((whiteness(20.0, False),), False, shares, says)
     last = Evidence((whiteness(1.0, True),), True, (Share("torque", "angle", 0.01),), ("All residuals are white.",))
@@ -175,5 +175,5 @@ def unexplained(after: FitResult) -> Unexplained:
         fit=smaller[0],
         holdout=smaller[1],
         doubts=("stribeck_friction",),
-        sentence="What is left enters as torque and depends on angle: a curve of 0.0085 N*m rms.",
+        sentence="The rest enters as torque and depends on angle: a curve of 0.0085 N*m rms.",
     )

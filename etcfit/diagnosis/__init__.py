@@ -1,6 +1,7 @@
-"""Close the loop: find what the model lacks, add it, and say how much better it gets on traces it never saw.
+"""Close the loop: find the effects that the model lacks, add them, and report how much better it predicts held-out
+traces.
 
-Names are imported when they are first used: who reads a threshold need not load what diagnoses.
+Names are imported when they are first used, so that code which reads one threshold does not load the whole diagnosis.
 """
 
 from __future__ import annotations

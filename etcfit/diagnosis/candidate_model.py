@@ -1,4 +1,4 @@
-"""The model at one point of the diagnosis: effects at work, values of their parameters, and the data beside it."""
+"""The model at one point of the diagnosis: the effects at work, the values of their parameters, and the data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ START_HALVINGS = 8  # times that the amplitudes are halved at most until a trial
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
-    """A choice of effects with values of their parameters, beside the data.
+    """A choice of effects, the values of their parameters, and the data that they are fitted to.
 
     Args:
         composition: the model of all effects, of which it is a part.
@@ -46,7 +46,7 @@ class CandidateModel:
 
     @property
     def far(self) -> bool:
-        """Too far from the data to be whitened: samples are weighed by what is left in them."""
+        """Whether the model is too far from the data to whiten: each sample is then weighed by its own residual."""
         return self.end.far
 
     @property
@@ -85,7 +85,7 @@ class CandidateModel:
         return self.within(self.composition, added, values)
 
     def without(self, effect: Effect) -> CandidateModel:
-        """One of the added effects taken away, data and whitening unchanged."""
+        """The model with one of the added effects taken away, data and whitening unchanged."""
         return self.with_effects(tuple(e for e in self.added if e is not effect), {})
 
     def within(
@@ -97,15 +97,17 @@ class CandidateModel:
         return replace(self, composition=composition, added=added, x=x)._as(free_parameters)
 
     def lean(self) -> CandidateModel:
-        """Equal in every number, simulated without the effects that are off."""
+        """The same model, equal in every number, simulated without the effects that are off."""
         return self._as(self.composition.lean(self.added))
 
     def composed(self, asleep: tuple[Effect, ...]) -> CandidateModel:
-        """Equal in every number, simulated with some candidates at their off values, for those to be screened."""
-        return self._as(self.composition.beside(asleep, self.added))
+        """The same model, equal in every number, simulated with some candidates at their off values, which screening
+        needs."""
+        return self._as(self.composition.with_asleep(asleep, self.added))
 
     def with_the_rig(self) -> CandidateModel:
-        """With every candidate of the rig at work, at its off value: what the residual does along each of them."""
+        """The model with every candidate of the rig at work at its off value, to differentiate the residual along each
+        of them."""
         off = {s: v for e in self.composition.of_the_rig if not self.at_work(e) for s, v in resting(e).items()}
         free_parameters = self.composition.with_the_rig(self.added)
         x = carried(self.x, self.problem.layout, free_parameters, off)
@@ -117,7 +119,7 @@ class CandidateModel:
         return replace(self, problem=problem, weighted=weighted, holdout=holdout)
 
     def trying(self, effects: tuple[Effect, ...], values: Mapping[str, float]) -> CandidateModel:
-        """Effects more, not yet refitted.
+        """The model with further effects, not yet refitted.
 
         The values come from a linear model, so they may lead far off: amplitudes are halved towards their off values
         until chi2 is no more than `STEEPEST_START` times that without the effects, or `START_HALVINGS` are spent.
@@ -135,7 +137,7 @@ class CandidateModel:
         return trial
 
     def optimised(self) -> CandidateModel:
-        """At the nearest optimum under its whitening."""
+        """The model at its nearest optimum under its whitening."""
         x, _ = descend(self.problem, self.x, self.weighted, TRIAL_TOLERANCE)
         return replace(self, x=x)
 

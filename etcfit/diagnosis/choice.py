@@ -1,4 +1,4 @@
-"""Which of the effects tried is added: decisions on the numbers of their trials, and nothing else."""
+"""Decides which of the tried effects is added, from the numbers of their trials alone."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .screen import Signature
 from .settings import DiagnosisSettings
 from .trial import TrialVerdict
 
-LEAST_PROMISE = 0.3  # share of the fall in -2 log likelihood that BIC would ask, which the score test must promise
+LEAST_PROMISE = 0.3  # share of the fall in -2 log likelihood that BIC requires, which the score test must promise
 RIVAL_PROMISE = 0.3  # share of the largest promise of the round that another candidate must exceed
-RIVAL_PROMISE_FAR = 0.1  # the same far from the data, where a linear promise is a rough one
+RIVAL_PROMISE_FAR = 0.1  # the same far from the data, where the promise of a linear model is rough
 # fall of chi2 over what the effect leaves above the noise; one that explains less imitates something else
 LEAST_PART = 0.2
-LEAST_PART_OF_ONE = 1.0  # the same of an effect in one channel of one trace
+LEAST_PART_OF_ONE = 1.0  # the same for an effect in one channel of one trace
 TIED_LIKELIHOOD = 6.0  # difference in -2 log likelihood below which two effects explain the data equally well
 # of chi2 above the noise: a contradicted effect that explains more is judged again after a full refit
 SECOND_TRIAL_SHARE = 0.5
@@ -57,8 +57,8 @@ class Choice:
     why: str
 
     def with_refit_refused(self) -> Choice:
-        """What becomes of it where the full refit is worse than the model before."""
-        why = f"{self.why} Refitted in full with it the model is further from the data: it is not added."
+        """The choice where the full refit is worse than the model before: the effect is not added."""
+        why = f"{self.why} A full refit with it leaves the model further from the data: it is not added."
         return replace(self, outcome=Outcome.SPOILT, effect=None, ties=(), why=why)
 
 
@@ -66,7 +66,8 @@ class Choice:
 
 
 def worth_a_look(chi2: float, samples: float, formula_chi2: float) -> bool:
-    """Whether chi2 exceeds the noise's, one a sample, by what inexact formulas may leave; always where that is 0."""
+    """Whether chi2 exceeds that of noise, one for each sample, by more than inexact formulas may leave; always True
+    where they leave 0."""
     return not (formula_chi2 > 0.0 and chi2 - samples < formula_chi2)
 
 
@@ -78,25 +79,26 @@ def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
         excess: chi2 per sample above 1.
     """
     why = (
-        f"What is left adds {100 * excess:.2g} % to the noise, no more than a formula of {listed(names)} that is "
-        f"{100 * off:.0f} % off would leave: nothing is read into it."
+        f"The residual exceeds the noise by {100 * excess:.2g} %, no more than an error of {100 * off:.0f} % in the "
+        f"formula of {listed(names)} would leave: no effect is sought in it."
     )
     return Choice(Outcome.NOTHING_TO_READ, None, (), why)
 
 
 def promises(g: Signature, before: Score, settings: DiagnosisSettings) -> bool:
-    """Whether the score test promises `LEAST_PROMISE` of the fall in -2 log likelihood that BIC asks."""
-    asked = len(g.variant.amplitudes) * np.log(before.count) - settings.strong_bic_change
-    return bool(g.gain * before.likelihood_per_chi2 > LEAST_PROMISE * asked)
+    """Whether the score test promises `LEAST_PROMISE` of the fall in -2 log likelihood that BIC requires."""
+    required = len(g.variant.amplitudes) * np.log(before.count) - settings.strong_bic_change
+    return bool(g.gain * before.likelihood_per_chi2 > LEAST_PROMISE * required)
 
 
 def promising(
     signatures: Sequence[Signature], before: Score, far: bool, settings: DiagnosisSettings
 ) -> list[Signature]:
-    """The signatures worth a refit: those that promise enough, and enough beside the best of their kind.
+    """The signatures worth a refit: those that promise enough by themselves and compared with the best of their kind.
 
-    Effects of the rig have places of their own: there are so many of them, and so alike, that together they would
-    leave none to the throttle's. So have those of one channel of one trace, which may promise as much as a whole test.
+    Effects of the rig are counted apart from effects of the throttle: they are many and alike, and together they would
+    leave no refit for the throttle's. Effects of one channel of one trace are counted apart too, because each may
+    promise as much as an effect of a whole test.
     """
     rival = RIVAL_PROMISE_FAR if far else RIVAL_PROMISE
     worth = []
@@ -109,8 +111,10 @@ def promising(
 
 
 def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSettings) -> list[Signature]:
-    """The first few, and behind them the first `rig_refits` of single channels of single traces, which would else leave
-    no room for simpler ones: in a test of one fitted trace both promise the same.
+    """The first `most` signatures, and after them the first `rig_refits` of single channels of single traces.
+
+    The latter are counted apart so that they leave room for simpler ones: in a test of one fitted trace both promise
+    the same.
     """
     single = [g for g in signatures if is_of_one_channel(g.variant.effect)]
     others = [g for g in signatures if not is_of_one_channel(g.variant.effect)]
@@ -121,9 +125,9 @@ def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSett
 
 
 def deserves_second_trial(v: TrialVerdict, before: Score, far: bool, settings: DiagnosisSettings) -> bool:
-    """Whether an effect is contradicted by the held-out traces and yet explains most of what is left.
+    """Whether the held-out traces contradict an effect that explains most of the misfit.
 
-    It may have ended in another valley than the best, or be held there by the whitening of the model before.
+    Its refit may have ended in a local optimum, or the whitening of the model before may hold it there.
     """
     main = not far and v.gain > SECOND_TRIAL_SHARE * (before.chi2 - v.samples)
     return main and not v.bic_change > settings.strong_bic_change and not v.helps_elsewhere()
@@ -137,12 +141,13 @@ def is_accepted(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
 def choose(
     verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
 ) -> Choice:
-    """Which effect to add, which others do as well, and why.
+    """Which effect to add, which others explain the data equally well, and why.
 
     Args:
         verdicts: of the effects tried, the lowest BIC first.
         most: chi2 that an effect must get below to be proven.
-        noise: chi2 of noise alone; an effect that explains little of what it leaves above it imitates something else.
+        noise: chi2 of noise alone; an effect that explains little of the chi2 that it leaves above noise imitates
+            another effect.
     """
     strong = [v for v in verdicts if v.is_strong(settings)]
     good = [v for v in strong if v.helps_elsewhere()]
@@ -160,42 +165,44 @@ def _none_added(
     tried: Sequence[TrialVerdict],
     settings: DiagnosisSettings,
 ) -> Choice:
-    """Why nothing is added: a sentence on the best of those that came furthest."""
+    """Why no effect is added: a sentence on the best of those that passed most of the tests."""
     outcome, why = Outcome.NO_PROMISE, "No effect of the catalogue promises to explain anything more."
     if main:
         outcome, v = Outcome.NOT_PROVEN, main[0]
         why = (
             f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact "
-            "formula of an effect found before would leave: not proven."
+            "formula of an effect found before would leave: it is not proven."
         )
     elif good:
         outcome, v = Outcome.SMALL_PART, good[0]
         why = (
-            f"{v.effect.name} does best, but explains less than {100 * least_part(v.effect):.0f} % of what it leaves: "
-            "what is missing is something else."
+            f"{v.effect.name} is the best candidate, but explains less than {100 * least_part(v.effect):.0f} % of what "
+            "it leaves: the model lacks something else."
         )
     elif strong:
         outcome = Outcome.CONTRADICTED
-        why = f"{strong[0].effect.name} helps on the fitted traces only, not on those held out."
+        why = f"{strong[0].effect.name} improves the fitted traces only, not the held-out ones."
     elif tried:
         outcome, v = Outcome.NOT_WORTH_IT, tried[0]
         why = (
-            f"{v.effect.name} does best, but is not worth its parameters "
-            f"(BIC {v.bic_change:+.1f}, {settings.strong_bic_change:.0f} asked)."
+            f"{v.effect.name} is the best candidate, but is not worth its parameters "
+            f"(BIC {v.bic_change:+.1f}; {settings.strong_bic_change:.0f} is required)."
         )
     return Choice(outcome, None, (), why)
 
 
 def least_part(effect: Effect) -> float:
-    """Fall of chi2 over what an effect leaves above the noise, at least: one of a single channel of a single trace, of
-    which there are hundreds, must explain more than it leaves, for a general lack bends each trace in its own way."""
+    """The least ratio of an effect's fall of chi2 to the chi2 that it leaves above noise.
+
+    An effect of a single channel of a single trace must explain more than it leaves: there are hundreds of them, and an
+    effect that the model lacks everywhere bends each trace in its own way."""
     return LEAST_PART_OF_ONE if is_of_one_channel(effect) else LEAST_PART
 
 
 def in_turn(
     verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
 ) -> tuple[Choice, ...]:
-    """`choose`, and what would be chosen were the one before it not there, as long as one is."""
+    """`choose`, then the choice without that effect, and so on while an effect is chosen."""
     choice = choose(verdicts, settings, most, noise)
     if choice.effect is None:
         return (choice,)
@@ -211,7 +218,7 @@ def _added(proven: Sequence[TrialVerdict]) -> Choice:
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."
     )
     if ties:
-        words += f" {listed(e.name for e in ties)} would do as well: these data cannot tell them apart."
+        words += f" {listed(e.name for e in ties)} would explain as much: these data cannot tell them apart."
     return Choice(Outcome.ADDED, best.effect, ties, words)
 
 
@@ -220,10 +227,10 @@ def alike(v: TrialVerdict, best: TrialVerdict) -> bool:
 
         chi2_v - chi2_best < max(6 chi2_best / n, left)    or    BIC_v - BIC_best < 6
 
-    n: independent samples; 6: `TIED_LIKELIHOOD`; left: chi2 that the less exact formula of the two may leave. A mistake
-    of the rig of a size that is far less usual (6 again, of -2 ln prior) is no tie, however alike the fits. One with
-    fewer parameters may fit a little worse and be as likely: then BIC alone is even. BIC chooses which of them is put
-    into the model; it does not prove that one.
+    n: independent samples; 6: `TIED_LIKELIHOOD`; left: chi2 that the less exact formula of the two may leave. Two
+    effects are no tie where one is a mistake of the rig of a far less usual size (by 6 again, in -2 ln prior), however
+    alike the fits are. An effect with fewer parameters may fit a little worse and be as likely: the second condition,
+    on BIC alone, covers it. BIC chooses which of the two is put into the model; it does not prove that one.
     """
     left = chi2_left_by_formula(max(v.effect.inexact, best.effect.inexact), best.gain, best.samples)
     apart = v.score.chi2 - best.score.chi2

@@ -1,4 +1,4 @@
-"""Every effect that a rig could show, those that its checks state, and the models that have some of them in it."""
+"""Every effect that a rig could show, those that its checks state, and the models that contain some of them."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ..rig.base import Finding, Rig
 def stated_effects(
     findings: Iterable[Finding], candidates: Iterable[type[AbstractEffect]]
 ) -> dict[type[AbstractEffect], float]:
-    """Effects that the findings state, one of the rig at the place of the finding, and the value of the first parameter
-    of each, SI."""
+    """Effects that the findings state, those of the rig at the place of the finding; and the value of each one's first
+    parameter, SI."""
     families = [e for e in candidates if e.stated]
     return {
         effect: effect.stated[finding.kind](finding.size)
@@ -35,7 +35,7 @@ def stated_effects(
 
 
 def _is_at(effect: Effect, finding: Finding) -> bool:
-    """Whether a finding is about the place of an effect; one of the throttle has none."""
+    """Whether a finding is about the place of an effect; an effect of the throttle has no place."""
     if not issubclass(effect, AbstractRigEffect):
         return True
     place = effect.place
@@ -76,8 +76,10 @@ class Composition:
 
     @property
     def prompt(self) -> tuple[Effect, ...]:
-        """Those of them that need no path to be kept, for one that delays makes all beside it dear, and that are not of
-        one trace alone, for there may be hundreds of those."""
+        """Those of them that delay no signal and that are not of one trace alone.
+
+        A delay needs the path to be kept, which makes the model dear for all other effects; effects of one trace may be
+        hundreds."""
         return tuple(e for e in self.of_the_rig if not e.delays and e.scope != "trace")
 
     @property
@@ -85,19 +87,21 @@ class Composition:
         """The candidates that act in the throttle."""
         return tuple(e for e in self.candidates if not is_of_the_rig(e))
 
-    def beside(self, asleep: tuple[Effect, ...], added: tuple[Effect, ...]) -> FreeParameters:
-        """Free parameters of the model with some candidates at work, and others in it, held at their off values."""
+    def with_asleep(self, asleep: tuple[Effect, ...], added: tuple[Effect, ...]) -> FreeParameters:
+        """Free parameters of the model in which some candidates are at work and others are held at their off values."""
         base = sum(1 for s in self.whole.layout.free if not any(s in resting(e) for e in self.candidates)) + _MORE
         whole = self._of((*asleep, *added), added)
         return replace(whole, layout=replace(whole.layout, room=room(max(base, len(whole.layout.free)))))
 
     def lean(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """As `beside`, with equal coordinates, of a model that has no effects but those at work."""
+        """As `with_asleep`, with equal coordinates, of a model that contains only the effects at work."""
         return self._of(added, added)
 
     def on_trial(self, added: tuple[Effect, ...]) -> FreeParameters:
-        """As `lean`; where an effect is the rig's, its others lie asleep beside it: one program serves all of them, and
-        another all that are late. What one trace alone may show is there by itself, for there may be hundreds."""
+        """As `lean`; a model with an effect of the rig contains the other effects of the rig at their off values.
+
+        So one compiled program serves all of these effects, and another all that delay a signal. An effect of one trace
+        is in a model of its own, because there may be hundreds."""
         rigs = [e for e in added if is_of_the_rig(e)]
         late = (
             tuple(e for e in self.of_the_rig if e.delays and e.scope != "trace") if any(e.delays for e in rigs) else ()
@@ -136,9 +140,10 @@ def compose(
     Args:
         rig: whose rig.toml says what is fixed and which effects are known.
         traces: what was logged decides which effects could show (`needs` of an effect).
-        further: effects beside the catalogue.
-        only: effects of both catalogues that are considered besides those that rig.toml names; None: all of them.
-        held_out: traces that are not fitted: beside one of them the only fitted trace of a test may be wrong by itself.
+        further: effects that are not in the catalogue.
+        only: effects of both catalogues that are considered in addition to those that rig.toml names; None: all.
+        held_out: traces that are not fitted: where a test has one of them, its only fitted trace may be wrong by
+            itself.
     """
     seen = logged(rig, traces)
     fitted = by_file(traces)
@@ -160,8 +165,8 @@ def compose(
 
 
 def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
-    """What effects may need to be seen: a driven winding, a current, a position, a known gear ratio, a bridge that the
-    checks found."""
+    """Which of the things that effects need (`needs`) the traces show: a driven winding, a current, a position, a known
+    gear ratio, a bridge that the checks found."""
     words = {
         "circuit": any(t.circuit for t in traces),
         "current": any("current" in t.channels for t in traces),
@@ -173,18 +178,18 @@ def logged(rig: Rig, traces: tuple[Trace, ...]) -> frozenset[str]:
 
 
 def by_file(traces: tuple[Trace, ...]) -> dict[str, frozenset[str]]:
-    """What each trace logged by itself; not of those that an ECU in the model drives, whose loop is closed over what is
-    late."""
+    """What each trace logged by itself; without traces that an ECU in the model drives, because their loop is closed
+    over the delayed signals."""
     return {trace.measurement.file: trace.logged for trace in traces if not trace.controlled}
 
 
 def is_of_the_rig(effect: Effect) -> bool:
-    """Whether it acts around the throttle rather than in it."""
+    """Whether the effect acts around the throttle rather than in it."""
     return issubclass(effect, AbstractRigEffect)
 
 
 def is_of_one_channel(effect: Effect) -> bool:
-    """Whether it is the rig's, in one channel of one trace."""
+    """Whether the effect is of the rig, in one channel of one trace."""
     return issubclass(effect, AbstractRigEffect) and bool(effect.place.file and effect.place.channel)
 
 

@@ -37,8 +37,8 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
     """The final model as the result of a fit; the first fit itself where nothing was added.
 
     Args:
-        progress: the final model, where one that was guided along the data is let run free, and what is known of its
-            effects.
+        progress: the final model and what is known of its effects; a model that was guided along the data is fitted
+            free-running.
     """
     s = progress.model
     if not s.added:
@@ -46,7 +46,7 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
     s = s.lean()
     problem, weighted, x, end = s.problem, s.weighted, s.x, s.end
     if s.far:
-        report("letting the final model run free", 0.95)
+        report("fitting the final model free-running", 0.95)
         known = problem.layout.coordinates({**s.values, **progress.free})
         x = min((x, known), key=lambda at: free_run_cost(problem, at))
         problem, weighted, x, _ = freed(problem.guided(0.0), x, FREE_SPREAD, result.settings)
@@ -59,7 +59,7 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
 def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResult:
     """The fit with a covariance that allows for ties and for inexact formulas, and a remark on each."""
     tied = [each for each in progress.found if s.at_work(each.effect) and each.ties]
-    even = progress.beside_ties
+    even = progress.even_beyond_ties
     ties = [*(tie for each in tied for tie in each.ties.values()), *even.values()]
     unsure = tie_covariance(s.problem.layout.free, ties)
     remarks = [
@@ -67,7 +67,7 @@ def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResu
         for each in tied
     ]
     remarks += [
-        f"Intervals allow for {listed(sorted(e.name for e in effects))} being what is missing instead: BIC is even."
+        f"Intervals allow for {listed(sorted(e.name for e in effects))} being what the model lacks: BIC is even."
         for effects in even
     ]
     formulas, allowed = (), formula_covariance(s)
@@ -82,10 +82,10 @@ def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResu
 
 
 def reconciled(after: FitResult) -> FitResult:
-    """The fit, its parameters estimates again where intervals are wide enough for every test that contradicts others.
+    """The fit; its parameters count as estimates again where the intervals cover every test that contradicts others.
 
     A contradiction is measured by noise alone. Where ties and inexact formulas widen the intervals, a fit without that
-    test may lie well within them: then it is said, and the parameters are no compromise.
+    test may lie well within them: then a warning says so, and the parameters are no compromise.
     """
     subsets = after.compromise
     if subsets is None or compromise_reason(after.far, after.chi2_per_dof, (), after.settings) is not None:
@@ -99,7 +99,7 @@ def reconciled(after: FitResult) -> FitResult:
     said = {in_words(each, layout.parameter(each.parameter).unit) for each in after.contradictions}
     remarks = (
         f"Without {each.test} {each.parameter} would move by {abs(each.pull):.2g} standard errors of noise alone; the "
-        "intervals, widened as said here, hold what it would become."
+        "widened intervals hold the value that it would then have."
         for each in after.contradictions
     )
     warnings = (*(words for words in after.warnings if words not in said), *remarks)
@@ -107,12 +107,12 @@ def reconciled(after: FitResult) -> FitResult:
 
 
 def covers(moved: np.ndarray, sd: np.ndarray, sd_without: np.ndarray) -> bool:
-    """Whether 95 % intervals hold what each coordinate becomes without a part of the data, as far as that knows it.
+    """Whether 95 % intervals hold the value of each coordinate that a fit without a part of the data gives.
 
         |moved| <= 1.96 sqrt(sd^2 + sd_without^2)
 
     Args:
-        moved: by how much each does, shape (P,).
+        moved: change of each coordinate, shape (P,).
         sd: standard errors of all the data, widened, shape (P,).
         sd_without: standard errors without the part, shape (P,).
     """
@@ -133,10 +133,10 @@ def diagnose(
 
     Args:
         result: a fit, of Eqs. 1-2 or of whatever rig.toml names.
-        report: called with what is going on and the share done, from 0 to 1.
-        settings: what it decides by.
+        report: called with the current step in words and the share done, from 0 to 1.
+        settings: the thresholds and limits of the diagnosis.
         begun: rounds that a diagnosis of this fit, with these settings, made before it was interrupted.
-        keep: is given those rounds, one by one, as they are made.
+        keep: called with the progress after each round, to store it.
     Returns:
         the rounds, the effects found, what no effect explains, and the fits before and after.
     """
@@ -164,7 +164,7 @@ def diagnose(
     after = final_fit(result, progress, report)
     if progress.model.added and runs_free_worse(after, result, settings):
         added = listed(e.name for e in progress.model.added)
-        worse = f"Run free, the model with {added} is further from the data: all taken away again."
+        worse = f"Run free, the model with {added} is further from the data: all these effects are taken away again."
         progress = progress.back_to(first, worse)
         left, after = unexplained(result, first, {}, report), result
     rest = Allowed(after)
@@ -175,10 +175,11 @@ def diagnose(
 
 
 def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Progress, Strange | None]:
-    """Where the misfit makes the parameters a compromise: the simplest explanation that leaves noise.
+    """The progress with the simplest explanation that leaves noise, where the misfit makes the parameters a compromise;
+    elsewhere the progress unchanged.
 
-    First what the rig's checks found, then any single effect, then a piece of the data that is of another rig: data
-    are set aside only where no single effect explains all of them. Elsewhere the progress as it is.
+    The effects that the rig's checks found are tried first, then any single effect, then a piece of the data that is of
+    another rig: data are set aside only where no single effect explains all of them.
     """
     if not _astray(progress.model, result):
         return progress, None
@@ -195,19 +196,19 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
 
 
 def _astray(s: CandidateModel, result: FitResult) -> bool:
-    """Whether parameters are a compromise for the misfit alone, so that a piece of the data may be of another rig."""
+    """Whether the misfit alone makes the parameters a compromise, so that a piece of the data may be of another rig."""
     return s.far or s.chi2_per_sample >= result.settings.contradiction.compromise
 
 
 def _diagnosis_without_piece(
     strange: Strange, result: FitResult, report: Report, settings: DiagnosisSettings
 ) -> Diagnosis:
-    """The diagnosis of all that is left where a piece of the data is set aside, with the word on that piece."""
+    """The diagnosis of the other data where a piece of the data is set aside, with the statement on that piece."""
     report(strange.why, 0.0)
     rest = diagnose(strange.rest, report, settings)
     stated = strange.statement(settings)
     mistake = strange.mistake(stated)
-    asked = Question("Before any round: what explains the misfit?",
+    before_rounds = Question("Before any round: what explains the misfit?",
                      {strange.name: stated.probability, SOMETHING_ELSE: 1.0 - stated.probability})  # fmt: skip
     return replace(
         rest,
@@ -218,16 +219,17 @@ def _diagnosis_without_piece(
         rig=(mistake, *rest.rig),
         aside=(*strange.traces, *rest.aside),
         probabilities=with_proven_effect(strange.name, rest.probabilities, settings),
-        questions=(asked, *rest.questions),
+        questions=(before_rounds, *rest.questions),
         statements=(stated, *rest.statements),
         verdict=(stated.sentence, *rest.verdict),
     )
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """Effects exchanged for better ones, or two for one, with further rounds after that, and what came to nothing gone.
+    """The progress after effects were exchanged for better ones, or two for one, with further rounds after each
+    exchange; effects that are no longer worth their parameters are taken away.
 
-    `found` keeps what is known of those taken away too.
+    `found` keeps what is known of the removed effects too.
     """
     for looked_back in (exchanged, merged):
         s, found, instead = looked_back(progress.model, progress.found, report)
@@ -241,7 +243,7 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
 def _compared_with_sets(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The progress, or that of a set of effects which does better, looked back on as well; and the sets tried."""
+    """The progress, or that of a set of effects that explains more, after exchanges too; and the sets tried."""
     if first.far and progress.model.far:
         return searched_free(result, first, progress, report)
     better, tried = searched(result, first, progress, report)
@@ -261,10 +263,10 @@ def _assembled(
     slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
     doubts = () if s.far else doubted_effects(progress.rounds, present)
-    added, doubts, asked, chance = named_effects(progress.rounds, present, doubts, left is not None, settings, slow)
+    added, doubts, questions, chance = named_effects(progress.rounds, present, doubts, left is not None, settings, slow)
     ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]
-    stated = statements(proven, after.values, chance, progress.rounds, asked, settings)
+    stated = statements(proven, after.values, chance, progress.rounds, questions, settings)
     rig = rig_mistakes(proven, after.values, stated)
     known = tuple(e.name for e in first.composition.known if e.name in result.rig.config.effects)
     return Diagnosis(
@@ -281,7 +283,7 @@ def _assembled(
         motions=(*motions(first, s, False), *(motions(first, s, True) if s.holdout else ())),
         rig=rig,
         probabilities=chance,
-        questions=asked,
+        questions=questions,
         statements=stated,
         discrepancy=rest.found,
         verdict=verdict(stated, ties, left, progress.rounds, rig),

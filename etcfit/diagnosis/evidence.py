@@ -1,4 +1,4 @@
-"""What the residual shows: torque and voltage that the model lacks along the motion, and whether it is noise."""
+"""Tests whether the residual is noise, and computes torque and voltage that the model lacks along the motion."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from .findings import Evidence, Motion, Share, Whiteness
 
 # ---- What the model lacks along the measured motion
 #
-# The plate of the simulation is drawn along the measured angle by a guide at its terminals; what this guide needs is
-# what the model lacks,
+# A guide at the terminals draws the plate of the simulation along the measured angle; the torque and the voltage that
+# the guide needs are those that the model lacks,
 #
 #     T_missing = N K_m / R_a stiffness (theta_measured - theta),        V_missing = (R_a + R_series) (i_measured - i)
 #
-# so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the stepper
-# that simulates the fit does it all. The second holds for what changes slower than L_a/R_a.
+# so that sticking friction, stops, effects with memory and the electrical side need no inverse formula: the same
+# stepper simulates them as in the fit. The second equation holds for signals that change slower than L_a/R_a.
 #
 # Source: synchronisation by a coupling (Abarbanel 2009); the guide as inverse dynamics with a finite bandwidth.
 
@@ -44,11 +44,11 @@ from .findings import Evidence, Motion, Share, Whiteness
 WHITE_P = 1e-5  # p-value of a test for autocorrelation or correlation below which a residual is not white
 EVENT = 0.1  # longest part of a trace that counts as one event
 LARGE_RMS = 0.03  # excess of a residual's RMS over 1 sigma that a wrong estimate of the noise may explain
-# standard deviations of the RMS of white noise, 1/sqrt(2 n), that are allowed beside that excess
+# standard deviations of the RMS of white noise, 1/sqrt(2 n), that are allowed in addition to that excess
 LARGE_RMS_DEVIATIONS = 5.0
 SHARE_BINS = 24  # of equal count along an axis, whose means are the curve that takes a share of the variance away
 SHARE_SAMPLES = 200  # fewest samples from which such a share is read
-SHARE_TOLD = 0.05  # share of the variance from which on a sentence names it
+SHARE_NAMED = 0.05  # share of the variance from which on a sentence names it
 
 
 def _shown(throttle: Throttle, path: StatePath, steps: Step) -> dict[str, Any]:
@@ -158,15 +158,15 @@ def missing_voltage(problem: EstimationProblem, x: np.ndarray, guide_stiffness: 
     return out
 
 
-# ---- Is the residual noise, and if not, what does it go along with?
+# ---- Is the residual noise, and if not, with which signal does it correlate?
 #
-# Per channel and trace: Ljung and Box's test, the size of the whitened residual, and its correlation with what the
-# plate and its input did. Over all traces: how much of the missing torque and voltage is a function of one quantity
+# Per channel and trace: Ljung and Box's test, the size of the whitened residual, and its correlation with the motion
+# of the plate and its input. Over all traces: how much of the missing torque and voltage is a function of one quantity
 # alone.
 #
-# What a single event of a single trace shows is no evidence: the instant of an edge that nobody logged, while the plate
-# turns back, bends what follows until the plate rests again. So a residual that is no larger than noise, and is white
-# but for one event, counts as noise.
+# A single event of a single trace is no evidence: where the instant of an edge was not logged and the plate turns back
+# meanwhile, the residual is wrong from there until the plate rests again. So a residual that is no larger than noise,
+# and is white but for one event, counts as noise.
 
 _AXES = {"torque": ("angle", "speed", "current", "load", "time"), "voltage": ("current", "speed", "angle", "time")}
 
@@ -174,7 +174,7 @@ Signals = Mapping[str, np.ndarray]
 
 
 class Place(NamedTuple):
-    """Of a residual: file, rig test and channel."""
+    """The place of a residual: file, rig test and channel."""
 
     file: str
     test: str
@@ -196,7 +196,7 @@ def evidence(s: CandidateModel) -> Evidence:
 
 
 def is_white(s: CandidateModel) -> bool:
-    """`Evidence.white` alone, for whoever decides by it: nothing is said of what the residual goes along with."""
+    """`Evidence.white` alone: it is cheaper, because the signals that the residual correlates with are not sought."""
     along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x))
     judged = list(_residuals(s, along))
     return _is_noise(judged, _rows(judged))
@@ -211,8 +211,8 @@ def _rows(judged: Sequence[Judged]) -> list[Whiteness]:
 
 
 def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[Judged]:
-    """Each trace with its whitened residual, shape (n, M), judged by its noise alone: far from the data samples were
-    weighed down."""
+    """Each trace with its whitened residual, shape (n, M), in units of its noise alone, because far from the data the
+    samples were weighed down."""
     weighed_down = s.problem.sigma / s.problem.batch.slots.sigma if s.far else 1.0
     r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * weighed_down)
     return zip(s.problem.batch.traces, r, along, strict=True)
@@ -232,7 +232,7 @@ def is_larger_than_noise(rms: float, count: int) -> bool:
 
 
 def white_but_for_one_event(trace: Trace, r: np.ndarray, along: Signals) -> bool:
-    """Whether some `EVENT` of a trace holds all that is not white in it.
+    """Whether a trace is white outside one part of it, `EVENT` of its length.
 
     Args:
         trace: whose residual it is.
@@ -334,7 +334,7 @@ def explained(axis: np.ndarray, y: np.ndarray, bins: int) -> float:
 
 
 def sentences(rows: Sequence[Whiteness], found: Sequence[Share], noise: bool) -> list[str]:
-    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_TOLD`.
+    """The evidence in words: the largest residual that is not white, and the shares of at least `SHARE_NAMED`.
 
     Args:
         noise: whether all rows are white, or would be without one event.
@@ -346,15 +346,15 @@ def sentences(rows: Sequence[Whiteness], found: Sequence[Share], noise: bool) ->
     if noise:
         return [
             f"All {len(rows)} residuals are noise but for one moment in {worst.file}. One moment of one trace is no "
-            "evidence: most often it is the instant of an edge, which nobody logged."
+            "evidence: most often it is the instant of an edge that was not logged."
         ]
     out = [
         f"{len(odd)} of {len(rows)} residuals are not white; the largest, {worst.channel} in {worst.file}, is "
-        f"{worst.rms:.3g} times its noise and goes along with {worst.strongest} (correlation {worst.correlation:+.2f})."
+        f"{worst.rms:.3g} times its noise and correlates with {worst.strongest} (correlation {worst.correlation:+.2f})."
     ]
     for enters in ("torque", "voltage"):
-        mine = [share for share in found if share.enters == enters and share.share > SHARE_TOLD]
+        mine = [share for share in found if share.enters == enters and share.share > SHARE_NAMED]
         if mine:
             words = ", ".join(f"{share.axis} {100 * share.share:.0f} %" for share in mine)
-            out.append(f"Of the missing {enters}, a curve over one quantity takes away: {words}.")
+            out.append(f"Of the missing {enters}, a curve over one quantity explains: {words}.")
     return out

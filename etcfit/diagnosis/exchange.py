@@ -21,8 +21,8 @@ from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
 
 # ---- Looking back: each effect found is compared again with its rivals, now that all later effects are in the model
 #
-# What was missing together with others may have been taken for something like it. So each effect is compared once more
-# with the rivals of its round, in its place in the final model; and each is tried to be taken away.
+# While several effects were missing, an effect may have been mistaken for a similar one. So each effect is compared
+# again with the rivals of its round, in its place in the final model; and the model is tried without each of them.
 #
 # Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source:
 # the rivals of an effect are those that explained at least half as much in its round, not all candidates.
@@ -30,21 +30,21 @@ from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
 
 # share of the fall of chi2 of the effect added that another must exceed to be compared in the final model
 EXCHANGE_RIVAL = 0.5
-# share of a signature that nothing at work can imitate, below which an effect may be put in place of two
+# share of a signature that no effect at work can imitate, below which an effect may be put in place of two
 IMITATED = 0.05
 MERGES = 2  # such effects tried at most, the most imitated first
-HANDING_OVER = 8  # steps in which two effects are led to their off values
+HANDING_OVER = 8  # steps in which the amplitudes of two effects are brought to their off values
 
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was added, and the others that it was chosen from.
+    """An effect that was added, and the other effects of its round that explained much of the same.
 
     Args:
-        effect: which.
-        ties: others that explain these data as well, and how far their fits are from this one's.
+        effect: the effect added.
+        ties: others that explain these data equally well, and how far their fits are from this one's.
         worth: by how much it lowered BIC.
-        rivals: others that explained a good part of it, with their own parameters' values (SI by symbol).
+        rivals: others that explained at least half as much, with their own parameters' values (SI by symbol).
     """
 
     effect: Effect
@@ -54,20 +54,20 @@ class Found:
 
     @classmethod
     def of_round(cls, turned: Round) -> Found:
-        """What a round added."""
+        """The effect that a round added."""
         best = turned.best
         rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict)}
         ties = _apart(best, (t for t in turned.trials if t.verdict.effect in turned.choice.ties))
         return cls(best.verdict.effect, ties, -best.verdict.bic_change, rivals)
 
-    def told_apart_from(self, at_work: Iterable[Effect]) -> Found:
-        """Without ties to effects at work: two that are both in the model were told apart."""
+    def without_ties_to(self, at_work: Iterable[Effect]) -> Found:
+        """The same without ties to effects at work: the data distinguish two effects that are both in the model."""
         at_work = set(at_work)
         return replace(self, ties={effect: far for effect, far in self.ties.items() if effect not in at_work})
 
 
 def is_rival(v: TrialVerdict, best: TrialVerdict) -> bool:
-    """Whether another effect explained more than the share `EXCHANGE_RIVAL` of what the one added did."""
+    """Whether another effect explained more than the share `EXCHANGE_RIVAL` of what the added one explained."""
     return v.effect is not best.effect and v.gain > EXCHANGE_RIVAL * best.gain
 
 
@@ -79,10 +79,10 @@ def _apart(best: Trial, ties: Iterable[Trial]) -> dict[Effect, Apart]:
 
 
 def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> tuple[int, tuple[int, ...]]:
-    """Which of an effect (0) and its rivals (1, 2, ...) explains most for its parameters, and which fit as well.
+    """Which of an effect (0) and its rivals (1, 2, ...) explains most for its parameters, and which fit equally well.
 
-    The effect itself stays where the best is a tie with it and BIC does not choose between the two either: a formula
-    with more parameters may fit as well as the right one.
+    The effect itself stays where the best one ties with it and BIC does not choose between the two: a formula with more
+    parameters may fit as well as the right one.
     """
     every = (here, *others)
     best = min(every, key=lambda v: v.bic_change)
@@ -93,7 +93,7 @@ def preference(here: TrialVerdict, others: Sequence[TrialVerdict]) -> tuple[int,
 
 
 def replaced_in_order(added: Sequence[Effect], old: Effect, new: Effect) -> tuple[Effect, ...]:
-    """The effects added with one exchanged for another: the order in which they were found stays."""
+    """The effects added, one of them exchanged for another, in the order in which they were found."""
     return tuple(new if e is old else e for e in added)
 
 
@@ -114,8 +114,8 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
         rivals = {e: v for e, v in each.rivals.items() if not s.at_work(e)}
         if not rivals:
             continue
-        report(f"asking again whether it is {each.effect.name}", 0.88)
-        every = _beside(s, each.effect, rivals)
+        report(f"comparing {each.effect.name} again with its rivals", 0.88)
+        every = _trials_in_place_of(s, each.effect, rivals)
         chosen, tied = preference(every[0].verdict, [t.verdict for t in every[1:]])
         best = every[chosen]
         if chosen:
@@ -126,11 +126,13 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             s = replace(new, added=replaced_in_order(s.added, each.effect, best.verdict.effect))
         ties = _apart(best, (every[tie] for tie in tied))
         now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
-    return s, tuple(each.told_apart_from(s.added) for each in now), tuple(words)
+    return s, tuple(each.without_ties_to(s.added) for each in now), tuple(words)
 
 
-def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]) -> tuple[Trial, ...]:
-    """Trials of the effect and, after it, of the rivals that stand, each over the model with none of them."""
+def _trials_in_place_of(
+    s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]
+) -> tuple[Trial, ...]:
+    """Trials of the effect and of the accepted rivals, in this order, each over the model with none of them."""
     base = s.without(effect).optimised()
     before = score(base)
     others = concurrently(lambda rival: run_trial(base, *rival, before), list(rivals.items()))
@@ -138,7 +140,7 @@ def _beside(s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[s
 
 
 def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
-    """Where no traces are declared as held out: those left out in turn are worse off with the new model."""
+    """Whether the new model predicts traces left out in turn worse, where no traces are declared as held out."""
     return new.holdout is None and bool(folds(new)) and left_out(new) > left_out(old)
 
 
@@ -146,8 +148,8 @@ def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
 
 
 def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
-    """Take away each added effect that is no longer worth its parameters, the others at work, or does no more than
-    inexact formulas of the others would leave; a sentence for each. One that was found alone stays.
+    """Take away each added effect that is no longer worth its parameters while the others are at work, or that explains
+    no more than inexact formulas of the others would leave; a sentence for each. An effect that was found alone stays.
     """
     words = []
     for effect in s.added if len(s.added) > 1 else ():
@@ -157,32 +159,35 @@ def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> tupl
         gone = idle(change, less.chi2 - s.chi2, formula_error_chi2(first_chi2_per_dof, less))
         if gone and not refit_worsened(new := refit_fully(less, report), s):
             rest = "" if change < 0.0 else ", but for no more than inexact formulas leave"
-            words.append(f"{effect.name} was taken away again: what came after explains it{rest} (BIC {change:+.1f}).")
+            words.append(
+                f"{effect.name} was taken away again: later effects explain the same{rest} (BIC {change:+.1f})."
+            )
             s = new
     return s, tuple(words)
 
 
 def idle(bic_change: float, lost: float, blurred: float) -> bool:
-    """Whether an effect may go: it is not worth its parameters, or does no more than inexact formulas may leave.
+    """Whether an effect may be removed: it is not worth its parameters, or explains no more than inexact formulas may
+    leave.
 
     Args:
-        bic_change: of taking it away; below 0 where the model is better without.
+        bic_change: of taking it away; below 0 where the model is better without it.
         lost: rise of chi2 without it.
         blurred: chi2 that inexact formulas of the other effects may leave.
     """
     return bic_change < 0.0 or lost < blurred
 
 
-# ---- One effect in place of two: what two of the effects found imitate together may be what is really missing
+# ---- One effect in place of two: two effects found may together imitate one that the model really lacks
 #
-# A voltage and a current of one test that both read half, and motion in agreement with neither, are a gear ratio half
-# of the true one, which no round could tell: near the first model it did nothing that the parameters could not do. So
-# where several effects were found, one that the model imitates by now is put beside two of them, and their amplitudes
-# are led to their off values while all other coordinates follow by Gauss-Newton steps,
+# For example, a gear ratio given as half of the true one looks like a voltage and a current of one test that both read
+# half. No round can find it, because near the first model the parameters imitate it. So where several effects were
+# found, an effect that the model imitates now is added to two of them, and their amplitudes are brought to their off
+# values in steps while all other coordinates follow by Gauss-Newton steps,
 #
 #     d = arg min |r + J_held h + J d|^2,    h = (off - amplitude)/(steps left)
 #
-# for from the model without the two there is no way to where the one has to be.
+# because no descent leads from the model without the two to the optimum with the one.
 #
 # Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3); continuation (Allgower
 # and Georg 2003, Introduction to Numerical Continuation Methods, ch. 2). Differs from source: two are exchanged for
@@ -211,18 +216,18 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
 
 
 def cost(s: CandidateModel, two: Two, one: Effect) -> Cost:
-    """What one effect costs in BIC less what the two did."""
+    """The BIC cost of one effect less that of the two."""
     mine, theirs = Cost.of_effect(one, s.composition), [Cost.of_effect(e, s.composition) for e in two]
     return Cost(mine.parameters - sum(c.parameters for c in theirs), mine.variants)
 
 
 def gave_way_to_one(two: Two, one: Effect, change: float) -> str:
     """One sentence for an exchange."""
-    return f"{two[0].name} and {two[1].name} gave way to {one.name}, which does for both (BIC {change:+.1f})."
+    return f"{two[0].name} and {two[1].name} gave way to {one.name}, which explains both (BIC {change:+.1f})."
 
 
 def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateModel | None:
-    """The model with one effect in place of two, at the nearest optimum; None where no way leads there."""
+    """The model with one effect in place of two, at the nearest optimum; None where the steps do not reach it."""
     m = s.with_effects((*s.added, one), resting(one))
     layout, x = m.problem.layout, m.x
     off = {symbol: value for e in two for symbol, value in (e.off or {}).items()}
@@ -248,7 +253,7 @@ def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateM
 
 
 def _imitated(s: CandidateModel) -> Iterator[Effect]:
-    """Effects not at work of which the parameters at work do nearly all, the most imitated first."""
+    """Effects not at work that the parameters at work imitate almost fully, the most imitated first."""
     signatures = screened(s, [e for e in s.composition.candidates if not s.at_work(e)])
     alike = sorted((g for g in signatures if 0.0 < g.own < IMITATED), key=lambda g: g.own)
     yield from (g.variant.effect for g in alike[:MERGES])

@@ -1,21 +1,22 @@
 """Effects too faint to be named, and how much wider they make the intervals.
 
-An effect that the data hardly show is not named, and yet it may have bent the parameters: a friction that depends on
-the load looks much like more dry friction. So each effect of the throttle that is not in the final model competes once
-more with "nothing", by the linearised model and with every size up to the usual one:
+An effect that the data hardly show is not named, but it may have moved the parameters: a friction that depends on the
+load looks much like more dry friction. So each effect of the throttle that is not in the final model is compared with
+the hypothesis "nothing", by the linearised model and with every size up to the usual one:
 
     r = e + J dx + C a,    a = 0, or a ~ N(0, s^2 1) for one effect, one of its variants and one of `SIZES` s
     weight = prior |1 + s^2 G|^-1/2 exp(h^T M h / 2) prod 2 Phi(m_k / sqrt(M_kk)),    G = C'^T C',    h = C'^T r
     a | r ~ N(m, M),    M = (G + 1/s^2)^-1,    m = -M h;        dx = B a,    B = -(J^T J + P_0)^-1 J^T C
 
-with C' the part of C that no parameter can imitate, and the product over amplitudes that cannot be negative. A variant
-whose amplitude is scanned has that amplitude and no other. The weights, that of nothing being 1, are brought to sum 1.
-A coordinate is then one of a mixture: as fitted, or moved by B a. Its interval is that of the mixture,
+with C' the part of C that no parameter can imitate, and the product over amplitudes that cannot be negative. The
+amplitude of a variant whose amplitude is scanned is fixed. The weights, with weight 1 for "nothing", are scaled so that
+their sum is 1. A coordinate then follows a mixture: it is as fitted, or moved by B a. Its interval is that of the
+mixture,
 
     sum_e p_e P(|x| > q | e) + p_0 P(|x| > q | nothing) = 0.05,    factor = q / (1.96 sd)
 
-so an effect of a probability of a few per cent widens next to nothing, however far it would move a parameter. The
-estimate stays where it is.
+so an effect with a probability of a few per cent hardly widens the interval, however far it would move a parameter. The
+estimate itself does not change.
 
 Source: Hoeting et al. 1999, Statistical Science 14(4) (model averaging); Kass and Raftery 1995 (Laplace evidence).
 Differs from source: the mixture is about the estimate of the model without the effect.
@@ -23,7 +24,7 @@ Differs from source: the mixture is about the estimate of the model without the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,8 +43,8 @@ from .screen import IMITATED, Background, lowest
 from .tangents import Variant, fitted_samples, tangents_inside, variants
 from .unexplained import grown
 
-SIZES = (1.0, 0.3, 0.1, 0.03)  # s over the scale of the amplitudes, equally probable: small effects are many
-PRIOR = 0.1  # weight of an effect before the data, over that of nothing
+SIZES = (1.0, 0.3, 0.1, 0.03)  # s over the scale of the amplitudes, equally probable: small effects are common
+PRIOR = 0.1  # prior weight of an effect, over that of "nothing"
 WORTH_SAYING = 1.05  # factor of an interval from which on the effects behind it are listed
 _LISTED = 3  # effects listed at most
 _NEGLIGIBLE = 1e-6  # share of all weights below which a part of the mixture is left out
@@ -56,8 +57,8 @@ class Part:
 
     Args:
         effect: name.
-        log_weight: ln of its weight, that of nothing being 1.
-        moved: mean square of what it moved each coordinate by, shape (P,).
+        log_weight: ln of its weight; the weight of "nothing" is 1.
+        moved: mean square by which it moved each coordinate, shape (P,).
     """
 
     effect: str
@@ -67,30 +68,29 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class FaintEffects:
-    """What effects that nobody named may do to the intervals.
+    """How much effects that are not named may widen the intervals.
 
     Args:
-        probabilities: of each effect beside "nothing", by name; they and nothing's sum to 1.
-        factor: by which each coordinate's standard error grows, shape (P,).
-        behind: effects that make it grow, the one that counts most first.
+        factor: factor by which each coordinate's standard error grows, shape (P,).
+        behind: names of the effects that make it grow, the one that counts most first.
     """
 
-    probabilities: Mapping[str, float]
     factor: np.ndarray
     behind: tuple[str, ...]
 
 
 def allowing_for_faint_effects(after: FitResult, s: CandidateModel, report: Report) -> FitResult:
-    """The final fit with intervals that allow for effects too faint to be named; itself far from the data."""
+    """The final fit with intervals that allow for effects too faint to be named; the fit unchanged where the model is
+    far from the data."""
     if s.far or after.far:
         return after
-    report("asking what effects too faint to be named may have bent", 0.98)
+    report("widening intervals for effects too faint to be named", 0.98)
     sd = np.sqrt(np.diag(after.covariance))
     found = mixed(sd, faint_parts(s))
     added = after.covariance * (np.outer(found.factor, found.factor) - 1.0)
     if not found.behind:
         return after
-    words = f"Intervals allow for {listed(found.behind)}, too faint to be named: each may be there, or not."
+    words = f"Intervals allow for {listed(found.behind)}: each is too faint to be named and may be there or not."
     return grown(after, added, words)
 
 
@@ -116,9 +116,9 @@ def faint_parts(s: CandidateModel) -> list[Part]:
 
 
 def own_ways(gram: np.ndarray, power: np.ndarray) -> np.ndarray:
-    """Ways of the amplitudes, of length 1, that parameters do not imitate, shape (k, m).
+    """Directions of the amplitudes, of length 1, that parameters do not imitate, shape (k, m).
 
-    A way that they do imitate is but another name for a parameter.
+    A direction that they do imitate is equivalent to a change of the parameters.
 
     Args:
         gram: C'^T C', shape (k, k).
@@ -133,7 +133,7 @@ def own_ways(gram: np.ndarray, power: np.ndarray) -> np.ndarray:
 
 
 class Linear(NamedTuple):
-    """What k amplitudes do, linearised.
+    """What k amplitudes do to the residual and to the coordinates, linearised.
 
     Args:
         gram: G, in units of the noise, shape (k, k).
@@ -146,17 +146,18 @@ class Linear(NamedTuple):
     bends: np.ndarray
 
     def along(self, ways: np.ndarray) -> Linear:
-        """The same of other amplitudes, of which each is a way, shape (k, m)."""
+        """The same for amplitudes along some directions (columns), shape (k, m)."""
         return Linear(ways.T @ self.gram @ ways, ways.T @ self.across, self.bends @ ways)
 
 
 def parts_of(variant: Variant, amplitudes: Sequence[Parameter], linear: Linear, ways: np.ndarray) -> list[Part]:
-    """One variant at every size; at the scanned one where its amplitudes are scanned; none without ways of its own.
+    """The parts of one variant at every size, or at the scanned one where its amplitudes are scanned; empty where no
+    direction remains.
 
     Args:
         amplitudes: k parameters.
-        linear: what they do.
-        ways: of the amplitudes that no parameter imitates, shape (k, m).
+        linear: their effect.
+        ways: directions of the amplitudes that no parameter imitates, shape (k, m).
     """
     name = variant.effect.name
     prior = float(np.log(PRIOR / len(variants(variant.effect))))
@@ -191,9 +192,6 @@ def mixed(sd: np.ndarray, parts: Sequence[Part]) -> FaintEffects:
     shares = np.exp(logs - logs.max())
     shares /= shares.sum()
     kept = [(share, part) for share, part in zip(shares[1:].tolist(), parts, strict=True) if share > _NEGLIGIBLE]
-    probabilities: dict[str, float] = {}
-    for share, part in kept:
-        probabilities[part.effect] = probabilities.get(part.effect, 0.0) + share
     weights = np.array([share for share, _ in kept])
     spread = np.sqrt(sd**2 + np.array([part.moved for _, part in kept]).reshape(len(kept), sd.size))
     factor = np.array([widening(own, weights, spread[:, k]) for k, own in enumerate(sd)])
@@ -203,16 +201,16 @@ def mixed(sd: np.ndarray, parts: Sequence[Part]) -> FaintEffects:
         counts[part.effect] = counts.get(part.effect, 0.0) + beyond
     most = max(counts.values(), default=0.0)
     behind = sorted((e for e, count in counts.items() if count > 0.1 * most > 0.0), key=lambda e: -counts[e])
-    return FaintEffects(probabilities, factor, tuple(behind[:_LISTED]))
+    return FaintEffects(factor, tuple(behind[:_LISTED]))
 
 
 def widening(sd: float, weights: np.ndarray, spread: np.ndarray) -> float:
     """q / (1.96 sd) of a mixture of normal distributions about one mean, at least 1.
 
     Args:
-        sd: of the part that is left over, above 0.
-        weights: of the others, shape (n,); together below 1.
-        spread: their standard deviations, none below sd, shape (n,).
+        sd: standard deviation of the part that has the rest of the weight, above 0.
+        weights: of the other parts, shape (n,); their sum is below 1.
+        spread: their standard deviations, each at least sd, shape (n,).
     """
     rest = 1.0 - float(weights.sum())
 

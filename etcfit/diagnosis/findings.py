@@ -1,4 +1,4 @@
-"""What a diagnosis finds: plain data for the report, diagnosis.json and whoever reads them."""
+"""What a diagnosis finds, as plain data: the report, diagnosis.json and the notebook show it."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ class Whiteness:
         file, test, channel, n: where, and how many samples.
         rms: of the whitened residual; 1 where nothing is missing.
         ljung_box: p-value of no autocorrelation.
-        strongest: what it goes along with most: "input", "speed", "sign of speed", "angle", "current" or "time".
+        strongest: the signal that it correlates with most: "input", "speed", "sign of speed", "angle", "current" or
+            "time".
         correlation: with that signal.
         p: that signal's p-value, for the number of signals tried.
-        white: neither too large, nor correlated.
+        white: whether it is neither too large nor correlated.
     """
 
     file: str
@@ -41,7 +42,7 @@ class Whiteness:
 
 @dataclass(frozen=True)
 class Share:
-    """How much of what is missing is a function of one quantity.
+    """How much of the missing torque or voltage is a function of one quantity.
 
     Args:
         enters: "torque" or "voltage".
@@ -77,10 +78,10 @@ class Candidate:
 
     Args:
         effect: name.
-        screened: by how much the score test thought it would lower chi2; of one that a check of the rig had found, by
-            how much the refit did.
-        own: share of its signature that no fitted parameter can imitate; 0: it does no more than they do.
-        refitted: whether it was tried in a refit; the ratios are None where not.
+        screened: fall of chi2 that the score test promised; for an effect that a check of the rig had found, the fall
+            in the refit.
+        own: share of its signature that no fitted parameter can imitate; 0: they imitate all of it.
+        refitted: whether it was tried in a refit; the ratios are None otherwise.
         fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without the effect.
         holdout_chi2_change: of the held-out residual.
         bic_change: below 0 where it is worth its parameters.
@@ -100,7 +101,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class RoundReport:
-    """One round: the model it began with, what was tried, what came of it.
+    """One round: the model it began with, the effects tried, and the effect added.
 
     Args:
         effects: at work beyond Eqs. 1-2.
@@ -125,7 +126,7 @@ class RoundReport:
 
 @dataclass(frozen=True)
 class Question:
-    """What the data were asked, and every answer.
+    """A question on the cause of a misfit, with the probability of every answer.
 
     Args:
         asks: the question in words.
@@ -144,10 +145,10 @@ class Statement:
         effect: name.
         probability: that it is there, given the data.
         certainty: "found" from 0.90, "probably" from 0.70, "may be" below.
-        acted_on: it is likely enough to change something because of it (`DiagnosisSettings.suspicion`).
-        instead: probability of what else could explain the same misfit, by name, the likeliest first.
-        told_by: which measurement would tell.
-        sentence: all that in words, with the line of rig.toml that mends a mistake of the rig.
+        acted_on: whether it is likely enough to change rig.toml because of it (`DiagnosisSettings.suspicion`).
+        instead: probability of each other explanation of the same misfit, by name, the likeliest first.
+        told_by: the measurement that would decide between them.
+        sentence: the statement in words, with the line of rig.toml that mends a mistake of the rig.
     """
 
     effect: str
@@ -177,13 +178,13 @@ class Tie:
 
 @dataclass(frozen=True)
 class SetTried:
-    """A set of effects that was refitted beside the one that the rounds found.
+    """A set of effects that was refitted and compared with the one that the rounds found.
 
     Args:
         effects: names.
-        bic_change: of taking it in place of the rounds' own set; None where they do not compare, for one of the two is
-            far from its data or has an effect that is not worth its parameters.
-        taken: whether it was.
+        bic_change: of taking it in place of the rounds' own set; None where the two cannot be compared, because one of
+            them is far from its data or has an effect that is not worth its parameters.
+        taken: whether it was taken.
     """
 
     effects: tuple[str, ...]
@@ -197,13 +198,13 @@ class RigMistake:
 
     Args:
         effect: name of the effect that takes it into account.
-        kind: of mistake, see formats.md (diagnosis.json, `rig`).
+        kind: kind of mistake, see formats.md (diagnosis.json, `rig`).
         test, channel: where; None where it is everywhere.
         size, unit: of it, SI; a share where the unit is "".
         mend: the line of rig.toml that takes it into account.
-        sentence: that of the statement on the effect.
-        file: of the one trace that it is in; None: in every trace of the test.
-        suspected: its probability is below `DiagnosisSettings.suspicion`.
+        sentence: sentence of the statement on the effect.
+        file: the one trace that it is in; None: it is in every trace of the test.
+        suspected: whether its probability is below `DiagnosisSettings.suspicion`.
     """
 
     effect: str
@@ -220,12 +221,12 @@ class RigMistake:
 
 @dataclass(frozen=True, eq=False)
 class SetAside:
-    """A trace of another rig, and how far two bodies come to it.
+    """A trace of another rig, and the free runs of two throttle bodies for it.
 
     Args:
         trace: as measured.
-        others: free run of the body that all other traces are of, SI, shape (n, M).
-        own: of the body that explains this trace alone, likewise.
+        others: free run of the body that was fitted to all other traces, SI, shape (n, M).
+        own: free run of the body that was fitted to this trace alone, likewise.
     """
 
     trace: Trace
@@ -246,8 +247,8 @@ class Unexplained:
         fit_rms_ratio, holdout_rms_ratio: free-run errors with it over those without.
         bic_change: of adding it.
         fit, holdout: free-run errors with it.
-        doubts: named effects that it replaces as well as they explain the data themselves: they are not proven.
-        sentence: all that in words.
+        doubts: named effects that the curve replaces without loss: they are not proven.
+        sentence: the finding in words.
     """
 
     enters: str
@@ -269,7 +270,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """A random curve that what is left in the residual shows; intervals allow for it.
+    """A random curve that the residual of the final model shows; intervals allow for it.
 
     Args:
         enters: "torque", "friction", "voltage" or "position".
@@ -293,7 +294,7 @@ class Motion:
         axes: "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m through the gear).
         torque: missing, N m; NaN where the plate rests or presses on a stop, or no angle was logged.
         voltage: missing, V; NaN where no current was logged.
-        after: missing torque and voltage of the final model, by name as above.
+        after: torque and voltage that the final model lacks, by name as above.
         effects: for each added effect the torque (N m) and the voltage (V) it contributes there, by effect and name.
     """
 
@@ -309,26 +310,26 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was missing, and how much better the model is with it.
+    """The effects that the first model lacked, and how much better the final model is.
 
     Args:
         before, after: the fits of the first and of the final model.
         start, final: effects at work beyond Eqs. 1-2.
-        rounds: each turn of the loop, the last of which adds nothing.
-        added: effects in the order found; without those that were taken away again or are in doubt.
+        rounds: each round of the loop; the last one adds nothing.
+        added: effects in the order found, without those that were taken away again or are in doubt.
         removed: a sentence for each effect that gave way to another or was taken away again.
-        sets: of effects, refitted beside what the rounds found.
+        sets: sets of effects that were refitted and compared with the one that the rounds found.
         ties: effects that cannot be told apart.
-        unexplained: what no effect explains; None where the residual is noise.
+        unexplained: structure that no effect explains; None where there is none.
         motions: missing torque and voltage along the measured motion.
-        rig: what of the effects added is wrong with the rig itself.
+        rig: mistakes of the rig itself among the effects added.
         probabilities: of every effect refitted, of "nothing" and "unexplained", given the data.
-        questions: that the data were asked, each with answers that exclude each other.
+        questions: questions on the cause of the misfit, each with answers that exclude each other.
         statements: on each effect added, in the order found.
-        aside: traces of another rig, with what shows that they are; the rest of the diagnosis is that of the others.
-        discrepancy: curves that what is left shows; the intervals of `after` allow for them.
+        aside: traces of another rig, with the evidence for it; the rest of the diagnosis is of the other traces.
+        discrepancy: curves that the final residual shows; the intervals of `after` allow for them.
         verdict: the whole in a few sentences.
-        settings: what it was decided by.
+        settings: the settings of the diagnosis.
     """
 
     before: FitResult

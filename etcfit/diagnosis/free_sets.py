@@ -1,19 +1,19 @@
 """Sets of effects compared in the free run, where the model stays far from its data.
 
-Under the guide, by which the rounds compare effects there, the plate goes where it was measured; what an effect does to
-where a free plate goes shows little, and the set that the rounds found need not be the one whose free run is best. So
-a set is grown beside theirs, from the free run of the first fit: of the effects that stood in any round the one is
-taken first to which a guide leads lowest, as in a fit of named effects (`free_run.guided_start`), then the next, as
+There the rounds compare effects in a run that a guide draws along the measured angle. Such a run shows little of how an
+effect changes the motion of a free plate, so the set that the rounds found need not have the best free run. So a second
+set is grown, from the free run of the first fit: of the effects that were accepted in any round, the one whose guided
+start (`free_run.guided_start`, as in a fit of named effects) has the lowest misfit is taken first, then the next, as
 long as
 
     -2 log L = 2 n log(error) + k log n,    n = number of independent samples,
 
-falls by as much as BIC asks of an effect and the held-out free run does not stray. Of the two sets the likelier one is
-kept, of two that these data do not tell apart the one with fewer parameters; and each set's free run is the lower of
-the ends that either way led to.
+falls by as much as BIC requires of an effect and the held-out free run does not become worse. Of the two sets the
+likelier one is kept; where these data do not tell them apart, the one with fewer parameters. The free run of a set is
+the better of two searches: from the starts of a fit, and from the free run of the set before.
 
 Source: forward selection (Miller 2002, Subset Selection in Regression, ch. 3); BIC: Schwarz 1978. Differs from source:
-samples are counted by how independent what is left of them is.
+n counts independent samples of the residual.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class FreeRun:
         problem: the fitted traces.
         x: coordinates, shape (P,).
         unlikely: -log L of all samples, as if they were independent.
-        count: of independent samples.
-        samples: of all.
+        count: number of independent samples.
+        samples: number of all samples.
         holdout_rms: free-run error of the held-out traces, in sigma; None where there are none.
     """
 
@@ -74,7 +74,7 @@ class FreeRun:
     def of_model(
         cls, effects: tuple[str, ...], problem: EstimationProblem, x: np.ndarray, held_out: tuple[Trace, ...]
     ) -> FreeRun:
-        """The one of a model at coordinates x, shape (P,)."""
+        """The free run of a model at coordinates x, shape (P,)."""
         free, traces = problem.free_run(x), problem.batch.traces
         left = [(t.data - y) / t.sigma for t, y in zip(traces, free, strict=True)]
         channels = [r[np.isfinite(r[:, m]), m] for r in left for m in range(r.shape[1])]
@@ -95,7 +95,7 @@ def bic_change(new: FreeRun, old: FreeRun) -> float:
 
 
 def preferred(grown: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool:
-    """Whether a grown set takes the place of the rounds' own: likelier, or as likely with fewer parameters."""
+    """Whether a grown set replaces that of the rounds: it is likelier, or as likely with fewer parameters."""
     change = bic_change(grown, own)
     if holdout_worsened(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
         return False
@@ -136,7 +136,7 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
 def searched_free(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The rounds' progress, or one with a set of effects whose free run is likelier; and the sets compared."""
+    """The rounds' progress, or one with the grown set where its free run is likelier; and the sets compared."""
     s, settings = progress.model, first.settings
     names = pool(progress.rounds, settings)
     if not names:
@@ -162,7 +162,7 @@ def _in_its_place(
     s = progress.model
     new = refit_fully(s.with_effects(effects, values), report)
     known = {each.effect: each for each in progress.found}
-    found = tuple(known.get(e, Found(e, {}, -change, {})).told_apart_from(effects) for e in effects)
+    found = tuple(known.get(e, Found(e, {}, -change, {})).without_ties_to(effects) for e in effects)
     before = (
         f"{listed(e.name for e in s.added)} gave way to" if s.added else "Nothing was found under the guide; there is"
     )

@@ -1,4 +1,4 @@
-"""One turn of the loop: screen every effect, refit the best few, choose the one that helps most."""
+"""One round of the diagnosis: screen every effect, refit the best few, choose the one that explains most."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from .trial import Trial, run_trial, second_trial
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One turn of the loop.
+    """One round of the diagnosis.
 
     Args:
         before: the model that it began with.
         score: of that model.
-        screened: every candidate's signature, the most promising first; none where what is left is not worth a look.
+        screened: every candidate's signature, the most promising first; empty where the misfit is too small to judge.
         trials: of the candidates refitted, the lowest BIC first.
-        choice: what is added, and why.
-        instead: choices that would follow, were the effects before each of them not there.
+        choice: the effect that is added, and why.
+        instead: the choices that would follow without the effects chosen before each of them.
     """
 
     before: CandidateModel
@@ -58,14 +58,15 @@ class Round:
         for trial in self.trials:
             if trial.verdict.effect is self.added:
                 return trial
-        raise LookupError("no effect was added in this round: ask `added` before `best`")
+        raise LookupError("no effect was added in this round: test `added` before `best`")
 
 
 def run_round(s: CandidateModel, report: Report, formula_chi2: float = 0.0) -> Round:
     """One round.
 
     Args:
-        formula_chi2: chi2 above the noise's that inexact formulas of the effects added may leave: it is not judged.
+        formula_chi2: chi2 above that of noise that inexact formulas of the added effects may leave: no effect is sought
+            in it.
     """
     before, samples = score(s), s.weighted.samples
     if not worth_a_look(before.chi2, samples, formula_chi2):
@@ -79,19 +80,19 @@ def run_round(s: CandidateModel, report: Report, formula_chi2: float = 0.0) -> R
     trials = _refitted(s, {**starts, **_stated(s, starts)}, before, report)
     if s.holdout is None:
         trials = _cross_validated(s, trials)
-    # far from the data every sample is weighed by what is left in it, so chi2 says nothing of noise
+    # far from the data every sample is weighed by its own residual, so chi2 cannot be compared with noise
     noise = np.inf if s.far else samples + formula_chi2
     choices = in_turn([t.verdict for t in trials], s.settings, before.chi2 - formula_chi2, noise)
     return Round(s, before, signatures, tuple(trials), choices[0], choices[1:])
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
-    """Every candidate's best signature, briefly, the most promising first."""
+    """Every candidate's best signature without its columns, the most promising first."""
     return ranked(score_candidates(s, candidates, Signature.briefly).signatures)
 
 
 class ScoredCandidates(NamedTuple):
-    """Signatures of every variant of some candidates, and the residual's background that they were taken before."""
+    """Signatures of every variant of some candidates, and the background of the residual for which they hold."""
 
     background: Background
     signatures: Sequence[Signature]
@@ -100,10 +101,10 @@ class ScoredCandidates(NamedTuple):
 def score_candidates(
     s: CandidateModel, candidates: Sequence[Effect], kept: Callable[[Signature], Signature] = lambda whole: whole
 ) -> ScoredCandidates:
-    """What every variant of the candidates would do to the residual.
+    """The signature of every variant of the candidates in the residual.
 
-    Effects of the rig, which act around the throttle and are cheap, are taken all at once; those that act in it see
-    `inside`.
+    Effects of the rig, which act around the throttle and are cheap, are screened together; for those that act in it
+    see `inside`.
     """
     every = [e for e in candidates if is_of_the_rig(e)]
     prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))
@@ -124,7 +125,7 @@ def score_candidates(
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:
-    """Trials worth their parameters get the change of chi2 on traces left out in turn."""
+    """The trials; those worth their parameters with the change of chi2 on traces left out in turn."""
     strong = [t.verdict.is_strong(s.settings) for t in trials]
     if not folds(s) or not any(strong):
         return list(trials)
@@ -139,8 +140,10 @@ Starts = Mapping[Effect, Mapping[str, float]]  # values to start a refit from, S
 
 
 def _stated(s: CandidateModel, starts: Starts) -> Starts:
-    """Effects that the rig's checks found, from the value that they state: whatever the screening promises, for a
-    tangent says nothing of a mistake as large as a factor of two. One that starts at 0 has nothing better than that."""
+    """Effects that the rig's checks found, each with the value that the check states as the start of its refit.
+
+    They are refitted whatever the screening promises, because a tangent cannot predict a mistake as large as a factor
+    of two. An effect whose stated value is 0 keeps the start of the screening, if it has one."""
     out = {}
     for effect, value in s.composition.stated.items():
         if not s.at_work(effect) and (value or effect not in starts):
@@ -149,7 +152,7 @@ def _stated(s: CandidateModel, starts: Starts) -> Starts:
 
 
 def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) -> list[Trial]:
-    """A trial of each, the lowest BIC first: some side by side, for each compiles a model of its own."""
+    """A trial of each effect, the lowest BIC first; some run in parallel, because each compiles a model of its own."""
     trials = []
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
         jobs = [pool.submit(_tried, s, effect, values, before, report) for effect, values in starts.items()]
@@ -160,7 +163,7 @@ def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) 
 
 
 def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score, report: Report) -> Trial:
-    """The trial, or the second one of an effect that deserves it and is accepted there."""
+    """The trial of an effect, or its second trial where it deserves one and is accepted there."""
     trial, settings = run_trial(s, effect, values, before), s.settings
     if not deserves_second_trial(trial.verdict, before, s.far, settings):
         return trial
@@ -170,8 +173,10 @@ def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], befor
 
 
 def refit_chosen(turned: Round, report: Report) -> tuple[Round, CandidateModel]:
-    """The round and the model after it: refitted in full with the effect added, or with the next that stands where
-    that is worse than the model before; that model itself where all are."""
+    """The round and the model after it, refitted in full with the effect added.
+
+    Where that is worse than the model before, the next accepted effect is added; where all are worse, the model stays.
+    """
     if turned.added is None:
         return turned, turned.before
     words = ""

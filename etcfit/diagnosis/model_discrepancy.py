@@ -1,4 +1,4 @@
-"""What formulas that are not exact leave and do to parameters, and what is left as random curves."""
+"""Model discrepancy: how far inexact formulas and unmodelled random curves may have moved the parameters."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .candidate_model import CandidateModel
 from .composition import Effect
 from .screen import Background
 
-# ---- The formulas of the effects found are conventions: what that leaves unexplained, and what it does to parameters
+# ---- The formulas of the effects are approximations: what they leave in the residual, and how they move parameters
 #
-# A formula that is off by phi adds phi xi(t) c(t) to the residual, c what the effect does there and xi of size 1. Part
-# of it looks like another effect (`formula_error_chi2`); the rest is taken for other values of the parameters
-# (`formula_covariance`):
+# A formula with the relative error phi adds phi xi(t) c(t) to the residual, c being the contribution of the effect and
+# xi of size 1. Part of it looks like another effect (`formula_error_chi2`); the fit absorbs the rest by other values of
+# the parameters (`formula_covariance`):
 #
 #     p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
 #
 # with c_b = c in one stretch of one trace and 0 elsewhere: xi is taken to be constant over a stretch and independent
-# from one stretch to the next. Far from the data both are 0: samples are weighed there by what is left in them.
+# from one stretch to the next. Far from the data both are 0, because each sample is weighed by its own residual.
 #
 # Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy). Differs from source: xi is constant
 # by stretches rather than a Gaussian process, and its size is `inexact` of the effect, not fitted.
@@ -35,10 +35,10 @@ from .screen import Background
 
 FORMULA_CEILING = 0.04  # chi2 that may be put down to an inexact formula: at most this share of the number of samples
 FORMULA_STRETCHES = 6  # equal parts of a trace, over each of which the error of a formula is taken to be constant
-CURVE_LENGTH = 3.0  # knots over which a random curve forgets what it was
-# rise of -2 log L without random curves, one event left out, from which on they are taken to be there
+CURVE_LENGTH = 3.0  # knots over which a random curve is correlated
+# rise of -2 log L without random curves, one event left out, from which on they are taken to be present
 CURVE_EVIDENCE = 10.0
-LARGE_CURVE = 0.05  # probability, before the data, that a random curve is larger than is typical of what it enters
+LARGE_CURVE = 0.05  # prior probability that a random curve is larger than the typical size of the term that it enters
 CURVE_STRETCHES = 20  # equal parts of a trace, one of which counts as one event
 
 
@@ -48,7 +48,7 @@ def inexact(effects: Sequence[Effect]) -> float:
 
 
 def percent_off(effects: Sequence[str]) -> str:
-    """Relative errors of the formulas of these effects, by name, in words: "2 % and 10 %"."""
+    """Relative errors of the formulas of these effects, given by name, in words: "2 % and 10 %"."""
     return listed(dict.fromkeys(f"{100.0 * effect_named(name).inexact:.0f} %" for name in effects))
 
 
@@ -76,7 +76,7 @@ def chi2_left_by_formula(phi: float, explained: float, n: float) -> float:
 
 
 def formula_covariance(s: CandidateModel) -> np.ndarray:
-    """What inexact formulas of the effects added do to the covariance of the coordinates, shape (P, P), to be added."""
+    """Covariance of the coordinates that inexact formulas of the added effects cause, shape (P, P), to be added."""
     out = np.zeros((s.x.size, s.x.size))
     if s.far or not s.added:
         return out
@@ -110,33 +110,34 @@ def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> I
         yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])
 
 
-# ---- What is left in a residual, as a random curve over each axis, and by how much it may have bent the parameters
+# ---- The residual that is left, as a random curve over each axis, and how far it may have moved the parameters
 #
 #     r = e + J dx + sum_c T_c a_c,    a_c ~ N(0, tau_c^2 K),    K_kl = exp(-|k - l| / l_K)
 #
-# e is noise, T_c what the amplitudes of a smooth curve do to the residual, a_c a Gaussian process over its knots. Only
-# the part of T_c that no parameter can imitate is seen in r: from that part every tau_c is estimated. With tau known
-# the part that parameters do imitate, which is seen nowhere, has a size too, and so has what it moved them by,
+# e is noise, T_c the derivative of the residual in the amplitudes of a smooth curve, a_c a Gaussian process over its
+# knots. The residual r shows only the part of T_c that no parameter can imitate: from it every tau_c is estimated. With
+# tau known, the part that parameters imitate, and the distance by which it moved them, have a known size too,
 #
 #     C' = C + (t_nu / 1.96)^2 ([cov(dx | r) - (J^T J + P_0)^-1] + dx dx^T)
 #
-# dx is the step to the optimum with curves beside the parameters, nu the number of amplitudes that told tau; the fit
-# stays where it is, at the optimum without. Where nothing is left every tau is 0, and so is what is added.
+# dx is the step to the optimum with curves in addition to the parameters, nu the number of amplitudes that determine
+# tau; the fit itself stays at the optimum without curves. Where the residual is noise every tau is 0, and so is the
+# added covariance.
 #
 # Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy); Patterson and Thompson 1971,
 # Biometrika 58(3) (restricted likelihood); Simpson et al. 2017, Stat. Sci. 32(1) (prior of tau). Differs from source:
-# what one event explains is no evidence for a curve; the estimate is not moved, but widened by what it would move by.
+# one event alone is no evidence for a curve; the estimate is not moved, but its interval is widened by the movement.
 
 _RANK = 1e-8  # singular values below this share of the largest count as zero
-_LARGEST = 1e3  # tau over a curve's typical size: no more is asked for
+_LARGEST = 1e3  # tau over a curve's typical size: upper bound of the search
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What one smooth curve does to residual and parameters.
+    """One smooth curve and its derivative of the residual.
 
     Args:
-        effect: which.
+        effect: the curve as an effect.
         columns: T, d residual / d amplitude over its scale, shape (n, K).
     """
 
@@ -145,17 +146,17 @@ class Curve:
 
     @property
     def scale(self) -> float:
-        """What a tau of 1 is, in the curve's unit."""
+        """The size that tau = 1 means, in the curve's unit."""
         return parameters_of(self.effect)[0].domain.scale
 
 
 @dataclass(frozen=True, eq=False)
 class CurveDiscrepancy:
-    """How large each random curve is, and how far it may have bent the coordinates.
+    """How large each random curve is, and how far the curves may have moved the coordinates.
 
     Args:
-        sizes: tau of each curve that is there, in the curve's unit.
-        covariance: to be added to that of the coordinates, shape (P, P).
+        sizes: tau of each curve that is present, in the curve's unit.
+        covariance: covariance to be added to that of the coordinates, shape (P, P).
     """
 
     sizes: Mapping[type[AbstractSmooth], float]
@@ -169,7 +170,7 @@ def curve_discrepancy(
     curves: Sequence[Curve],
     events: np.ndarray,
 ) -> CurveDiscrepancy:
-    """Estimate every tau, and what the curves have done to the coordinates.
+    """Estimate every tau, and the covariance that the curves cause.
 
     Args:
         r: whitened residual at the optimum, shape (n,).
@@ -199,12 +200,13 @@ def curve_discrepancy(
 
 
 def t_to_normal_ratio(freedom: float) -> float:
-    """t_nu / 1.96, 95 % of both: a tau that nu visible amplitudes told is itself uncertain; two at least count."""
+    """t_nu / 1.96, 95 % of both: a tau from nu visible amplitudes is itself uncertain; nu counts as 2 at least."""
     return float(stdtrit(max(freedom, 2.0), 0.975) / ndtri(0.975))
 
 
 def kernel(count: int, length: float) -> np.ndarray:
-    """K_kl = exp(-|k - l| / length), shape (count, count): rough, for what is missing may have corners."""
+    """K_kl = exp(-|k - l| / length), shape (count, count): a rough process, because the missing curve may have
+    corners."""
     k = np.arange(count)
     return np.exp(-np.abs(k[:, None] - k[None, :]) / length)
 
@@ -212,7 +214,7 @@ def kernel(count: int, length: float) -> np.ndarray:
 def moved_by_curves(
     r: np.ndarray, jacobian: np.ndarray, believed: np.ndarray, ways: np.ndarray, noise: float
 ) -> np.ndarray:
-    """Mean square of what the curves moved the coordinates by, given the data, shape (P, P).
+    """Mean square of the movement of the coordinates by the curves, given the data, shape (P, P).
 
         [J^T J + P_0   J^T W    ] [dx]     [J^T r]
         [W^T J         W^T W + 1] [b ] = - [W^T r],    cov(dx) - (J^T J + P_0)^-1 + dx dx^T
@@ -231,18 +233,18 @@ def moved_by_curves(
 
 @dataclass(frozen=True, eq=False)
 class _Left:
-    """What is left of the residual, and what curves do there beside the parameters. All W side by side are as long as
-    all samples, so there is one copy of them; all else is read off their products.
+    """The residual and the curves' columns, both projected off the parameters. The columns W of all curves are as long
+    as all samples, so there is one copy of them; everything else is computed from their products.
 
     Args:
-        r: free of what the parameters can do, shape (n,).
-        ways: W of all curves side by side, free of it too, shape (n, C K).
-        curves: C.
+        r: residual, projected off the parameters, shape (n,).
+        ways: W of all curves side by side, projected likewise, shape (n, C K).
+        curves: C, number of curves.
         events: see `curve_discrepancy`.
         gram: W^T W, shape (C K, C K).
         across: W^T r, shape (C K,).
-        turn: W times it is an orthonormal basis of the space that all W span, shape (C K, m).
-        noise: s^2, mean square of r outside of that space, 1 at least.
+        turn: W @ turn is an orthonormal basis of the space that all W span, shape (C K, m).
+        noise: s^2, mean square of r outside that space, 1 at least.
     """
 
     r: np.ndarray
@@ -266,7 +268,7 @@ class _Left:
         return cls(r, ways, curves, events, gram, across, turn, noise)
 
     def freedom(self, tau: np.ndarray) -> float:
-        """tr G (G + 1)^-1, G = tau^2 W^T W / s^2 of all curves: how many amplitudes of theirs noise lets through."""
+        """tr G (G + 1)^-1, G = tau^2 W^T W / s^2 of all curves: how many of their amplitudes stand out of the noise."""
         power = np.maximum(np.linalg.eigvalsh(self._system(tau)), 0.0)
         return float(np.sum(power / (power + 1.0)))
 
@@ -287,8 +289,8 @@ class _Left:
 def most_likely(left: _Left) -> np.ndarray:
     """tau of each curve by restricted maximum likelihood, shape (C,).
 
-    All are 0 where without them -2 ln L rises by less than `CURVE_EVIDENCE`, what they explain in one event left out.
-    Which of them it is need not be decided: curves over related axes share what they can all do.
+    All are 0 where -2 ln L without curves is higher by less than `CURVE_EVIDENCE`, not counting the event in which they
+    explain most. It is not decided which curve it is: curves over related axes share what each of them can explain.
     """
     system = _Likelihood.of_residual(left, -2.0 * np.log(LARGE_CURVE))
     tau, cost = system.fitted()
@@ -301,7 +303,7 @@ def most_likely(left: _Left) -> np.ndarray:
 class _Likelihood:
     """-2 ln (L p) = ln |V| + y^T V^-1 y + price sum_c tau_c,    V = 1 + sum_c tau_c^2 U_c
 
-    The prior keeps small what data hardly tell.
+    The prior keeps a tau small that the data hardly determine.
 
     Args:
         y: residual in the curves' space, over s, shape (m,).

@@ -1,13 +1,13 @@
-"""Is one trace, or one test, of another rig? The others agree without it, and it agrees with a body of its own.
+"""Finds one trace, or one test, that is of another rig: all others agree without it, and it fits a body of its own.
 
-A file that was copied from another throttle bends every parameter, and effects of the catalogue then stand in for it.
-So where the misfit makes parameters a compromise, the fit is made without each of the pieces that are furthest from it:
-at first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece is
-of another rig where next to nothing but noise is left without it, where the others' parameters are far from the piece
+A file that was copied from another throttle changes every parameter, and effects of the catalogue then imitate it. So
+where the misfit makes parameters a compromise, the fit is repeated without each of the pieces that are furthest from
+it: at first with the weights of a piece set to zero, then, where the others come near their data, from scratch. A piece
+is of another rig where hardly more than noise is left without it, where the others' parameters are far from the piece
 and some of its own explain it, and where no single effect explains all data as well, neither from the first fit nor
 from the others' parameters: a clock that is slow in one test looks like another body there, and so does a torque that
-only one test reaches. Where the misfit is small it is not
-asked, for there a body of its own may stand in for whatever shows in one trace.
+only one test reaches. Where the misfit is small the test is not made, because a body of its own could then imitate any
+effect that shows in one trace.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ from .refit import NEAR_CHI2_PER_DOF, refit_fully, start_at
 from .settings import DiagnosisSettings
 from .statements import Named, statement
 
-_TOLD = 3.0  # standard errors from which on a parameter is said to differ
-_FORGIVEN = 2  # of the steps by which a fit from far off forgives instants, the last ones: here it begins at a fit
-_HOPELESS = 3.0  # times the misfit of what is near: a descent stopped early may be that far above its end
-_LEFT_SHARE = 0.05  # share of the misfit above noise that may be left without a piece: another effect may be there too
-_LEFT = 1e-3  # share of its misfit under the others' parameters that a body of its own may leave of a piece
-_NAMED = 4  # of those that differ, the most that are named
+_DIFFERS = 3.0  # standard errors from which on a parameter is said to differ
+_FORGIVEN = 2  # last steps by which a fit from far off forgives instants; only they are needed here, from a fit
+_HOPELESS = 3.0  # times the misfit that counts as near: a descent stopped early may be that far above its end
+_LEFT_SHARE = 0.05  # share of the misfit above noise that may remain without a piece: another effect may be there too
+_LEFT = 1e-3  # share of the piece's misfit under the others' parameters that may remain under its own parameters
+_NAMED = 4  # most parameters that are named as different
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,9 @@ class Strange:
 
     Args:
         place: the trace, or the test.
-        rest: the fit to all others, its config naming the piece.
+        rest: the fit to all other data; its config names the piece.
         own: the fit to the piece alone.
-        traces: of the piece, under the parameters of the others and under its own.
+        traces: traces of the piece, under the parameters of the others and under its own.
         why: a sentence on how it was found.
     """
 
@@ -69,15 +69,15 @@ class Strange:
 
     @property
     def name(self) -> str:
-        """Of the effect."""
+        """Name of the effect."""
         return OtherRig.at(self.place).name
 
     def statement(self, settings: DiagnosisSettings) -> Statement:
-        """It is shown, but for a lapse."""
+        """The statement on it; its probability is one less the lapse."""
         apart = differences(self.own, self.rest)
         each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(apart.items())[:_NAMED]]
-        differs = listed(each) if each else "in what it does not tell"
-        said = f"{OtherRig.kind} in {self.place.words}: a body of its own, which differs from all others: {differs}"
+        differs = listed(each) if each else "parameters that it does not determine"
+        said = f"{OtherRig.kind} in {self.place.words}: another throttle body, which differs in {differs}"
         return statement(OtherRig.at(self.place), Named(said, self._mend), 1.0 - settings.lapse, {}, settings)
 
     @property
@@ -85,7 +85,7 @@ class Strange:
         return f"{OtherRig.at(self.place).mend(0.0)}, or take the files out of the folder"
 
     def mistake(self, stated: Statement) -> RigMistake:
-        """As a finding; its size is the largest relative difference of a parameter that both tell."""
+        """The finding; its size is the largest relative difference of a parameter that both fits determine."""
         return RigMistake(
             effect=self.name,
             kind=OtherRig.kind,
@@ -106,11 +106,11 @@ def of_another_rig(
     report: Report,
     one: CandidateModel | None = None,
 ) -> Strange | None:
-    """The piece that is of another rig; None where none is shown to be.
+    """The piece that is of another rig; None where no piece is shown to be.
 
     Args:
-        errors: of its free run, fitted traces; the pieces that it predicts worst are asked.
-        one: the model with the single effect that does most for all data; None where none does anything.
+        errors: errors of the model's free run, fitted traces; the pieces that it predicts worst are tested.
+        one: the model with the single effect that explains most of all data; None where no effect explains anything.
     """
     for places in _pieces(errors, s.settings):
         nearest = min(((_misfit_without(s, place, result), k, place) for k, place in enumerate(places)), default=None)
@@ -125,15 +125,15 @@ def of_another_rig(
 
 
 def differences(own: FitResult, rest: FitResult) -> dict[str, float]:
-    """Relative difference of each parameter that both fits tell and that differs by more than `_TOLD` standard errors,
-    by symbol, the surest first."""
+    """Relative difference of each parameter that both fits determine and that differs by more than `_DIFFERS` standard
+    errors, by symbol, the surest first."""
     mine, theirs, out = intervals(own), intervals(rest), {}
     for symbol, a in mine.items():
         b = theirs.get(symbol)
         if b is None or a.status == "tied" or not a.stderr or not b.stderr or b.value == 0.0:
             continue
         z = abs(a.value - b.value) / np.hypot(a.stderr, b.stderr)
-        if z > _TOLD:
+        if z > _DIFFERS:
             out[symbol] = (z, a.value / b.value - 1.0)
     return {symbol: float(d) for symbol, (_, d) in sorted(out.items(), key=lambda item: -item[1][0])}
 
@@ -155,9 +155,11 @@ def _worst(errors: dict[Place, list[PredictionError]], settings: DiagnosisSettin
 
 
 def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float:
-    """chi2 per degree of freedom of all other traces where they are fitted alone, instants forgiven ever less.
+    """chi2 per degree of freedom of all other traces where they are fitted alone; errors of instants are forgiven less
+    and less.
 
-    From where the model is; far from the data, which the piece may have bent out of all reason, from the graphs too.
+    The descent starts at the model; far from the data, where the piece may have made the parameters useless, it starts
+    at the graph readings too.
     """
     problem = _declared(s.lean().problem)
     begins = [(s.x, LATE[-_FORGIVEN:])]
@@ -176,9 +178,9 @@ def _misfit_without(s: CandidateModel, place: Place, result: FitResult) -> float
 def left_without(
     problem: EstimationProblem, x: np.ndarray, late: Sequence[float], place: Place, settings: FitSettings, near: float
 ) -> float:
-    """That chi2 at the end of the way from x, with instants forgiven by so much, s, one after the other.
+    """That chi2 at the end of the descents from x, each of which forgives errors of instants up to a given time, s.
 
-    Where it cannot come below `near` any more, for what is forgiven less only adds to it, the way is not gone on.
+    The descents stop where chi2 can no longer come below `near`: forgiving less only increases it.
     """
     left = np.inf
     counted = (t for t in problem.batch.traces if not _is_of(t.measurement.file, place))
@@ -189,7 +191,7 @@ def left_without(
         others = with_only_weights_of(problem, weighted, lambda trace: not _is_of(trace.measurement.file, place))
         x, _ = descend(problem, x, others, ROUGH_TOLERANCE, settings.steps)
         left = problem.chi2(x, others) / max(1.0, samples - x.size)
-        if left > _HOPELESS * near and not problem.controlled:  # an ECU's integral, begun anew, may still bring it near
+        if left > _HOPELESS * near and not problem.controlled:  # a restarted integral of an ECU may still bring it near
             break
     return left
 
@@ -201,7 +203,7 @@ def _is_of(file: str, place: Place) -> bool:
 def _shown(
     result: FitResult, s: CandidateModel, place: Place, report: Report, one: CandidateModel | None
 ) -> Strange | None:
-    """The piece, where the fit without it leaves noise and the one to it alone does not fail."""
+    """The piece, where the fit without it leaves noise and the fit to it alone succeeds."""
     effects = (*result.rig.config.effects, *(e.name for e in s.added))
     aside = OtherRig.at(place).name
     try:
@@ -212,28 +214,28 @@ def _shown(
         alone = _with_effects(result, effects)
         alone = replace(alone, measurements=tuple(m for m in alone.measurements if _is_of(m.file, place)))
         own = fit_near(alone, report, result.settings, rest.values)
-    except MeasurementError:  # too little is left to fit, or it alone says too little
+    except MeasurementError:  # too few data are left to fit, or the piece alone has too few
         return None
     here = _at(s, rest)
     traces, predicted = here.problem.batch.traces, here.problem.free_run(here.x)
     misfit = pooled([row for row in rows(traces, predicted) if _is_of(row.file, place)]) ** 2
     if misfit < NEAR_CHI2_PER_DOF or own is None:
         return None
-    # what noise may be, or next to nothing of the misfit: a fit to one trace may stop a little short of its optimum
+    # noise, or a very small share of the misfit: a fit to one trace may stop a little short of its optimum
     if own.chi2_per_dof > max(result.settings.contradiction.compromise, min(_LEFT * misfit, NEAR_CHI2_PER_DOF)):
         return None
-    # sum of squares of two bodies, and what BIC asks for the P parameters of the second: P ln n
+    # sum of squares of two bodies, and the BIC cost of the P parameters of the second: P ln n
     second = start_at(own, s.settings)
     samples = others.weighted.samples + second.weighted.samples
     apart = others.chi2 + second.chi2 + second.x.size * float(np.log(samples))
     if (one is not None and _explains_all(one, result, apart)) or _one_effect_does(here, result, apart, report):
         return None
     itself = finished(own)
-    if s.added:  # they may have stood in for it
+    if s.added:  # they may have imitated the piece
         theirs = fit(_with_effects(result, (*result.rig.config.effects, aside)), report, result.settings, rest.values)
     else:
         theirs = finished(rest)
-    why = f"Without {place.words} the misfit is gone, and a body of its own explains it: it is set aside."
+    why = f"Without {place.words} the misfit is gone, and a throttle body of its own explains it: it is set aside."
     aside_traces = tuple(
         SetAside(trace, shown, itself.predicted[trace.measurement.file])
         for trace, shown in zip(traces, predicted, strict=True)
@@ -251,17 +253,17 @@ def _at(s: CandidateModel, rest: Optimum) -> CandidateModel:
 
 
 def _declared(problem: EstimationProblem) -> EstimationProblem:
-    """The problem run free, every sample with the noise that was declared."""
+    """The problem without a guide, every sample weighed by its declared noise."""
     return replace(problem.guided(0.0), sigma=problem.batch.slots.sigma)
 
 
 def _explains_all(s: CandidateModel, result: FitResult, apart: float) -> bool:
-    """Whether a model of all data leaves next to nothing, and a smaller sum of squares than two bodies would."""
+    """Whether a model of all data explains the misfit, and leaves a smaller sum of squares than two bodies would."""
     return explains_misfit(s, result) and s.chi2 < apart
 
 
 def explains_misfit(s: CandidateModel, result: FitResult) -> bool:
-    """Whether a model leaves nothing but noise, or next to nothing of what the first fit left above it."""
+    """Whether a model leaves only noise, or a very small share of the misfit of the first fit."""
     if s.far:
         return False
     excess = _LEFT_SHARE * (result.chi2_per_dof - 1.0)
@@ -270,10 +272,10 @@ def explains_misfit(s: CandidateModel, result: FitResult) -> bool:
 
 
 def _one_effect_does(here: CandidateModel, result: FitResult, apart: float, report: Report) -> bool:
-    """Whether a single effect, of those that promise most where the others were fitted, clears up all data as well.
+    """Whether a single effect, among those that promise most at the fit to the others, explains all data too.
 
     Args:
-        apart: sum of squares above which a body more does better.
+        apart: sum of squares above which a second body explains more.
     """
     settings = here.settings
     candidates = [e for e in here.composition.candidates if not here.at_work(e)]

@@ -1,9 +1,9 @@
-"""Gives each effect a probability that it is really there, and decides which effects of the final model are named.
+"""Computes the probability that each effect is really present, and which effects of the final model are named.
 
-    credit_by_round, doubted_effects    how far an effect explains what was missing where it acts
-    questions, probabilities            of every round: which effect explains the rest; over all rounds: what is there
+    credit_by_round, doubted_effects    share of the misfit at its place that an effect explains
+    questions, probabilities            for each round, which effect explains the misfit; over all rounds, which exist
     named_effects                       effects stated by name, and those in doubt, which stay in the model unnamed
-    likely_hypotheses                   those with a probability that a page prints
+    likely_hypotheses                   hypotheses that are probable enough to be printed
 
 `course` calls it at the end of a diagnosis, with the reports of the rounds; `statements` and the pages print it.
 """
@@ -23,11 +23,11 @@ from .settings import DiagnosisSettings
 
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
-LEAST_CREDIT = 0.5  # share of what is missing where it acts that a name must explain, beside what may be something else
+LEAST_CREDIT = 0.5  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
 
 
 _PRINTED_FROM = 0.02
-WORTH_NAMING = 0.2  # probability, that of its ties added, from which on an effect is stated by name
+WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
 
 
 def likely_hypotheses(probabilities: Mapping[str, float | None]) -> list[tuple[str, float]]:
@@ -41,42 +41,41 @@ def likely_in_one_line(probabilities: Mapping[str, float | None]) -> str:
     return ", ".join(f"{name} {p:.2f}" for name, p in likely_hypotheses(probabilities))
 
 
-# ---- How much of the misfit where it acts a name answers for, and how much is left for something else
+# ---- The share of the misfit at its place that a named effect explains, and the share left for other causes
 #
-# Each round's residual says by trace and channel how much more than noise is left. A name found in one round lowers it
-# by G. What may be something else instead: what is left at the end, R; what the formulas of the other names may leave,
-# phi^2 G_o of each; and of a mistake in one test or trace what other mistakes explain there, for one thing that nobody
-# thought of bends a trace in many ways, and two people rarely err at one place.
+# The residual of each round shows, by trace and channel, how far the misfit exceeds noise. An effect that a round added
+# lowers it by G. Another cause may explain: the misfit left at the end, R; the errors of the other effects' formulas,
+# phi^2 G_o for each; and, for a mistake of the rig in one test or trace, the gains G_o of other mistakes there, because
+# one unknown cause changes a trace in many ways, and two mistakes at one place are rare.
 #
 #     p <= G / (G + R + sum_o phi_o^2 G_o + sum of G_o of other mistakes at its place)
 #
-# G and R are sums over the samples where the name acts, n (rms^2 - 1) of the whitened residual: so a mistake in one
-# trace must leave that trace at its noise, whatever a folder of many traces gains. A residual that is white leaves
-# nothing.
+# G and R are sums of n (rms^2 - 1) of the whitened residual over the samples where the effect acts: so a mistake in one
+# trace must bring that trace to its noise, however much a folder of many traces gains. R of a white residual is 0.
 #
-# Source: no. It takes the place of a fixed probability that a name is wrong.
+# Source: none. It replaces a fixed probability that a name is wrong.
 
-UNSAID = "stays in the model and is not named: something else is likelier to explain what it does."
+UNSAID = "stays in the model but is not named: another cause is likelier to explain the same misfit."
 
 _EVERYWHERE = Place()
 
 
 def credit_by_round(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float]:
-    """For each round the largest probability that the effect it added may have, from 0 to 1; 1 where nothing says how
-    much it explained: there is no later round, or the effect did not stay.
-    """
+    """For each round the largest probability that the effect it added may have, from 0 to 1.
+
+    It is 1 where the share explained is unknown: there is no later round, or the effect did not stay in the model."""
     return [_credit(k, rounds, added) for k in range(len(rounds))]
 
 
 def doubted_effects(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
-    """Effects that stay in the model and are not named, for something else is likelier."""
+    """Effects that stay in the model but are not named, because another cause is likelier."""
     believed = zip(rounds, credit_by_round(rounds, added), strict=True)
     return [str(each.added) for each, credit in believed if credit < LEAST_CREDIT]
 
 
 def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
-    """Share of the misfit above noise of the first model that has no name, from 0 to 1: what the last one leaves, and
-    what names in doubt explain."""
+    """Share of the first model's misfit above noise that has no name, from 0 to 1: the misfit of the last model, and
+    the share that effects in doubt explain."""
     first, last = rounds[0].evidence.rows, rounds[-1].evidence.rows
     left = sum(map(_chi2_left, last))
     left += sum(_gain(k, rounds, _EVERYWHERE) for k in range(len(rounds) - 1) if rounds[k].added in doubted)
@@ -98,14 +97,14 @@ def _credit(k: int, rounds: Sequence[RoundReport], added: Collection[str]) -> fl
 
 
 def _share_of_another(name: str, place: Place) -> float:
-    """Share of what another name explains at a place that may be what the one of this place does: all, of two mistakes
-    of the rig in one test."""
+    """Share of the gain of another effect at a place that may have the same cause as the effect of this place: all of
+    it where both are mistakes of the rig in one test."""
     test = _test(place)
     return 1.0 if test and _test(_place(name)) == test else effect_named(name).inexact ** 2
 
 
 def _gain(k: int, rounds: Sequence[RoundReport], place: Place) -> float:
-    """By how much chi2 of the samples at a place fell in a round; 0 where it rose."""
+    """Fall of chi2 of the samples at a place in a round; 0 where chi2 rose."""
     before, after = (sum(_excess(row) for row in rounds[j].evidence.rows if _is_at(row, place)) for j in (k, k + 1))
     return max(0.0, before - after)
 
@@ -119,7 +118,7 @@ def _chi2_left(row: Whiteness) -> float:
 
 
 def _place(name: str) -> Place:
-    """Where an effect acts; everywhere, where it is of the throttle."""
+    """The place where an effect acts; an effect of the throttle acts everywhere."""
     effect = rig_effect(name)
     return _EVERYWHERE if effect is None else effect.place
 
@@ -134,23 +133,23 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 
 # ---- How likely is each explanation: questions with answers that exclude each other, and P(effect | data) from them
 #
-# Every round asks what explains what is left of the residual. Each effect refitted competes with "nothing" by Schwarz's
-# approximation of the Laplace evidence,
+# The question of every round is which effect explains the misfit. Each effect refitted is compared with "nothing" by
+# Schwarz's approximation of the Laplace evidence,
 #
 #     w_e = prior_e exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
 #
-# T tempers it: residuals that are not white, and formulas that are not exact, make BIC surer than it should be; what
-# was known before the data (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the
-# answer "something else": how often a name is wrong however strong its evidence, for the truth may lie outside the
-# catalogue; more, where a name answers for less than all that is missing where it acts (`credit_by_round`). The answers
-# of a question add up to one. Over rounds an effect is there unless none of them puts it there. How well they are
-# calibrated: docs/validation/bank.md.
+# T tempers it: correlated residuals and inexact formulas make BIC surer than it should be. The prior (`trial.surprise`,
+# which the change of BIC leaves out here) is not tempered. `lapse` is the probability of the answer "something else":
+# the rate at which a name is wrong however strong its evidence is, because the true cause may be outside the catalogue;
+# it is higher where an effect explains only a part of the misfit at its place (`credit_by_round`). The answers of a
+# question add up to one. An effect is absent only if it is absent in every round. The calibration of these
+# probabilities: docs/validation/bank.md.
 #
 # Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
 
 NOTHING, UNEXPLAINED, SOMETHING_ELSE = "nothing", "unexplained", "something else"
 BETWEEN_SAMPLES = "what acted between two samples of a slow log"
-NO_NAME, ONLY_NOISE = "something without a name", "noise, or no more than inexact formulas leave"
+NO_NAME, ONLY_NOISE = "something without a name", "noise or inexact formulas alone"
 CALIBRATED = (
     "On 80 synthetic folders 85 % of the names stated with 0.80 or more were right; 0.90 is the most that is stated "
     "(docs/validation/bank.md)."
@@ -165,25 +164,28 @@ def questions(
     slow: bool = False,
     doubts: Collection[str] = (),
 ) -> tuple[Question, ...]:
-    """What each round asked, and at last what is left without a name.
+    """The question of each round with its answers, and a last question on the misfit left at the end.
 
-    Where a log is slower than what acts in it (`rig.checks.lags`), any misfit may be of that: it is one answer more to
-    each question, of probability `slow_log`.
+    Where a log is too slow for the dynamics in it (`rig.checks.lags`), that may explain any misfit: each question then
+    has this further answer, of probability `slow_log`.
 
     Args:
-        added: the effects that are in its final model and not in doubt.
+        added: the effects of the final model that are not in doubt.
         curve: whether a curve without a name was found.
-        slow: whether a fitted test was logged so.
-        doubts: other effects of that model, which something else outdoes (`doubted_effects`).
+        slow: whether a fitted test was logged too slowly.
+        doubts: other effects of that model, for which another cause is likelier (`doubted_effects`).
     """
     gone = _withdrawn(rounds, added)
     believed = [min(each, 1.0 - settings.lapse) for each in credit_by_round(rounds, {*added, *doubts})]
-    asked = [
-        Question(f"Round {k}: what explains what is left of the residual?", _answers(each, gone, most, settings))
+    round_questions = [
+        Question(f"Round {k}: which effect explains the residual?", _answers(each, gone, most, settings))
         for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)
     ]
     left = _probability_of_unnamed_rest(rounds, bool(added), curve, doubts, settings)
-    every = (*asked, Question("At the end: what is left?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}))
+    every = (
+        *round_questions,
+        Question("At the end: what explains the remaining residual?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}),
+    )
     if not slow:
         return every
     return tuple(
@@ -199,9 +201,9 @@ class NamedEffects(NamedTuple):
     """Which effects of a model are stated by name, and how sure each is.
 
     Args:
-        names: that are stated, in the order found.
-        doubts: that are not stated: something else is likelier, or they are too unlikely (`WORTH_NAMING`).
-        questions, probabilities: see the functions.
+        names: effects that are stated, in the order found.
+        doubts: effects that are not stated: another cause is likelier, or they are too improbable (`WORTH_NAMING`).
+        questions, probabilities: as returned by the functions of these names.
     """
 
     names: tuple[str, ...]
@@ -223,21 +225,21 @@ def named_effects(
     Args:
         rounds, curve, settings, slow: as of `questions`.
         present: effects of the final model, in the order found.
-        doubts: those of them that something else outdoes (`doubted_effects`).
+        doubts: those of them for which another cause is likelier (`doubted_effects`).
     """
     names = tuple(name for name in present if name not in doubts)
-    asked = questions(rounds, names, curve, settings, slow, doubts)
-    chance = probabilities(asked, rounds, names, curve, settings, doubts)
+    round_questions = questions(rounds, names, curve, settings, slow, doubts)
+    chance = probabilities(round_questions, rounds, names, curve, settings, doubts)
     alike = {str(each.added): (str(each.added), *each.ties) for each in rounds}
     likely = {n: sum(chance.get(e, 0.0) for e in alike.get(n, (n,))) for n in names if n in chance}
     unlikely = [name for name, p in likely.items() if p < WORTH_NAMING]
     if unlikely:
         return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow)
-    return NamedEffects(names, tuple(doubts), asked, chance)
+    return NamedEffects(names, tuple(doubts), round_questions, chance)
 
 
 def probabilities(
-    asked: Sequence[Question],
+    round_questions: Sequence[Question],
     rounds: Sequence[RoundReport],
     added: Collection[str],
     curve: bool,
@@ -246,20 +248,20 @@ def probabilities(
 ) -> Mapping[str, float]:
     """The probability of every effect that was refitted, of "nothing" and of "unexplained", each from 0 to 1.
 
-    They are those of statements that do not exclude each other: two effects may both be there. "nothing" says that
-    nothing is missing which these data show: what is too faint for them is not denied.
+    The hypotheses do not exclude each other: two effects may both be present. "nothing" means that the model lacks no
+    effect which these data show; fainter effects may be present.
 
     Args:
-        asked: the questions of these rounds, with their answers.
+        round_questions: the questions of these rounds, with their answers.
         rounds, added, curve, settings, doubts: as of `questions`.
     """
-    *of_rounds, at_last = asked
+    *of_rounds, at_last = round_questions
     named: dict[str, float] = {}
     for each in of_rounds:
         for effect, p in each.answers.items():
             if effect not in (NOTHING, SOMETHING_ELSE, BETWEEN_SAMPLES):
                 named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
-    # what was taken away again, or is in doubt, is no more than what was never added
+    # an effect that was taken away again, or is in doubt, counts as one that was never added
     named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in _withdrawn(rounds, added)}
     silent = not (added or curve or doubts) and rounds[-1].evidence.white
     return {
@@ -270,12 +272,13 @@ def probabilities(
 
 
 def with_proven_effect(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
-    """`found` with an effect that was proven before the rounds: it is there but for a lapse, and "nothing" is not."""
+    """`found` with an effect that was proven before the rounds: its probability is 1 - lapse, and that of "nothing" is
+    multiplied by the lapse."""
     return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
 
 
 def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str]:
-    """Effects that a round added and that are not in the final model, or in doubt."""
+    """Effects that a round added and that are in doubt or not in the final model."""
     return {each.added for each in rounds if each.added is not None} - set(added)
 
 
@@ -288,7 +291,9 @@ def _probability_of_unnamed_rest(
         return 1.0 - settings.lapse
     if noise:
         return settings.lapse if named else settings.missed
-    if unread:  # a last round without candidates found no more than the formulas of what was named may leave
+    if (
+        unread
+    ):  # a last round without candidates: the misfit is no more than the formulas of the named effects may leave
         return settings.lapse
     return min(max(left_share(rounds, doubts), settings.lapse), 1.0 - settings.lapse)
 
@@ -298,9 +303,9 @@ def _answers(
 ) -> Mapping[str, float]:
     """Probabilities of the effects refitted in one round, "nothing" and "something else": they add up to one.
 
-    Effects and "nothing" get no more than `most`. Effects that the held-out traces contradict get nothing, as those
-    that are not worth their parameters get no more than `missed` all together. One that was taken away again leaves
-    what exceeds `missed` to something else.
+    In a round that added an effect, the accepted effects and "nothing" have the sum `most`, and effects that the
+    held-out traces contradict have 0. In a round that added none, all effects together have `missed` at most. An effect
+    that was taken away again has `missed` at most, and the rest of its probability goes to "something else".
     """
     changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0)
                for c in each.candidates if c.bic_change is not None}  # fmt: skip

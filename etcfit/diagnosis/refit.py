@@ -1,4 +1,4 @@
-"""A model refitted in full: descended, whitened anew until nothing moves, and compared with the model before."""
+"""Refits a model in full, whitens it anew until no parameter moves, and compares it with the model before."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REFIT_TOLERANCE = 1e-4  # relative change of chi2 that ends the descent before t
 NEAR_CHI2_PER_DOF = 10.0
 WHITENING_ROUNDS = 10  # most rounds of whitening and refitting
 STILL = 0.2  # standard errors: a round of whitening that moves no parameter by more is the last
-REWEIGHINGS = 2  # times that the samples are weighed by what is left in them, far from the data
+REWEIGHINGS = 2  # times that the samples are weighed by their residuals, far from the data
 WORSE_CHI2 = 1.5  # chi2 per sample after a full refit over that before, from which on the refit is refused
 
 
@@ -41,7 +41,8 @@ class Weighed(NamedTuple):
 
 
 def _weigh(problem: EstimationProblem, held_out: tuple[Trace, ...], x: np.ndarray, far: bool) -> Weighed:
-    """Near the data the residual is whitened at x; far from them it is guided and weighed by what is left in it."""
+    """The traces weighed for a model at x: whitened where it is near the data; guided, and each sample weighed by its
+    own residual, where it is far."""
     stiffness = guide_stiffness_of(problem, x)
 
     def one(b: EstimationProblem) -> tuple[EstimationProblem, WeightedData]:
@@ -63,7 +64,7 @@ def start(result: FitResult, settings: DiagnosisSettings) -> CandidateModel:
 
 
 def start_at(optimum: Optimum, settings: DiagnosisSettings) -> CandidateModel:
-    """As `start`, where a fit ended of which nothing else was computed."""
+    """As `start`, from the optimum of a fit whose other results were not computed."""
     end = replace(optimum.end, wander=None)
     return _begun(optimum.rig, optimum.problem, optimum.held_out, optimum.x, end, settings)
 
@@ -96,18 +97,18 @@ def whitened(
 
 
 def _reweighed(s: CandidateModel, held_out: tuple[Trace, ...]) -> CandidateModel:
-    """Far from the data: at the optimum of the guided residual, weighed by what is left there."""
+    """Far from the data: the model at the optimum of the guided residual, each sample weighed by its residual there."""
     for _ in range(REWEIGHINGS):
         s = whitened(s, s.problem, held_out, s.optimised().x, s.end)
     return s
 
 
 def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
-    """The model refitted in full: through the rounds of whitening where it comes near the data.
+    """The model refitted in full: a descent, then rounds of whitening where it comes near the data.
 
-    Where it does not, its guided residual is minimised; where those rounds spoil it, they begin anew from its x. So
-    they do for a model that was near, before it is called far: one wrong stick spoils the rest of a free run, which a
-    whitened residual forgives.
+    Where it stays far, its guided residual is minimised. Where the rounds make the model worse, they are repeated from
+    the coordinates before the descent. They are tried from there too before a model that was near is called far: a
+    whitened residual forgives one wrong stick, which spoils the rest of a free run.
     """
     problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
@@ -126,7 +127,7 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
 
 
 def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
-    """Refitted from x, whitened anew until nothing moves."""
+    """The model refitted from x and whitened anew until no parameter moves."""
     still, most = STILL, WHITENING_ROUNDS
     problem, _, x, end = rounds(problem.with_release_times(x), x, report, still, most)
     return whitened(s, problem, s.held_out, x, end)
@@ -137,7 +138,7 @@ def further_from_data(after: float | None, before: float | None) -> bool:
 
     Args:
         after, before: chi2 per sample, each by its own whitening; None far from the data, where it is 1 by construction
-            and compares with nothing.
+            and cannot be compared.
     """
     if before is None:
         return False

@@ -1,4 +1,4 @@
-"""What effects of the rig in single traces, and signals that are logged late, would do to the residual."""
+"""The signature in the residual of rig effects of single traces, and of signals that are logged late."""
 
 from __future__ import annotations
 
@@ -26,17 +26,19 @@ from .screen import Background, Signature, ranked
 from .settings import DiagnosisSettings
 from .tangents import Tangents, Variant
 
-# ---- What an effect of the rig in one trace alone would do to the residual: the tangent of a parameter, cut to that
-# trace
+# ---- The signature of an effect of the rig in one trace: the tangent of a parameter, restricted to that trace
 #
 #     d r / d a = d r / d p in the samples of the trace, 0 elsewhere
 #
-# A winding that was warm in one trace is an R_a of that trace (`like` of the effect's family). A channel that reads too
-# much in one trace is that of its whole test, where the model has that one; elsewhere what the reading alone does is
-# whitened: - W (d y_logged / d a). So a tangent, which is there anyway, or one whitening serves hundreds of traces.
+# A winding that was warm in one trace has the tangent of R_a there (`like` of the effect's family). A channel that
+# reads too much in one trace has the tangent of the same effect of the whole test, where the model contains that one;
+# elsewhere the change of the reading is whitened: - W (d y_logged / d a). So one known tangent, or one whitening,
+# serves hundreds of traces.
 
 
-LATE_STRETCHES = 20  # equal parts of a trace: what is late must explain more than the one that gains most, one event
+LATE_STRETCHES = (
+    20  # equal parts of a trace, each one event: a lateness must explain more than the part that gains most
+)
 
 
 RigEffect = type[AbstractRigEffect]
@@ -51,26 +53,25 @@ def screen_of_single_traces(
     candidates: Sequence[Effect],
     settings: DiagnosisSettings,
 ) -> list[Signature]:
-    """The signature of those candidates that stand out the most, of whole traces and of single channels; none of one
-    of which nothing here tells what it does.
-    """
+    """The signatures of the candidates that lower chi2 most, of whole traces and of single channels; candidates whose
+    tangent is unknown here are left out."""
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     if not rigs:
         return []
     rows, columns = rows_by_file(problem, weighted), _Columns(background, tangents, problem, x, weighted)
-    told = {e: column for e in rigs if (column := columns.of_effect(e)) is not None}
-    kinds = [{e: c for e, c in told.items() if is_of_one_channel(e) is single} for single in (False, True)]
+    known = {e: column for e in rigs if (column := columns.of_effect(e)) is not None}
+    kinds = [{e: c for e, c in known.items() if is_of_one_channel(e) is single} for single in (False, True)]
     few, found = settings.single_traces, []
     for effect in (e for kind in kinds for e in _standing_out(kind, background, rows)[:few]):
         (p,) = parameters_of(effect)
         own, whole = rows[effect.place.file], np.zeros((background.r.size, 1))
-        whole[own, 0] = told[effect][own]
+        whole[own, 0] = known[effect][own]
         found.append(background.signature(Variant(effect, {}, (p.symbol,)), whole, {p.symbol: p}))
     return found
 
 
 def of_whole_tests(candidates: Sequence[Effect]) -> set[str]:
-    """Parameters of effects of whole tests whose tangents say what candidates of single traces would do."""
+    """Parameters of effects of whole tests whose tangents give the signatures of candidates of single traces."""
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect) and not e.like]
     return {p.symbol for e in rigs for p in parameters_of(_in_whole_test(e))}
 
@@ -80,7 +81,7 @@ def _in_whole_test(effect: RigEffect) -> RigEffect:
 
 
 class _Columns:
-    """What effects of single traces would do, were they at work in every trace of their test.
+    """Signatures of effects of single traces, computed for every trace of their test.
 
     Args:
         background, tangents, problem, x, weighted: as of `screen_of_single_traces`.
@@ -99,7 +100,7 @@ class _Columns:
         self._kept: dict[RigEffect, np.ndarray | None] = {}
 
     def of_effect(self, effect: RigEffect) -> np.ndarray | None:
-        """d residual / d amplitude over its scale, shape (n,); None where nothing tells it."""
+        """d residual / d amplitude over its scale, shape (n,); None where it is unknown."""
         whole = _in_whole_test(effect)
         if whole not in self._kept:
             self._kept[whole] = self._of_test(whole)
@@ -113,7 +114,7 @@ class _Columns:
         return self._of_reading(whole) if found is None and whole.place.channel in OBSERVED else found
 
     def _of_parameter(self, symbol: str, scale: float) -> np.ndarray | None:
-        """By a parameter of the throttle, which the background has anyway."""
+        """The derivative by a parameter of the throttle, which the background contains."""
         layout = self._problem.layout
         if symbol not in layout.free:
             return None
@@ -135,7 +136,7 @@ class _Columns:
 
 
 def whitened(weighted: WeightedData, error: Float[np.ndarray, "T L M"]) -> Float[np.ndarray, "T L M"]:
-    """An error, SI, by the filter of the data."""
+    """An error, SI, whitened by the filter of the data."""
     if available():
         return late_kernels.whitened(weighted.whitening, error[None], rows_of(weighted))[0]
     return np.asarray(_by_jax(weighted.whitening, error))
@@ -150,8 +151,8 @@ def _standing_out(
     """Effects of single traces by how much they would lower chi2 from the samples of the trace alone, the most first.
 
     Args:
-        alone: the effects, and what each would do to all samples, shape (n,).
-        rows: of the fitted samples, by file.
+        alone: the effects, and the signature of each in all samples, shape (n,).
+        rows: fitted samples of each trace, by file.
     """
     gains: dict[RigEffect, float] = {}
     for effect, column in alone.items():
@@ -170,23 +171,22 @@ def rows_by_file(problem: EstimationProblem, weighted: WeightedData) -> dict[str
     return {trace.measurement.file: np.flatnonzero(fitted == k) for k, trace in enumerate(problem.batch.traces)}
 
 
-# ---- What a channel or a trace that is logged late would do to the residual: the same simulation, read off at other
-# times.
+# ---- The signature of a channel or a trace that is logged late: the same simulation, read at other times.
 #
 #     r(late) - r(0) = -W (y_hat(t - late) - y_hat(t))
 #
-# Nothing is simulated anew, and the whitening W of a trace knows no other, so one whitening for each channel and each
-# lateness tried serves every test and every trace: candidates cost next to nothing, were there hundreds of traces. A
-# shift as long as the signal's own changes has no useful derivative, so several are tried, of either sign; a short one
-# is taken as linear.
+# No new simulation is needed, and the whitening W of a trace does not depend on other traces. So one whitening for each
+# channel and each lateness tried serves every test and every trace, and hundreds of candidates are cheap. A shift as
+# long as the changes of the signal has no useful derivative, so several shifts of either sign are tried; a short one is
+# taken as linear.
 
 _SHIFTS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # sample intervals that are tried, late and early
 _SHORT = 0.5  # sample intervals over which a shift is taken as linear
-_SAME_RATE = 0.01  # relative difference of two sample intervals that no screening sees
+_SAME_RATE = 0.01  # relative difference up to which two sample intervals count as equal
 
 
 class _Change(NamedTuple):
-    """What the residual of the fitted samples would change by, were every channel late by so many sample intervals.
+    """Change of the residual of the fitted samples if every channel were late by so many sample intervals.
 
     Args:
         shift: sample intervals of each test, or of each trace; None: by channel for one interval, in the limit of a
@@ -198,7 +198,7 @@ class _Change(NamedTuple):
     by_channel: Mapping[str, np.ndarray]
 
     def by_effect(self, effect: RigEffect, rows: np.ndarray) -> np.ndarray:
-        """Of the channels that an effect moves, in some of the fitted samples: of one, or of all."""
+        """The change by the channels that an effect makes late, one or all, in some of the fitted samples."""
         channel = effect.place.channel
         moved = [self.by_channel[channel]] if channel in OBSERVED else self.by_channel.values()
         return np.sum([np.nan_to_num(each[rows], posinf=0.0, neginf=0.0) for each in moved], axis=0)
@@ -212,12 +212,11 @@ def screen_of_late(
     candidates: Sequence[Effect],
     settings: DiagnosisSettings,
 ) -> tuple[Signature, ...]:
-    """The signature of every candidate that logs late, the most promising first; of those of single traces, and of
-    single channels of them, only the few that stand out the most.
-    """
+    """The signature of every candidate that logs late, the most promising first; among candidates of single traces, and
+    of single channels of them, only the few that lower chi2 most."""
     rows, intervals = rows_by_file(problem, weighted), _Intervals.of_problem(problem)
     changes = _changes(problem, x, weighted, intervals.of_tests)
-    # a trace that was logged at another rate than its test is late by samples of its own
+    # a trace that was logged at another rate than its test is late by its own sample intervals
     of_traces = changes if intervals.alike else _changes(problem, x, weighted, intervals.of_traces)
     rigs = [e for e in candidates if issubclass(e, AbstractRigEffect)]
     kinds = [[e for e in rigs if e.place.file and is_of_one_channel(e) is single] for single in (False, True)]
@@ -228,7 +227,7 @@ def screen_of_late(
     for effect in (*(e for e in rigs if not e.place.file), *alone):
         (p,) = parameters_of(effect)
         change = (of_traces if effect.place.file else changes)[int(np.argmax(gains[effect]))]
-        way = -1.0 if effect.place.channel in DRIVING else 1.0  # beside a late input all others are early
+        way = -1.0 if effect.place.channel in DRIVING else 1.0  # relative to a late input all other channels are early
         by = way * intervals.at(effect.place) * (1.0 if change.shift is None else change.shift)
         column, own = np.zeros((background.r.size, 1)), _of(effect, rows)
         column[own, 0] = change.by_effect(effect, own) * p.domain.scale / by
@@ -238,7 +237,7 @@ def screen_of_late(
 
 
 def gain_in_one_event(s: CandidateModel, effect: Effect) -> float:
-    """By how much an effect that is at work lowers chi2 in one stretch of a trace, that where it lowers it the most."""
+    """The largest fall of chi2 that an effect at work makes in one stretch of a trace."""
     without = s.without(effect)
     with_it, before = (
         columns(each.problem.batch, each.problem.residual(each.x, each.weighted)) for each in (s, without)
@@ -262,7 +261,7 @@ def _of(effect: RigEffect, rows: Mapping[str, np.ndarray]) -> np.ndarray:
 def _gains(
     effect: RigEffect, background: Background, changes: Sequence[_Change], rows: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """By how much an effect would lower chi2 by each change, from the samples of its own traces alone."""
+    """Fall of chi2 that an effect promises for each change, from the samples of its own traces alone."""
     own = _of(effect, rows)
     among = background.among(own, np.column_stack([change.by_effect(effect, own) for change in changes]))
     far = np.array([change.shift is not None for change in changes])

@@ -1,4 +1,5 @@
-"""Round after round until one adds nothing; before them what the rig's checks found, and what a guide hides."""
+"""Runs rounds until one adds no effect; before them it adds effects that the rig's checks found or that a guide
+hides."""
 
 from __future__ import annotations
 
@@ -22,28 +23,29 @@ from .refit import is_no_worse, refit_fully
 from .score import Apart, Score, score
 from .trial import Trial, judge_trial
 
-# ---- What a guide hides: a sensor whose reading is not where the plate is, or a mistake of the rig
+# ---- Effects that a guide hides: a sensor that does not show where the plate is, or a mistake of the rig
 #
-# Far from the data candidates are compared in runs that are drawn along the measured angle. A plate drawn to where a
-# slow sensor has it has no lag left to show, a clock that is slow leaves it where it was measured, and the parameters
-# have bent to make up for it. So where the first effect found does not bring the model near its data, the joint fit is
-# made once more with such an effect in it; of the rig's, with those that promise most in a run that is not drawn.
+# Far from the data candidates are compared in runs that a guide draws along the measured angle. The guide removes the
+# lag that a slow sensor would show, and it places the plate as measured where a clock is slow; the fitted parameters
+# have moved to compensate for either. So where the first effect found does not bring the model near its data, the joint
+# fit is repeated with each such effect; among effects of the rig, with those that promise most in a run without a
+# guide.
 
 
 def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
-    """The candidates that a run drawn along the measured angle does not show."""
+    """The candidates that a run guided along the measured angle does not show."""
     return tuple(effect for effect in candidates if effect.hidden)
 
 
 def find_masked_effect(result: FitResult, turned: Round, report: Report) -> tuple[Round, CandidateModel] | None:
-    """A round that adds the effect hidden by the guide with which a fit comes nearest to the data, and the model after
-    it; None where none comes near.
+    """A round that adds an effect hidden by the guide, the one with which a fit comes nearest to the data, and the
+    model after it; None where no fit comes near.
 
-    Several may: two gains that read half bend the data much as one gear does. So while more than noise is left the
-    next one is tried too.
+    Several fits may come near: two gains that read half change the data much as one gear ratio does. So the next effect
+    is tried while more than noise is left.
 
     Args:
-        turned: the first round as it went, after which the model is still far from the data.
+        turned: the first round, after which the model is still far from the data.
     """
     candidates = (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before))
     found = nearest(_near(candidates, result, turned, report))
@@ -51,8 +53,8 @@ def find_masked_effect(result: FitResult, turned: Round, report: Report) -> tupl
         return None
     trial = trial_of(found.effect, turned.before, found.model)
     why = (
-        f"Drawn along the measured angle no effect comes near the data at once. That hides {found.effect.name}, and a "
-        f"fit with it comes near them: fitted error x {trial.verdict.fit_rms_ratio:.3f}."
+        "In runs guided along the measured angle no effect brings the model near the data at once. Such runs hide "
+        f"{found.effect.name}; a fit with it comes near them: fitted error x {trial.verdict.fit_rms_ratio:.3f}."
     )
     seen = tuple(g for g in turned.screened if g.variant.effect is found.effect)
     choice = Choice(Outcome.ADDED, found.effect, (), why)
@@ -63,10 +65,10 @@ class Near(NamedTuple):
     """A model that came near its data with one effect in it.
 
     Args:
-        effect: which.
-        model: refitted.
+        effect: the effect.
+        model: the refitted model.
         left: its chi2 per sample.
-        white: whether that is noise.
+        white: whether its residual is noise.
     """
 
     effect: Effect
@@ -76,7 +78,7 @@ class Near(NamedTuple):
 
 
 def nearest(found: Iterable[Near]) -> Near | None:
-    """The first that leaves nothing but noise, and no further one is asked for then; else the one that leaves least."""
+    """The first that leaves only noise (later ones are then not computed); else the one with the smallest chi2."""
     least = None
     for each in found:
         if each.white:
@@ -86,7 +88,7 @@ def nearest(found: Iterable[Near]) -> Near | None:
 
 
 def _near(candidates: Iterable[Effect], result: FitResult, turned: Round, report: Report) -> Iterator[Near]:
-    """Refits with one candidate each that reach the noise, one after the other."""
+    """Refits with one candidate each, in turn; those that come near the data."""
     for effect in candidates:
         report(f"fitting anew with {effect.name}", 0.9)
         s = fitted_with(effect, result, turned.before, turned.score, report)
@@ -115,11 +117,11 @@ def fitted_with(
 ) -> CandidateModel | None:
     """The model after a joint fit made anew with one effect more; None where it stays far from the data or is worse.
 
-    Where a number of rig.toml is wrong by what is stated, the rig is fitted that has the right one: readings, starts
-    and the steps of the integrator are of a rig that can be, and its optimum is where the effect's refit begins.
+    Where a check states that a number of rig.toml is wrong, the rig with the right number is fitted first, so that
+    readings, starts and integrator steps are sound; the refit with the effect begins at its optimum.
 
     Args:
-        stated: the effect's first parameter, SI, by the rig's checks; the graph readings and nominal values where None.
+        stated: the effect's first parameter by the rig's checks, SI; None: the graph readings and nominal values.
     """
     config, first = result.rig.config, parameters_of(effect)[0]
     of_the_rig = effect if issubclass(effect, AbstractRigEffect) else None
@@ -140,16 +142,16 @@ def fitted_with(
 
 
 def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial:
-    """The verdict on a model that was fitted anew with an effect, beside the one before it.
+    """The verdict on a model that was fitted anew with an effect, compared with the model before.
 
-    Both are compared under the whitening of the new one: drawn along the angle they would not differ.
+    Both are compared under the whitening of the new one, because guided along the angle they would not differ.
     """
     less = s.without(effect)
     less = replace(less, x=carried(before.x, before.problem.layout, less.problem.free_parameters, {}))
     return judge_trial(effect, score(less), s)
 
 
-# ---- Round after round until one adds nothing, and each of them as data for the report
+# ---- Rounds until one adds no effect, and each round as data for the report
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,12 +159,12 @@ class Progress:
     """How far the diagnosis has come.
 
     Args:
-        model: the model with all that was added.
+        model: the model with all added effects.
         found: the effects added, in the order found.
-        rounds: those made.
+        rounds: the rounds made so far.
         changed: a sentence for each effect that gave way to another or was taken away again.
-        even: other sets of effects that these data do not choose against, and how far their fits are.
-        free: values of the best free run of this model that is known, SI by symbol; empty where none is.
+        even: other sets of effects that these data do not rule out, and how far their fits are.
+        free: values of the best known free run of this model, SI by symbol; empty where none is known.
     """
 
     model: CandidateModel
@@ -178,18 +180,18 @@ class Progress:
         return bool(self.rounds) and self.rounds[-1].added is None
 
     @property
-    def beside_ties(self) -> dict[frozenset[Effect], Apart]:
-        """Of the even sets those that differ from the model's own by more than what is said to be a tie."""
+    def even_beyond_ties(self) -> dict[frozenset[Effect], Apart]:
+        """The even sets that differ from the model's own set by more than ties, which are reported separately."""
         here = frozenset(self.model.added)
         tied = [frozenset((each.effect, *each.ties)) for each in self.found]
         return {s: apart for s, apart in self.even.items() if not any(s ^ here <= group for group in tied)}
 
     def back_to(self, first: CandidateModel, *words: str) -> Progress:
-        """With the first model in place of the one reached."""
+        """The progress with the first model in place of the one reached."""
         return replace(self, model=first, changed=(*self.changed, *words), even={}, free={})
 
 
-Keep = Callable[[Progress], None]  # is given the progress after every round
+Keep = Callable[[Progress], None]  # called with the progress after every round
 
 
 def keep_nothing(progress: Progress) -> None:
@@ -203,7 +205,7 @@ def forward(
 
     Args:
         most: rounds in all; `rounds` of the settings where None.
-        keep: is given the progress after every round that added something.
+        keep: called with the progress after every round that added an effect.
     """
     limit = progress.model.settings.rounds
     most = limit if most is None else min(most, limit)
@@ -223,7 +225,8 @@ def forward(
 
 
 def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) -> tuple[Round, CandidateModel]:
-    """One round and the model after it; a first one that stays far from the data is asked what the guide hides."""
+    """One round and the model after it; after a first round that stays far from the data, effects that the guide hides
+    are tried."""
     turned, new = refit_chosen(run_round(s, report, formula_error_chi2(result.chi2_per_dof, s)), report)
     if first and new.far:
         return find_masked_effect(result, turned, report) or (turned, new)
@@ -234,7 +237,7 @@ def reported(turned: Round) -> RoundReport:
     """A round as plain data: candidates that were tried first, the lowest BIC first of them."""
     tried = {t.verdict.effect: t.verdict for t in turned.trials}
     screened = {g.variant.effect: (g.gain, g.own) for g in turned.screened}
-    # one that was refitted without a screening, for a check found it: what the refit gained stands for its promise
+    # an effect that a check found was refitted without a screening: the gain of its refit is reported as its promise
     screened |= {effect: (v.gain, 0.0) for effect, v in tried.items() if effect not in screened}
     candidates = []
     for effect, (gain, own) in screened.items():
@@ -258,14 +261,15 @@ def reported(turned: Round) -> RoundReport:
 
 # ---- What the rig's checks found before any fit is tried first, each from the value that the check states
 #
-# A check reads a mistake of the rig off the records alone: the ratio of two back-EMF constants is twice the gear ratio
-# given, the circuit of one test has 1.2 ohm more than that of another. A fit that does not know of it ends in a
-# compromise, or in another valley, from which no linear screening leads to the mistake. So where the first fit is far
-# from its data, the joint fit is made anew with each effect that a finding states, from the value that it states.
+# A check finds a mistake of the rig in the records alone: the ratio of two back-EMF constants is twice the given gear
+# ratio, or the circuit of one test has 1.2 ohm more than that of another. A fit without the mistake ends in a
+# compromise or in another local optimum, from which no linear screening leads to the mistake. So where the first fit is
+# far from its data, the joint fit is repeated with each effect that a finding states, from the stated value.
 
 
 def first_from_checks(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """The progress with each effect added that a finding of the rig's checks states, where a fit with it stands."""
+    """The progress with each effect added that a finding of the rig's checks states, where the fit with it is
+    accepted."""
     for effect, value in progress.model.composition.stated.items():
         if not progress.model.at_work(effect):
             progress = _with_effect(effect, value, result, progress, report)
@@ -273,7 +277,7 @@ def first_from_checks(result: FitResult, progress: Progress, report: Report) -> 
 
 
 def _with_effect(effect: Effect, value: float, result: FitResult, progress: Progress, report: Report) -> Progress:
-    """A round more, which adds the effect; the progress as it was where the fit with it does not stand."""
+    """The progress with one more round, which adds the effect; unchanged where the fit with it is not accepted."""
     before = progress.model
     was = score(before)
     report(f"fitting with {effect.name}, which the rig's checks found", 0.02)
@@ -284,7 +288,7 @@ def _with_effect(effect: Effect, value: float, result: FitResult, progress: Prog
     if not is_accepted(trial.verdict, before.settings):
         return progress
     why = (
-        f"The rig's checks found {effect.name} before any fit, and a fit with it stands: fitted error x "
+        f"The rig's checks found {effect.name} before any fit, and a fit with it confirms it: fitted error x "
         f"{trial.verdict.fit_rms_ratio:.3f}."
     )
     turned = Round(before, was, (), (trial,), Choice(Outcome.ADDED, effect, (), why))

@@ -1,4 +1,5 @@
-"""How well a model does: fitted and held out, with traces left out in turn, and how far two tied models are apart."""
+"""Scores a model on fitted traces, held-out traces and traces left out in turn, and measures how far two tied models
+are apart."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 
-# ---- How well a model does: on the traces that were fitted, and on those that were not
+# ---- The score of a model: errors on the fitted traces and on the held-out ones
 
 
 FOLD_TOLERANCE = 1e-3  # relative change of chi2 that ends a refit without one group
@@ -24,11 +25,11 @@ FOLD_TOLERANCE = 1e-3  # relative change of chi2 that ends a refit without one g
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """How well a model does, fitted and held out.
+    """The errors of a model, fitted and held out.
 
     Args:
         chi2: sum of squares of the whitened residual of the fitted traces.
-        count: of independent samples among them.
+        count: number of independent samples among them.
         held_out: chi2 of the held-out traces; None where there are none.
         fit_rows, holdout_rows: free-run errors by trace and channel.
     """
@@ -96,11 +97,11 @@ def _channels(problem: EstimationProblem, r: np.ndarray) -> Iterator[np.ndarray]
 
 
 def independent(residuals: Iterable[np.ndarray]) -> float:
-    """How many independent samples the residuals of several channels, shape (n,) each, are worth together.
+    """Number of independent samples that the residuals of several channels, shape (n,) each, contain together.
 
         sum over channels of n / f,    f = inflation of the variance of a mean by autocorrelation
 
-    A residual larger than its noise is brought to size 1 first.
+    A residual larger than its noise is first scaled to RMS 1.
     """
     count = 0.0
     for own in residuals:
@@ -113,14 +114,15 @@ def independent(residuals: Iterable[np.ndarray]) -> float:
 
 
 def groups_of(moving: Sequence[int], folds: int) -> list[list[int]]:
-    """Traces left out together: dealt out one by one to `folds` groups; none where fewer than two move."""
+    """Traces left out together: dealt out one by one to `folds` groups; empty where fewer than two traces move."""
     if len(moving) < 2:
         return []
     return [list(moving[start::folds]) for start in range(min(folds, len(moving)))]
 
 
 def folds(s: CandidateModel) -> list[np.ndarray]:
-    """Samples left out together, in turn: 1 in a mask of shape (T, L), 0 elsewhere; traces of a held plate never."""
+    """Samples left out together, in turn: 1 in a mask of shape (T, L), 0 elsewhere; traces of a held plate are never
+    left out."""
     moving = [k for k, t in enumerate(s.problem.batch.traces) if not t.test.boundary.plate_held]
     return [_mask(s, group) for group in groups_of(moving, s.settings.folds)]
 
@@ -135,7 +137,7 @@ def _mask(s: CandidateModel, group: Sequence[int]) -> np.ndarray:
 
 
 def only(weighted: WeightedData, mask: np.ndarray) -> WeightedData:
-    """Samples outside the mask, shape (T, L), get weight 0; all else stays."""
+    """The data with weight 0 for samples outside the mask, shape (T, L); everything else unchanged."""
     keep = mask[..., None]
     slots = weighted.slots._replace(weight=weighted.slots.weight * keep)
     return weighted._replace(
@@ -156,20 +158,19 @@ def chi2_within(s: CandidateModel, x: np.ndarray, mask: np.ndarray) -> float:
 def left_out(s: CandidateModel) -> float:
     """chi2 of all traces that move, each group predicted by the model refitted without it.
 
-    Models under one whitening compare; where there are too few traces to leave any out, it is 0 for all.
+    Models under one whitening can be compared by it; where there are too few traces to leave any out, it is 0 for all.
     """
     return sum(concurrently(lambda mask: chi2_within(s, refitted_without(s, mask), mask), folds(s)))
 
 
-# ---- Effects that these data cannot tell apart: how far their fits are, and what not knowing which one does to
-# parameters.
+# ---- Effects that these data cannot tell apart: how far their fits are, and how the tie widens the intervals
 #
 # Each of two tied models may be the true one, so an interval must hold the value that either gives:
 #
 #     C' = C + sum_t d_t d_t^T,    d_t = x_t - x of what both models fit
 #
 # Source: Buckland, Burnham and Augustin 1997, Biometrics 53(2) (model uncertainty). Differs from source: the whole
-# difference is taken, not one weighted by the models' odds, which a tie leaves open.
+# difference is taken, not one weighted by the models' odds, which are unknown in a tie.
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ class Apart:
 
 
 def distance_to(other: CandidateModel, best: CandidateModel) -> Apart:
-    """Two models under one whitening, side by side."""
+    """The distance between two models under one whitening."""
     difference = other.problem.residual(other.x, other.weighted) - best.problem.residual(best.x, best.weighted)
     here, there = (dict(zip(s.problem.layout.free, s.x.tolist(), strict=True)) for s in (best, other))
     return Apart(distance(difference, best.weighted.samples), coordinate_changes(there, here))
@@ -203,10 +204,10 @@ def coordinate_changes(there: Mapping[str, float], here: Mapping[str, float]) ->
 
 
 def tie_covariance(free: Sequence[str], ties: Iterable[Apart]) -> np.ndarray:
-    """sum_t d_t d_t^T: what not knowing which of the tied effects it is adds to the covariance of the coordinates.
+    """sum_t d_t d_t^T: covariance of the coordinates that is added because the tied effects cannot be told apart.
 
     Args:
-        free: symbols of the coordinates, P of them; what a tied model does not fit counts as not moved.
+        free: symbols of the P coordinates; a coordinate that a tied model does not fit counts as not moved.
     Returns:
         shape (P, P).
     """

@@ -1,11 +1,11 @@
-"""Every candidate's signature in the residual, for the price of one tangent each: the score test.
+"""Every candidate's signature in the residual, at the cost of one tangent each: the score test.
 
     gain = max_a |r|^2 - |r + C' a|^2,    C' = (1 - Q Q^T) dr/da
 
-with a the amplitudes of an effect at its off value, bounded where they are, and Q an orthonormal basis of what the
-fitted parameters can do to the residual. The shape parameters of an effect that is off have no tangent: each of their
-`scan` values makes a variant of its own. An amplitude that is scanned stays at its value a, with (r(a) - r(0))/a in
-place of dr/da.
+with a the amplitudes of an effect at its off value, within their bounds, and Q an orthonormal basis of the changes that
+the fitted parameters can make to the residual. The shape parameters of an effect that is off have no tangent: each of
+their `scan` values makes a separate variant. An amplitude that is scanned stays at its value a, with (r(a) - r(0))/a
+in place of dr/da.
 
 Source: Rao 1948 (score test); Chernoff 1954 for amplitudes on a bound. Differs from source: no.
 """
@@ -30,11 +30,11 @@ from .tangents import (
     some_at_once,
 )
 
-_RIDGE = 1e-5  # ridge on amplitudes, their columns of length 1: keeps one that only adds to another's at rest
+_RIDGE = 1e-5  # ridge on amplitudes, their columns of length 1: keeps an amplitude at 0 that duplicates another
 
 
 def lowest(domains: Sequence[AbstractDomain]) -> np.ndarray:
-    """The least value of each amplitude over its scale, shape (k,): 0, or none."""
+    """The lower bound of each amplitude over its scale, shape (k,): 0 or minus infinity."""
     return np.array([0.0 if isinstance(domain, NonNegative) else -np.inf for domain in domains])
 
 
@@ -52,19 +52,19 @@ def bounded(columns: np.ndarray, target: np.ndarray, low: np.ndarray) -> np.ndar
 
 
 RIGS_AT_ONCE = 16  # tangents of the rig in one kernel: more take long to compile, and much memory
-IMITATED = 1e-6  # share of a signature's power below which fitted parameters do all of it
+IMITATED = 1e-6  # share of a signature's power below which fitted parameters imitate all of it
 _TINY = 1e-10  # singular values below this share of 1 count as zero
 
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """What a variant would do to the residual.
+    """The linearised change that a variant makes to the residual.
 
     Args:
-        variant: of which candidate.
-        columns: d residual / d amplitude over its scale, free of what the fitted parameters can do, shape (n, k).
-        gain: by how much it would lower chi2, by the linearised model.
-        values: amplitudes (SI) at which it would, and its shape, by symbol.
+        variant: the variant of a candidate.
+        columns: d residual / d amplitude over its scale, projected off the fitted parameters, shape (n, k).
+        gain: fall of chi2 by the linearised model.
+        values: amplitudes (SI) at which chi2 is lowest, and the shape parameters, by symbol.
         own: share of the signature's power that no fitted parameter can imitate.
         seen: how many of the amplitudes the residual shows at all.
     """
@@ -77,17 +77,17 @@ class Signature:
     seen: int = 0
 
     def briefly(self) -> Signature:
-        """Without its columns, which are as long as all samples."""
+        """The signature without its columns, which are as long as all samples."""
         return replace(self, columns=np.empty((0, self.columns.shape[1])))
 
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The residual of the fitted model and all that its parameters can do to it.
+    """The residual of the fitted model and the space of changes that its parameters can make.
 
     Args:
-        r: residual of the fitted samples, free of what the parameters can do, shape (n,).
-        basis: of what they can do, orthonormal, shape (n, p), p <= P.
+        r: residual of the fitted samples, projected off the parameters, shape (n,).
+        basis: orthonormal basis of the changes by the parameters, shape (n, p), p <= P.
         jacobian: of the residual in the parameters, shape (n, P).
     """
 
@@ -97,12 +97,12 @@ class Background:
 
     @classmethod
     def of_model(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
-        """That of a model at coordinates x, shape (P,)."""
+        """The background of a model at coordinates x, shape (P,)."""
         return cls.spanned(*fitted_samples(problem, x, weighted))
 
     @classmethod
     def spanned(cls, r: np.ndarray, jacobian: np.ndarray) -> Background:
-        """That of a residual, shape (n,), and its Jacobian, shape (n, P); columns that depend on others add nothing."""
+        """The background of a residual, shape (n,), and its Jacobian, shape (n, P); dependent columns add nothing."""
         columns = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         keep = values > _TINY
@@ -115,7 +115,7 @@ class Background:
         return columns - basis @ (basis.T @ columns)
 
     def among(self, rows: np.ndarray, columns: np.ndarray) -> Own:
-        """What columns do to some samples alone.
+        """The contribution of columns to some samples alone.
 
         Args:
             rows: of the fitted samples, shape (m,).
@@ -140,7 +140,7 @@ class Background:
         if share == 0.0:
             return Signature(variant, own, 0.0, {**variant.shape, **(variant.effect.off or {})}, 0.0)
         mine = [parameters[s] for s in variant.amplitudes]
-        if any(s in variant.shape for s in variant.amplitudes):  # a secant tells of that value, of no smaller one
+        if any(s in variant.shape for s in variant.amplitudes):  # a secant holds for that value, not for smaller ones
             amplitudes = np.array([variant.shape[p.symbol] / p.domain.scale for p in mine])
             gain = max(float(self.r @ self.r - np.sum((self.r + own @ amplitudes) ** 2)), 0.0)
         else:
@@ -151,20 +151,20 @@ class Background:
 
 
 class Own(NamedTuple):
-    """Of columns c, from some samples alone: r c, and |c|^2 of what no parameter can do, 0 where that is next to
-    nothing; shape (k,) each."""
+    """For columns c, from some samples alone: r c, and |c|^2 of the part that no parameter can imitate, 0 where that is
+    negligible; shape (k,) each."""
 
     way: np.ndarray
     power: np.ndarray
 
     @property
     def gain(self) -> np.ndarray:
-        """By how much each column alone would lower chi2, its amplitude free, shape (k,)."""
+        """Fall of chi2 by each column alone, its amplitude free, shape (k,)."""
         return np.divide(self.way**2, self.power, out=np.zeros(self.way.size), where=self.power > 0.0)
 
 
 def _bounded(mine: Sequence[Parameter], columns: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, float]:
-    """Amplitudes over their scales that lower |r + C a|^2 the most, none beyond its bound, and by how much."""
+    """Amplitudes over their scales that minimise |r + C a|^2 within their bounds, and the fall."""
     size = np.linalg.norm(columns, axis=0)
     own = size > 0.0  # an amplitude without a signature stays at its off value
     q, upper = np.linalg.qr(columns[:, own] / size[own])
@@ -184,10 +184,11 @@ def screen_of_the_rig(
 ) -> list[Signature]:
     """The signature of every candidate that acts around the throttle.
 
-    Their tangents are columns of the Jacobian of the lean model with all of them free, some at a time.
+    Their tangents are columns of the Jacobian of the lean model in which all of them are free; they are computed in
+    groups.
 
     Args:
-        tangents: of the model with all of them at work, at their off values.
+        tangents: tangents of the model with all these effects at work, at their off values.
     """
     layout, found = tangents.problem.layout, []
     parameters = {p.symbol: p for p in layout.parameters}

@@ -1,4 +1,4 @@
-"""Sets of effects beside the one that came round by round: pairs scored together, and the best refitted."""
+"""Alternative sets of effects to the one that the rounds found: pairs are scored together and the best refitted."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ from .screen import Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
 from .trial import Cost, Trial, bic_change, judge_trial
 
-# ---- Every pair of candidates scored together: what two effects explain at once that neither explains alone
+# ---- Every pair of candidates scored together: what two effects explain together that neither explains alone
 #
 #     gain_ab = max |r|^2 - |r + C_a' a + C_b' b|^2
 #
 # One QR of all signatures side by side, [C', r] = Q R, replaces n samples by as many rows as there are columns, so that
-# a pair costs the solution of a few equations and thousands of pairs a second. Bounds of amplitudes are dropped first:
-# without them a pair gains no less, so that only pairs that may still be among the best are solved with them.
+# a pair costs the solution of a few equations: thousands of pairs a second. The bounds of amplitudes are left out at
+# first. Without them a pair gains no less, so only pairs that may still be among the best are solved with them.
 #
 # Source: Rao 1948 (score test), all subsets of size two (Miller 2002, Subset Selection in Regression, ch. 2). Differs
 # from source: amplitudes are bounded.
 
 
-_NOTHING = 1e-5  # length of a column, once 1, below which another effect does all of it
+_NOTHING = 1e-5  # length of a column, originally 1, below which another effect imitates all of it
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two effects, and what they would do to the residual together.
+    """Two effects, and the fall of chi2 that they promise together.
 
     Args:
         effects: the two.
-        gain: by how much they would lower chi2, by the linearised model.
-        values: of all their parameters, SI by symbol, at which they would.
+        gain: fall of chi2 by the linearised model.
+        values: all their parameters at the lowest chi2, SI by symbol.
     """
 
     effects: tuple[Effect, Effect]
@@ -67,11 +67,11 @@ class _Block(NamedTuple):
 
 
 def pairs(signatures: Sequence[Signature], r: np.ndarray, most: int) -> tuple[Pair, ...]:
-    """The pairs that would lower chi2 the most, each of two effects at their best shapes, the largest gain first.
+    """The pairs that lower chi2 most, each of two effects at their best shapes, the largest gain first.
 
     Args:
-        signatures: of every variant of every candidate, their columns free of what the fitted parameters can do.
-        r: the residual free of it, shape (n,).
+        signatures: of every variant of every candidate, their columns projected off the fitted parameters.
+        r: the residual projected likewise, shape (n,).
     """
     blocks = _blocks([s for s in signatures if s.own > 0.0])
     if len(blocks) < 2:
@@ -116,7 +116,8 @@ def _blocks(signatures: Sequence[Signature]) -> list[_Block]:
 def _without_bounds(blocks: Sequence[_Block], system: _System) -> list[tuple[float, int, int]]:
     """Gain of each pair of different effects, amplitudes free, the largest first.
 
-    The first of the two is taken out of all columns and of the target; what the second then does adds up.
+    All columns and the target are projected off the first effect; the gain of the second then adds to that of the
+    first.
     """
     out = []
     for a, first in enumerate(blocks):
@@ -165,17 +166,17 @@ def _values(block: _Block, amplitudes: np.ndarray) -> dict[str, float]:
     return {s: float(a * k) for s, a, k in zip(symbols, amplitudes, block.scale, strict=True)}
 
 
-# ---- Sets of effects beside the one that came round by round: the best pairs, refitted from the first model
+# ---- Alternative sets of effects: the best pairs, refitted from the first model
 #
-# A round adds the one effect that explains most alone. Where two are missing, a third that does a little of both may be
-# that one, and hide them. So where the rounds leave more than noise or found several effects, all pairs are scored
-# together at the first model, and the best few that the rounds did not find are refitted from there, with further
-# rounds after them. That model and the rounds' own are compared under one whitening, the latter's, by BIC.
+# A round adds the one effect that explains most alone. Where the model lacks two, a third that explains a part of both
+# may be that one and hide them. So where the rounds leave more than noise or found several effects, all pairs are
+# scored together at the first model, and the best few that the rounds did not find are refitted from there, with
+# further rounds after them. That model and the rounds' own are compared by BIC, both under the whitening of the latter.
 #
-# Source: all subsets beside stepwise selection (Miller 2002, Subset Selection in Regression, ch. 3). Differs from
-# source: subsets of two, ranked by the score test; only the best few are refitted.
+# Source: all subsets compared with stepwise selection (Miller 2002, Subset Selection in Regression, ch. 3). Differs
+# from source: subsets of two, ranked by the score test; only the best few are refitted.
 
-_SCORED = 60  # pairs kept of the score test: enough for those that rivals of the two make
+_SCORED = 60  # pairs kept of the score test: enough to include the pairs of rivals of the two
 
 
 def searched(
@@ -216,12 +217,12 @@ def is_open(added: int, white: bool) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """What sets of effects promise by the linearised model: by how much BIC would fall.
+    """The fall of BIC that sets of effects promise by the linearised model.
 
     Args:
         per_chi2: fall of -2 log likelihood for one unit of chi2.
-        price: BIC asked for each effect: its parameters and the variants that it was chosen from.
-        alone: gain of chi2 of each effect alone.
+        price: BIC cost of each effect: its parameters and the variants that it was chosen from.
+        alone: fall of chi2 by each effect alone.
     """
 
     per_chi2: float
@@ -230,14 +231,14 @@ class Promise:
 
     @classmethod
     def of_candidates(cls, before: Score, data: ScoredCandidates, composition: Composition) -> Promise:
-        """That of candidates measured at a model with this score."""
+        """The promise of candidates whose signatures were taken at a model with this score."""
         alone = {g.variant.effect: g.gain for g in ranked(data.signatures)}
         costs = {e: Cost.of_effect(e, composition) for e in alone}
         price = {e: c.parameters * np.log(before.count) + 2.0 * np.log(c.variants) for e, c in costs.items()}
         return cls(before.likelihood_per_chi2, price, alone)
 
     def worth(self, effects: Iterable[Effect], gain: float) -> float:
-        """Fall of BIC where effects lower chi2 by this gain."""
+        """Fall of BIC if the effects lower chi2 by this gain."""
         return gain * self.per_chi2 - sum(self.price[e] for e in effects)
 
     def of_one(self, effect: Effect) -> float:
@@ -248,32 +249,32 @@ class Promise:
 def promising(
     every: Sequence[Pair], promise: Promise, added: Sequence[Effect], settings: DiagnosisSettings
 ) -> list[Pair]:
-    """The pairs that promise more than each of their effects alone, and more than what the rounds found.
+    """The pairs that promise more than each of their effects alone, and more than the effects that the rounds found.
 
     Args:
-        added: what the rounds found; of more than two effects the best two are what is compared.
+        added: the effects that the rounds found; of more than two, the best two are compared.
         settings: `pair_refits`, and `strong_bic_change` as what the second effect must promise.
     """
     worth = [promise.worth(p.effects, p.gain) for p in every]
     mine = [w for p, w in zip(every, worth, strict=True) if set(p.effects) <= set(added)]
-    asked = max((*mine, *(promise.of_one(e) for e in added if e in promise.alone)), default=0.0)
+    least = max((*mine, *(promise.of_one(e) for e in added if e in promise.alone)), default=0.0)
 
     def promises(p: Pair, w: float) -> bool:
         second = w - max(promise.of_one(e) for e in p.effects)
-        return not set(p.effects) <= set(added) and w > asked and second > -settings.strong_bic_change
+        return not set(p.effects) <= set(added) and w > least and second > -settings.strong_bic_change
 
     return [p for p, w in zip(every, worth, strict=True) if promises(p, w)][: settings.pair_refits]
 
 
 def in_place_of(old: Sequence[Effect], new: Sequence[Effect]) -> str:
-    """One sentence for a set of effects, or none, in whose place another is taken."""
+    """One sentence on a set of effects, which may be empty, that is replaced by another."""
     before = f"{listed(e.name for e in old)} gave way to" if old else "Nothing was found one by one; there is"
     return f"{before} {listed(e.name for e in new)}, scored together."
 
 
 class Comparison(NamedTuple):
-    """Of one model in place of another: the change of BIC, None where they do not compare; whether it is better; and
-    how far its fit is, where these data do not choose between the two."""
+    """A comparison of two models: the change of BIC, None where they cannot be compared; whether the first is better;
+    and how far their fits are, where these data do not choose between the two."""
 
     bic_change: float | None
     better: bool
@@ -283,17 +284,17 @@ class Comparison(NamedTuple):
 def compared_with(other: CandidateModel, s: CandidateModel) -> Comparison:
     """One model in place of another, both under the whitening of the latter.
 
-    A model near the data is better than one that is far from them; two of which either is far do not compare. One that
-    predicts held-out traces clearly worse is neither better nor as good.
+    A model near the data is better than one that is far from them; otherwise two models cannot be compared where one is
+    far. A model that predicts held-out traces clearly worse is neither better nor equally good.
     """
     if other.far or s.far:
         return Comparison(None, s.far and not other.far)
     here, there = score(s), s.with_effects(other.added, other.values).optimised()
-    after, asked = score(there), TIED_LIKELIHOOD
+    after, least = score(there), TIED_LIKELIHOOD
     change = bic_change(here, after, Cost(there.x.size - s.x.size, 1))
     if holdout_worsened(after.holdout_rms, here.holdout_rms, s.settings.refit_rise):
         return Comparison(change, False)
-    return Comparison(change, change < -asked, distance_to(there, s) if abs(change) < asked else None)
+    return Comparison(change, change < -least, distance_to(there, s) if abs(change) < least else None)
 
 
 # ---- a pair taken in
@@ -308,7 +309,7 @@ def _begun_with(
     promise: Promise,
     report: Report,
 ) -> Progress | None:
-    """The first model refitted with a pair; None where one of the two is not worth its parameters beside the other."""
+    """The first model refitted with a pair; None where one of the two is not worth its parameters with the other."""
     new = refit_fully(first.trying(pair.effects, pair.values).optimised(), report)
     if not is_no_worse(new, first, before):
         return None
@@ -334,13 +335,13 @@ def _begun_with(
 def rivals(
     effect: Effect, pair: Pair, every: Sequence[Pair], promise: Promise, settings: DiagnosisSettings
 ) -> dict[Effect, dict[str, float]]:
-    """Effects that in the place of one of a pair explain a good part of it, with their parameters' values."""
+    """Effects that explain a good part of the same in the place of one of a pair, with their parameters' values."""
     (other,) = (e for e in pair.effects if e is not effect)
     alone = promise.alone[other]
-    asked = EXCHANGE_RIVAL * (pair.gain - alone)
+    least = EXCHANGE_RIVAL * (pair.gain - alone)
     found = {}
     for p in every:
-        if other in p.effects and effect not in p.effects and p.gain - alone > asked:
+        if other in p.effects and effect not in p.effects and p.gain - alone > least:
             (rival,) = (e for e in p.effects if e is not other)
             found[rival] = {symbol: p.values[symbol] for symbol in resting(rival)}
     return dict(list(found.items())[: settings.refits])

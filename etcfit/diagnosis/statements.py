@@ -1,4 +1,8 @@
-"""What a diagnosis states: each name and how sure it is, mistakes of the rig and their cure, and the verdict."""
+"""Writes the sentences of a diagnosis: how sure each named effect is, mistakes of the rig with their cure, the verdict.
+
+`course` calls it at the end, with the probabilities of `probabilities`; terminal, pages and closing lines print its
+sentences.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +20,7 @@ from .probabilities import SOMETHING_ELSE, likely_hypotheses, likely_in_one_line
 from .score import clearly_worse
 from .settings import DiagnosisSettings
 
-# ---- What a diagnosis states of each name: how sure it is, what else could explain the same, which measurement would
-# tell
-#
-# One place has the words; terminal, pages and closing lines print the sentence of a statement.
+# ---- The statement on each named effect: how sure it is, other explanations, and the measurement that would decide
 
 
 FOUND, PROBABLY = 0.9, 0.7
@@ -29,7 +30,7 @@ _MISTAKE = {"found": "Found: a mistake of the rig", "probably": "Probably a mist
 
 
 def certainty(probability: float) -> str:
-    """ "found" from 0.90, "probably" from 0.70, "may be" below, by the two digits that are shown."""
+    """The word for a probability: "found" from 0.90, "probably" from 0.70, "may be" below, by the two digits shown."""
     shown = round(probability, 2)
     return "found" if shown >= FOUND else "probably" if shown >= PROBABLY else "may be"
 
@@ -39,18 +40,18 @@ def statements(
     values: Mapping[str, float],
     probabilities: Mapping[str, float],
     rounds: Sequence[RoundReport],
-    asked: Sequence[Question],
+    questions: Sequence[Question],
     settings: DiagnosisSettings,
 ) -> tuple[Statement, ...]:
     """A statement on each effect that was added.
 
     Args:
         added: effects at work in the final model, in the order found.
-        values: of that model, SI by symbol.
-        probabilities: of the effects; one without any is taken as proven.
-        rounds: of the diagnosis, and what each `asked`.
+        values: parameters of that model, SI by symbol.
+        probabilities: of the effects; an effect without one counts as proven.
+        rounds, questions: the rounds of the diagnosis, and the question of each with its answers.
     """
-    answers = {each.added: question.answers for each, question in zip(rounds, asked, strict=False)}
+    answers = {each.added: question.answers for each, question in zip(rounds, questions, strict=False)}
     return tuple(
         statement(e, Named.of_effect(e, values), probabilities.get(e.name, 1.0), answers.get(e.name, {}), settings)
         for e in added
@@ -58,7 +59,7 @@ def statements(
 
 
 class Named(NamedTuple):
-    """An effect in words.
+    """The name of an effect in a sentence.
 
     Args:
         called: its name, or the mistake of the rig, its place and its size.
@@ -70,7 +71,7 @@ class Named(NamedTuple):
 
     @classmethod
     def of_effect(cls, effect: Effect, values: Mapping[str, float]) -> Named:
-        """With the size that it has in a fitted model, SI by symbol."""
+        """The name of an effect with its size in a fitted model, SI by symbol."""
         if not issubclass(effect, AbstractRigEffect):
             return cls(effect.name)
         first = parameters_of(effect)[0]
@@ -82,7 +83,7 @@ class Named(NamedTuple):
 def statement(
     effect: Effect, named: Named, probability: float, answers: Mapping[str, float], settings: DiagnosisSettings
 ) -> Statement:
-    """On one effect; it is acted on where it is at least as probable as `suspicion` asks."""
+    """The statement on one effect; it is acted on where its probability is at least `suspicion`."""
     instead = dict(likely_hypotheses({e: p for e, p in answers.items() if e not in (effect.name, SOMETHING_ELSE)}))
     word, acted_on = certainty(probability), not round(probability, 2) < settings.suspicion
     if not named.mend:
@@ -95,21 +96,21 @@ def statement(
 
 
 def _to_measure(instead: Mapping[str, float], told_by: str) -> str:
-    """What else could be, and which measurement would tell."""
+    """The other explanations, and the measurement that would decide."""
     others = likely_in_one_line(instead)
-    return f"{f' What else could be: {others}.' if others else ''} What would tell: {told_by}."
+    return f"{f' Other possible causes: {others}.' if others else ''} A measurement that would decide: {told_by}."
 
 
-# ---- What the diagnosis found to be wrong with the rig rather than lacking in the model, and what to do about it
+# ---- Mistakes of the rig, as opposed to effects that the model lacks, and their cure
 #
-# A mistake that is likely enough comes with the line of rig.toml that mends it, a suspicion with the measurement that
-# would tell (`DiagnosisSettings.suspicion`).
+# A mistake that is probable enough comes with the line of rig.toml that mends it, a suspicion with the measurement that
+# would decide (`DiagnosisSettings.suspicion`).
 
 
 def rig_mistakes(
     added: Sequence[Effect], values: Mapping[str, float], stated: Sequence[Statement]
 ) -> tuple[RigMistake, ...]:
-    """Of the effects added those that are the rig's."""
+    """The mistakes of the rig among the effects added."""
     return tuple(
         _mistake(e, values, each) for e, each in zip(added, stated, strict=True) if issubclass(e, AbstractRigEffect)
     )
@@ -132,7 +133,7 @@ def _mistake(effect: type[AbstractRigEffect], values: Mapping[str, float], state
     )
 
 
-# ---- The last word of a diagnosis: whether its final model is kept, and the whole in a few sentences
+# ---- Whether the final model is kept, and the verdict of a diagnosis in a few sentences
 
 _NOTHING = "The residual is noise: the model lacks nothing that these data show."
 
@@ -140,15 +141,15 @@ _NOTHING = "The residual is noise: the model lacks nothing that these data show.
 def runs_free_worse(after: FitResult, before: FitResult, settings: DiagnosisSettings) -> bool:
     """Whether the final model, run free, predicts held-out traces clearly worse than the first fit does.
 
-    The RMS of the fitted traces is compared where none are held out. Far from the data effects are judged in a guided
-    residual, which a wrong one may lower too.
+    Where no traces are held out, the RMS of the fitted traces is compared. The comparison is needed because far from
+    the data effects are judged by a guided residual, which a wrong effect may lower too.
     """
     end, beginning = (pooled(result.score_holdout or result.score_fit) for result in (after, before))
     return clearly_worse(end, beginning, settings.refit_rise)
 
 
 def tie(found: Found) -> Tie:
-    """An effect found and those that these data cannot tell from it."""
+    """The tie of an effect found with the effects that these data cannot tell from it."""
     group = (found.effect, *found.ties)
     told_by = "; ".join(f"{e.name}: {e.told_by}" for e in group)
     return Tie(tuple(e.name for e in group), tuple(each.residual for each in found.ties.values()), told_by)
@@ -161,10 +162,10 @@ def verdict(
     rounds: Sequence[RoundReport],
     rig: Sequence[RigMistake] = (),
 ) -> tuple[str, ...]:
-    """The whole in a few sentences: what was found and how sure, what cannot be told apart, what is left.
+    """The verdict in a few sentences: the effects found and how sure they are, ties, and the remaining residual.
 
     Args:
-        rounds: all of them, the last of which adds nothing unless they ran out.
+        rounds: all rounds; the last one adds no effect unless the limit of rounds was reached.
     """
     of_the_rig = {mistake.effect for mistake in rig}
     words = [each.sentence for each in sorted(stated, key=lambda each: each.effect not in of_the_rig)]
@@ -181,5 +182,5 @@ def verdict(
     elif not rounds[-1].candidates:
         words.append(rounds[-1].why)
     elif not rounds[-1].evidence.white:
-        words.append("The residual is not all noise, but nothing that was tried explains what is left.")
+        words.append("The residual is not all noise, but no effect that was tried explains the rest.")
     return tuple(words)

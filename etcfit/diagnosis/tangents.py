@@ -1,4 +1,4 @@
-"""What effects that act in the throttle do to the residual of a model without them, each by the cheapest way."""
+"""Tangents of the residual in the amplitudes of effects that act in the throttle, each computed in the cheapest way."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from ..problem.residual import WeightedData, residual
 from .candidate_model import CandidateModel
 from .composition import Effect, resting
 
-# numerics, no policy: a step, a memory bound, and what counts as zero in double precision
-_PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: on a bound of 0 it may not exist
-AT_ONCE = 8  # tangents side by side
+# numerical constants: a step and bounds on memory
+_PROBE = 1e-3  # amplitude over its scale at which a tangent is taken: at a bound of 0 the tangent may not exist
+AT_ONCE = 8  # tangents computed together
 _TOGETHER = 128  # most effects times tangents of one model
 
 
@@ -37,7 +37,7 @@ class Variant:
     Args:
         effect: the candidate.
         shape: shape parameters, and amplitudes that are scanned, SI by symbol.
-        amplitudes: symbols.
+        amplitudes: symbols of the amplitudes.
     """
 
     effect: Effect
@@ -46,7 +46,7 @@ class Variant:
 
 
 def variants(effect: Effect) -> tuple[Variant, ...]:
-    """A candidate at every combination of its `scan` values; other shapes nominal."""
+    """A candidate at every combination of its `scan` values; its other shape parameters are nominal."""
     rest, off = resting(effect), effect.off or {}
     shape = {s: v for s, v in rest.items() if s not in off}
     grid = itertools.product(*effect.scan.values())
@@ -54,11 +54,11 @@ def variants(effect: Effect) -> tuple[Variant, ...]:
 
 
 def in_groups(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:
-    """Effects that are screened in one model: few enough for what its tangents cost, and alike in delaying signals and
-    in whether they need tangents.
+    """Groups of effects that are screened in one model: few enough for the cost of their tangents, and alike in whether
+    they delay signals and whether they need tangents.
 
-    A tangent costs about as much as there are effects in the model that it is taken in, so those with many variants go
-    by themselves or nearly; but each model is a program to compile. The path has to be kept where anything delays.
+    The cost of a tangent grows with the number of effects in the model, so an effect with many variants is alone or
+    nearly alone in its group; but each model is a program to compile. A model with a delay has to keep the path.
     """
     groups: list[tuple[Effect, ...]] = []
     for effect in sorted(effects, key=lambda e: (*_kind(e), -_tangents_of(e))):
@@ -73,12 +73,12 @@ def in_groups(effects: Sequence[Effect]) -> list[tuple[Effect, ...]]:
 
 
 def _tangents_of(effect: Effect) -> int:
-    """How many tangents it takes to screen an effect."""
+    """Number of tangents that the screening of an effect takes."""
     return sum(len(variant.amplitudes) for variant in variants(effect))
 
 
 def _kind(effect: Effect) -> tuple[bool, bool]:
-    """Whether it delays, and whether all its amplitudes are scanned."""
+    """Whether an effect delays signals, and whether all its amplitudes are scanned."""
     return effect.delays, set(effect.off or {}) <= set(effect.scan)
 
 
@@ -111,7 +111,7 @@ def tangents(
     seen, padded = np.asarray(weighted.slots.weight) > 0.0, layout.padded(x)
 
     def one(full: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """The derivative along the way; the residual where there is none."""
+        """The derivative along a direction; the residual itself where the direction is 0."""
         at = layout.form.full(padded, weighted.pick._replace(full=full))
         if not way.any():
             return np.asarray(residual_kernels.compared(layout.form, at, weighted).r)[seen]
@@ -140,12 +140,13 @@ def tangents(
 
 
 def off_its_bound(domain: AbstractDomain) -> float:
-    """How far off its off value an amplitude is differentiated, over its scale: 0 where it may have either sign."""
+    """Distance from the off value at which an amplitude is differentiated, over its scale: 0 where either sign is
+    allowed."""
     return _PROBE if isinstance(domain, NonNegative) else 0.0
 
 
 class _Directions(NamedTuple):
-    """Sets of all values, and directions in which the residual is differentiated there, 0 where it is asked for itself;
+    """Sets of all values, and directions in which the residual is differentiated there, 0 for the residual itself;
     shape (K, Q) each."""
 
     fulls: np.ndarray
@@ -182,13 +183,15 @@ def fitted_samples(problem: EstimationProblem, x: np.ndarray, weighted: Weighted
 
 @dataclass(frozen=True, eq=False)
 class Tangents:
-    """Derivatives of the residual of the fitted samples in the free parameters of a model, some at a time: all of them
-    together would be the largest array of a diagnosis, and their kernel the longest to compile.
+    """Derivatives of the residual of the fitted samples in the free parameters of a model.
+
+    They are computed in groups, because all of them together would be the largest array of a diagnosis, and their
+    kernel would take the longest to compile.
 
     Args:
         problem, x, weighted: the model, at coordinates x, shape (P,).
-        wanted: symbols of which the derivative is kept, once it was worked out, for whoever asks for it later.
-        kept: those, in the value (SI), shape (n,) each.
+        wanted: symbols whose derivatives are kept for later calls after they were computed.
+        kept: these derivatives in the value (SI), shape (n,) each.
     """
 
     problem: EstimationProblem
@@ -201,17 +204,17 @@ class Tangents:
     def of_model(
         cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, wanted: Iterable[str] = ()
     ) -> Tangents:
-        """Those of a model, none worked out yet."""
+        """The tangents of a model; none is computed yet."""
         return cls(problem, x, weighted, frozenset(wanted), {})
 
     def together(self, symbols: tuple[str, ...]) -> dict[str, np.ndarray]:
-        """By each of these free parameters, SI, shape (n,)."""
+        """The derivative by each of these free parameters, SI, shape (n,)."""
         found = dict(zip(symbols, slopes_of(self.problem, self.x, self.weighted, symbols), strict=True))
         self.kept.update({s: np.array(column) for s, column in found.items() if s in self.wanted})
         return found
 
     def along(self, symbol: str, scale: float) -> np.ndarray | None:
-        """By a parameter over a scale, SI, shape (n,); None where it is not free."""
+        """The derivative by a parameter over a scale, SI, shape (n,); None where the parameter is not free."""
         if symbol not in self.problem.layout.free:
             return None
         return (self.kept[symbol] if symbol in self.kept else self.together((symbol,))[symbol]) * scale
@@ -231,7 +234,7 @@ def slopes_of(
 
 
 def some_at_once(every: Sequence[Variant], amplitudes: int) -> list[list[Variant]]:
-    """Variants in order, so many amplitudes together, or a few more."""
+    """Variants in order, in groups of at least this number of amplitudes."""
     out: list[list[Variant]] = []
     count = amplitudes
     for variant in every:
@@ -242,9 +245,10 @@ def some_at_once(every: Sequence[Variant], amplitudes: int) -> list[list[Variant
     return out
 
 
-# ---- Tangents of effects that act as inputs: what each adds along the path of the model as it is, differentiated once.
+# ---- Tangents of effects that act as inputs: the contribution of each along the path of the present model,
+# differentiated.
 #
-# A model that had the effects in it would have to be compiled for them; this one is that of the fit, whatever is asked.
+# A model that contained the effects would have to be compiled; the present model is already compiled for the fit.
 #
 # Source: forcing of the sensitivity equations, Khalil 2002, Nonlinear Systems, 3.3. Differs from source: exact for the
 # scheme and its contacts, not for the ODE.
@@ -253,7 +257,8 @@ Made = TypeVar("Made")
 
 
 class _Direction(NamedTuple):
-    """Of one amplitude: the effect's parameters where it is differentiated, and the way, SI by field."""
+    """The direction of one amplitude: the effect's parameters where it is differentiated, and the change, SI by
+    field."""
 
     effect: Effect
     values: dict[str, Any]
@@ -267,8 +272,8 @@ def tangents_along_path(
     every: Sequence[Variant],
     use: Callable[[Variant, np.ndarray], Made],
 ) -> list[Made]:
-    """For each variant what `use` makes of the derivative of the fitted samples' residual in each amplitude over its
-    scale, (n, k).
+    """For each variant the result of `use` on the derivative of the fitted samples' residual in each amplitude over its
+    scale, (n, k), along the path of the model.
 
     Args:
         use: called by several threads.
@@ -292,15 +297,15 @@ def tangents_along_path(
 
 
 def serves(problem: EstimationProblem, effect: Effect) -> bool:
-    """Whether an effect is screened along the path of a model: where it acts as an input or only delays, no ECU in the
-    model reads what it does to a sensor, and nothing is late there yet."""
+    """Whether an effect can be screened along the path of a model: it acts as an input or only delays, no ECU in the
+    model reads a sensor that it changes, and the model has no delay yet."""
     types = problem.layout.types
     known = acts_as_input(effect) or (only_delays(effect) and not any(e.delays for e in types))
     return known and not any(e.commands for e in types)
 
 
 def _amplitude_directions(variant: Variant) -> Iterator[_Direction]:
-    """One for each amplitude."""
+    """The direction of each amplitude."""
     parameters = declared(variant.effect)
     field_of = {p.symbol: field for field, p in parameters.items()}
     rest = {s: float(v) for s, v in {**resting(variant.effect), **variant.shape}.items()}
@@ -315,11 +320,11 @@ def _amplitude_directions(variant: Variant) -> Iterator[_Direction]:
 def tangents_inside(
     s: CandidateModel, every: Sequence[Variant], use: Callable[[Variant, np.ndarray], Made]
 ) -> list[Made]:
-    """For each variant what `use` makes of the derivative of the fitted samples' residual in each amplitude over its
-    scale, (n, k): all of them side by side would take much memory.
+    """For each variant the result of `use` on the derivative of the fitted samples' residual in each amplitude over its
+    scale, (n, k); the derivatives of all variants together would take much memory.
 
-    Along the path of the model where an effect acts as an input; for the others some models are made that have a few of
-    them in it.
+    An effect that acts as an input is screened along the path of the model; for the others some models are made, each
+    with a few of them.
 
     Args:
         use: called by several threads.
@@ -335,17 +340,17 @@ def tangents_inside(
 def _in_groups(
     s: CandidateModel, every: Sequence[Variant], use: Callable[[Variant, np.ndarray], Made]
 ) -> dict[Variant, Made]:
-    """Some groups side by side, for each compiles a model."""
+    """The same from models with groups of effects; some run in parallel, because each compiles a model."""
 
-    def of(group: tuple[Effect, ...]) -> dict[Variant, Made]:
-        asked = [v for v in every if v.effect in group]
-        if not asked:
+    def screened_together(group: tuple[Effect, ...]) -> dict[Variant, Made]:
+        own = [v for v in every if v.effect in group]
+        if not own:
             return {}
         whole = s.composed(group)
-        columns = tangents(whole.problem, whole.x, whole.weighted, asked)
-        return dict(zip(asked, map(use, asked, columns), strict=True))
+        columns = tangents(whole.problem, whole.x, whole.weighted, own)
+        return dict(zip(own, map(use, own, columns), strict=True))
 
-    # of all candidates, those at work too: so the groups are the same in every round, and their programs found again
+    # all candidates, including those at work: so the groups are the same in every round, and their programs are reused
     groups = in_groups([e for e in s.composition.inside if not serves(s.problem, e)])
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        return {v: made for found in pool.map(of, groups) for v, made in found.items()}
+        return {v: made for found in pool.map(screened_together, groups) for v, made in found.items()}

@@ -1,4 +1,4 @@
-"""One effect more on trial, and what is known of a mistake of the rig before its likelihood is asked."""
+"""The trial of one further effect, and the prior of a mistake of the rig."""
 
 from __future__ import annotations
 
@@ -16,32 +16,31 @@ from .score import Score, score
 from .settings import DiagnosisSettings
 from .tangents import variants
 
-# ---- What is known of a mistake of the rig before its likelihood is asked: how large such a mistake usually is, and
-# whether the rig's checks found it.
+# ---- The prior of a mistake of the rig: the usual size of such a mistake, and whether the rig's checks found it.
 #
 #     -2 ln prior = 2 sum over amplitudes of ln(1 + (a / usual size)^2)    - 2 ln 10 where the checks found it
 #                                                                         + 2 ln 25 in one channel of one trace
 #
-# A Cauchy density of the size, over its peak: a mistake of a usual size pays next to nothing, and one of any size may
-# be there. So a resistor of 1.2 ohm, which many rigs have, goes before a probe that reads 74 % too much, which none
-# has, where both explain the data alike; and what a whole test shows is not put down to its one fitted trace. The usual
-# size is the scale of the parameter.
+# A Cauchy density of the size, over its peak: a mistake of a usual size costs almost nothing, and a mistake of any size
+# is possible. So where both explain the data equally well, a resistor of 1.2 ohm, which many rigs have, is preferred to
+# a probe that reads 74 % too much, which is very rare; and an effect of a whole test is preferred to the same effect in
+# its one fitted trace. The usual size is the scale of the parameter.
 #
 # Source: Berger 1985, Statistical Decision Theory, 4.7 (robust priors with flat tails). Differs from source: only the
 # ratio to the density at zero is kept.
 
 
-# held-out chi2 may rise by this share of what chi2 of the fitted traces falls: they may not show the effect
+# held-out chi2 may rise by this share of the fall of chi2 of the fitted traces: held-out traces may not show the effect
 SPARED_GAIN = 0.01
 
 
-_FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake of which no check says anything
+_FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake that no check found
 
-_IN_ONE_PLACE = 25.0  # times less probable: one of hundreds of such places
+_IN_ONE_PLACE = 25.0  # factor by which it is less probable: there are hundreds of such places
 
 
 def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effect]) -> float:
-    """-2 ln prior of an effect of the rig at its size; 0 of an effect of the throttle.
+    """-2 ln prior of an effect of the rig at its size; 0 for an effect of the throttle.
 
     Args:
         values: of the model, SI by symbol.
@@ -55,10 +54,10 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
     return unusual + place - (2.0 * float(np.log(_FOUND_BY_CHECKS)) if effect in stated else 0.0)
 
 
-# ---- One effect more on trial: refitted, and judged on what was fitted and on what was not
+# ---- The trial of one further effect: refitted, and judged on the fitted and on the held-out traces
 #
 # Two models are compared under one whitening and one set of weights, those of the model before the trial, so that their
-# chi2 differ by what they explain and by nothing else:
+# chi2 differ only by what they explain:
 #
 #     BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
 #
@@ -66,19 +65,19 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 #
 # An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
 #
-# Of an effect of the rig that is late, only what it explains outside of one event counts. A lateness is in all that a
-# trace shows; but what follows a single edge, whose instant nobody logged, can often be told better a little later,
-# and no other trace can speak against a trace that is late.
+# For an effect of the rig that is late, only the gain outside one event counts. A lateness changes every part of a
+# trace; but where the instant of a single edge was not logged, a small delay often fits the response to it better, and
+# no other trace can contradict the lateness of one trace.
 
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """The numbers by which a model with one effect more is judged beside the model before.
+    """The numbers by which a model with one further effect is compared with the model before.
 
     Args:
-        effect: the one tried.
-        score: of the model with it.
-        samples: fitted samples.
+        effect: the effect tried.
+        score: score of the model with it.
+        samples: number of fitted samples.
         fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without it; the latter None without a holdout.
         holdout_chi2_change: change of chi2 of the held-out traces, or of traces left out in turn; None without either.
         bic_change: below 0 where it is worth its parameters.
@@ -103,7 +102,8 @@ class TrialVerdict:
         return self.bic_change < settings.strong_bic_change
 
     def helps_elsewhere(self) -> bool:
-        """Whether held-out traces do not contradict it; they need not show it: not every trace reaches a stop."""
+        """Whether held-out traces do not contradict the effect. They need not show it: for example, not every trace
+        reaches a stop."""
         spared = self.holdout_chi2_change is None or self.holdout_chi2_change < SPARED_GAIN * self.gain
         return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack)
 
@@ -123,15 +123,15 @@ class Trial:
 
 
 class Cost(NamedTuple):
-    """What an effect costs in BIC: parameters that it frees, and variants of it among which was chosen."""
+    """The BIC cost of an effect: the parameters that it frees, and the variants from which it was chosen."""
 
     parameters: int
     variants: int
 
     @classmethod
     def of_effect(cls, effect: Effect, composition: Composition) -> Cost:
-        """An effect of the rig is one of as many as there are places where a rig may be wrong; whole tests and traces
-        are asked first, so that only a channel of one trace is one of all such channels too."""
+        """The cost of an effect. The variants of an effect of the rig are the places where a rig may be wrong; whole
+        tests and traces come first, so that only a channel of one trace counts all such channels too."""
         among = composition.of_the_rig if is_of_the_rig(effect) else ()
         places = sum(is_of_one_channel(effect) or not is_of_one_channel(other) for other in among)
         return cls(len(resting(effect)), len(variants(effect)) * max(places, 1))
@@ -147,7 +147,7 @@ def bic_change(before: Score, after: Score, cost: Cost) -> float:
 def compare(
     effect: Effect, before: Score, after: Score, cost: Cost, samples: float = np.inf, slack: float = 0.0
 ) -> TrialVerdict:
-    """The verdict on a model with one effect more, from the scores without and with it."""
+    """The verdict on a model with one further effect, from the scores without and with it."""
     held_out = None
     if after.held_out is not None and before.held_out is not None:
         held_out = after.held_out - before.held_out
@@ -160,7 +160,7 @@ def compare(
 
 
 def judge_trial(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
-    """The trial of a refitted model that has one effect more than the one scored before."""
+    """The trial of a refitted model that has one more effect than the one scored before."""
     slack, after = s.settings.rise_in_trial(s.far), score(s)
     counted = after
     if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
@@ -176,7 +176,7 @@ def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], be
 
 
 def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect: Effect) -> Trial:
-    """The trial at the coordinates where a full refit ended; its held-out RMS may rise as after any full refit.
+    """The trial at the coordinates where a full refit ended, with the allowed rise of the held-out RMS of a full refit.
 
     Args:
         s: the model of the first trial, whose whitening stays.

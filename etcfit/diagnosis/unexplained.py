@@ -1,4 +1,4 @@
-"""What no effect of the catalogue explains: a smooth curve in its place, and intervals that allow for the rest."""
+"""Describes structure that no effect of the catalogue explains as a smooth curve, and widens intervals for the rest."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from .settings import DiagnosisSettings
 from .tangents import fitted_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judge_trial
 
-# ---- What no effect of the catalogue explains: a smooth curve in its place, and the names that it puts in doubt
+# ---- Structure that no effect of the catalogue explains: a smooth curve, and the names that it puts in doubt
 #
 # A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
 
 
 CURVE_REFITS = 1  # smooth curves refitted, the most promising first
 NAME_KEEPS = 0.9  # share of the log-likelihood gained by a free curve which one effect must gain to keep its name
-# an effect whose BIC fell so many times more than a curve adds keeps its name unquestioned: k / (1 - k)
+# an effect that lowered BIC this many times more than a curve does keeps its name without a test: k / (1 - k)
 SURELY_NAMED = NAME_KEEPS / (1.0 - NAME_KEEPS)
 # share of the log-likelihood gained by one curve which all effects together must gain to keep their names
 NAMES_HOLD = 0.8
-CURVE_ASKED = 1.5  # chi2 per sample of the final model from which on one curve is compared with all effects
+CURVE_TEST_CHI2 = 1.5  # chi2 per sample of the final model from which on one curve is compared with all effects
 
 
 _POINTS = 60  # of the curve that is drawn
@@ -51,7 +51,7 @@ Smooth = type[AbstractSmooth]
 def unexplained(
     result: FitResult, s: CandidateModel, worth: Mapping[Effect, float], report: Report
 ) -> Unexplained | None:
-    """The smooth curve that the residual asks for most; None where it is not worth its parameters.
+    """The smooth curve that explains most of the residual; None where it is not worth its parameters.
 
     Args:
         worth: by how much BIC fell when each effect was added.
@@ -62,19 +62,20 @@ def unexplained(
     best = _best(s, before)
     if best is None:
         return None
-    asked = questioned(s.added, worth, best.verdict.bic_change)
-    return _finding(best, tuple(e.name for e in asked if _in_doubt(s, e, before)))
+    doubtful = questioned(s.added, worth, best.verdict.bic_change)
+    return _finding(best, tuple(e.name for e in doubtful if _in_doubt(s, e, before)))
 
 
 def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report: Report) -> Unexplained | None:
-    """One smooth curve that does more for the first model than all the effects found together; None where none does.
+    """One smooth curve that explains more than all the effects found together, added to the first model; None where no
+    curve does.
 
-    Names found one after the other may each imitate a part of something that has none. Names that brought a model near
-    its data give way only to a curve that does so too: far from the data a guided residual is no proof.
+    Effects found one after the other may each imitate a part of something without a name. Effects that brought a model
+    near its data give way only to a curve that does so too: far from the data a guided residual is no proof.
     """
     if not s.added or not much_is_left(None if s.far else s.chi2_per_sample):
         return None
-    report("asking whether one curve explains more than all effects found", 0.88)
+    report("testing whether one curve explains more than all effects found", 0.88)
     bare = widened(result, first)
     before = score(bare)
     curve = _best(bare, before)
@@ -97,19 +98,21 @@ def curves(candidates: Iterable[Effect]) -> list[Smooth]:
 
 
 def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) -> int | None:
-    """Number of the verdict with the lowest BIC among those that stand; None where none does."""
+    """Number of the verdict with the lowest BIC among those accepted; None where none is accepted."""
     good = [k for k, v in enumerate(verdicts) if is_accepted(v, settings)]
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
 def questioned(added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float) -> list[Effect]:
-    """Effects that a curve may put in doubt: those whose BIC fell less than `SURELY_NAMED` times what it adds.
+    """Effects that a curve may put in doubt: those that lowered BIC less than `SURELY_NAMED` times the fall that the
+    curve adds.
 
-    With the effect a curve explains no less than alone, so one that explained nearly all of both is not in doubt.
+    A curve and an effect together explain no less than the curve alone, so an effect that explained nearly all of it is
+    not in doubt.
 
     Args:
         worth: by how much BIC fell when each was added.
-        curve_bic_change: of the curve beside them all; below 0.
+        curve_bic_change: change of BIC when the curve is added to all of them; below 0.
     """
     return [e for e in added if worth[e] < -SURELY_NAMED * curve_bic_change]
 
@@ -126,8 +129,9 @@ def in_doubt(bare: float, named: float, curve: float | None) -> bool:
 
 
 def much_is_left(chi2_per_sample: float | None) -> bool:
-    """Whether it is worth asking if one curve does more than all names; None: far from the data, where it always is."""
-    return chi2_per_sample is None or not chi2_per_sample < CURVE_ASKED
+    """Whether so much is left that one curve is compared with all effects; None: far from the data, where it always
+    is."""
+    return chi2_per_sample is None or not chi2_per_sample < CURVE_TEST_CHI2
 
 
 def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
@@ -143,12 +147,12 @@ def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
 
 
 def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
-    """The model, lean, in a composition of its own effects and the smooth curves."""
+    """The lean model in a composition of its own effects and the smooth curves."""
     return s.within(compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added), s.added, {})
 
 
 def _best(s: CandidateModel, before: Score) -> Trial | None:
-    """The smooth curve that helps most, if any is worth it."""
+    """The accepted smooth curve that explains most; None where no curve is accepted."""
     likely = screened(s, curves(s.composition.candidates))[:CURVE_REFITS]
     worth_it = [g for g in likely if promises(g, before, s.settings)]
     trials = concurrently(lambda g: _tried(s, g, before), worth_it)
@@ -185,7 +189,7 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
     doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
     sentence = (
-        f"What is left enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
+        f"The rest enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
         f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
     )
     return Unexplained(
@@ -210,7 +214,8 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
 def measured_range(
     effect: Smooth, along: Sequence[Mapping[str, np.ndarray]], travel: tuple[float, float]
 ) -> tuple[float, float]:
-    """Least and largest value of a curve's axis while the plate moved; of all samples, where no torque is read at all.
+    """Least and largest value of a curve's axis while the plate moved; of all samples where the missing torque is
+    unknown everywhere.
 
     Args:
         along: signals of each trace by name, shape (n,) each; "torque" is NaN where the plate rests.
@@ -267,20 +272,21 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
 
 @dataclass(frozen=True, eq=False)
 class Allowed:
-    """A fit whose intervals allow for what is left, and what that may be."""
+    """A fit whose intervals allow for the remaining residual, and the curves that it may contain."""
 
     after: FitResult
     found: tuple[Discrepancy, ...] = ()
 
 
 def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel, report: Report) -> Allowed:
-    """The final fit with intervals that allow for curves which nobody added; itself where none is needed.
+    """The final fit with intervals that allow for curves in the remaining residual; the fit unchanged where there are
+    none.
 
-    Far from the data it is a compromise anyway, and there is no noise to measure what is left by.
+    Far from the data the fit is unchanged too: it is a compromise, and the noise is no measure of the residual there.
     """
     if s.far or after.far:
         return Allowed(after)
-    report("asking how far what is left may have bent the parameters", 0.97)
+    report("estimating how far the remaining residual may have moved the parameters", 0.97)
     s = widened(result, s)
     smooth = curves(s.composition.candidates)
     bent = _bent(s, smooth)
@@ -289,7 +295,8 @@ def allowing_for_the_rest(result: FitResult, after: FitResult, s: CandidateModel
 
 
 def grown(after: FitResult, covariance: np.ndarray, words: str) -> FitResult:
-    """The fit with a covariance, shape (P, P), added to all but what holds if the model is exact, and a remark."""
+    """The fit with a covariance, shape (P, P), added to all covariances but the one that takes formulas as exact, and a
+    remark."""
     exact = after.taken_as_exact().covariance
     budget = None if after.budget is None else replace(after.budget, statistical=after.budget.statistical + covariance)
     warnings = (*after.warnings, words)
@@ -299,7 +306,7 @@ def grown(after: FitResult, covariance: np.ndarray, words: str) -> FitResult:
 
 def _words(found: Sequence[Discrepancy]) -> str:
     each = listed(f"{d.enters} over {d.depends_on} ({d.size:.2g} {d.unit})" for d in found)
-    return f"Intervals allow for what is left, and what it may hide in the parameters: {each}."
+    return f"Intervals allow for curves in the remaining residual, which may have moved parameters: {each}."
 
 
 def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDiscrepancy:

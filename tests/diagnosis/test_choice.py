@@ -55,8 +55,8 @@ def test_what_is_not_worth_a_look_is_said_with_its_size() -> None:
     found = nothing_to_read(["limp_home_spring"], 0.02, 0.0099)
     assert (found.outcome, found.effect, found.ties) == (Outcome.NOTHING_TO_READ, None, ())
     assert found.why == (
-        "What is left adds 0.99 % to the noise, no more than a formula of limp_home_spring that is 2 % off would "
-        "leave: nothing is read into it."
+        "The residual exceeds the noise by 0.99 %, no more than an error of 2 % in the formula of limp_home_spring "
+        "would leave: no effect is sought in it."
     )
 
 
@@ -109,13 +109,16 @@ def test_without_a_verdict_nothing_is_added() -> None:
 def test_what_is_not_worth_its_parameters_is_not_added() -> None:
     found = chosen(verdict(LIMP, STRONG + 0.1), verdict(GRAVITY, 3.0))
     assert (found.outcome, found.effect, found.ties) == (Outcome.NOT_WORTH_IT, None, ())
-    assert found.why == "limp_home_spring does best, but is not worth its parameters (BIC -9.9, -10 asked)."
+    assert (
+        found.why
+        == "limp_home_spring is the best candidate, but is not worth its parameters (BIC -9.9; -10 is required)."
+    )
 
 
 def test_what_helps_the_fitted_traces_only_is_not_added() -> None:
     found = chosen(verdict(LIMP, -500.0, holdout_chi2_change=20.0), verdict(GRAVITY, -20.0, holdout_rms_ratio=1.2))
     assert (found.outcome, found.effect, found.ties) == (Outcome.CONTRADICTED, None, ())
-    assert found.why == "limp_home_spring helps on the fitted traces only, not on those held out."
+    assert found.why == "limp_home_spring improves the fitted traces only, not the held-out ones."
 
 
 def test_the_best_by_bic_is_added_and_what_it_does_is_said() -> None:
@@ -154,7 +157,9 @@ def test_an_effect_that_explains_less_than_a_fifth_of_what_it_leaves_is_not_adde
     assert (found.effect, found.ties) == (added, ())
     if added is None:
         assert found.outcome is Outcome.SMALL_PART
-        assert found.why.startswith("limp_home_spring does best, but explains less than 20 % of what it leaves")
+        assert found.why.startswith(
+            "limp_home_spring is the best candidate, but explains less than 20 % of what it leaves"
+        )
 
 
 def test_an_effect_that_spoils_the_full_refit_is_not_added() -> None:
@@ -162,7 +167,7 @@ def test_an_effect_that_spoils_the_full_refit_is_not_added() -> None:
     assert before.ties == (GRAVITY,)
     after = before.with_refit_refused()
     assert (after.outcome, after.effect, after.ties) == (Outcome.SPOILT, None, ())
-    assert after.why == (f"{before.why} Refitted in full with it the model is further from the data: it is not added.")
+    assert after.why == (f"{before.why} A full refit with it leaves the model further from the data: it is not added.")
 
 
 def test_those_that_stand_are_chosen_in_turn() -> None:
@@ -209,7 +214,7 @@ def test_effects_that_do_as_well_are_ties() -> None:
     )
     assert found.effect is LIMP
     assert [e.name for e in found.ties] == ["gravity_load", "backlash"]
-    assert found.why.endswith("gravity_load and backlash would do as well: these data cannot tell them apart.")
+    assert found.why.endswith("gravity_load and backlash would explain as much: these data cannot tell them apart.")
 
 
 def test_what_is_not_worth_it_is_no_tie() -> None:

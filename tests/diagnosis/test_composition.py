@@ -92,20 +92,20 @@ def test_an_effect_that_rig_toml_names_is_at_work_from_the_start(rig: Rig, trace
     named = compose(knowing(rig, effects=("gravity_load",)), traces)
     assert GRAVITY in named.known
     assert GRAVITY not in named.candidates
-    assert "T_g" in named.beside(named.inside, ()).layout.free
+    assert "T_g" in named.with_asleep(named.inside, ()).layout.free
 
 
 def test_further_effects_are_candidates_beside_the_catalogue(rig: Rig, traces: tuple[Trace, ...]) -> None:
     more = compose(rig, traces, UNKNOWNS, EFFECTS)
     assert set(more.candidates) == {*BEYOND, *UNKNOWNS}
-    assert set(more.beside(more.inside, (UNKNOWNS[0],)).layout.free) >= set(UNKNOWNS[0].symbols)
+    assert set(more.with_asleep(more.inside, (UNKNOWNS[0],)).layout.free) >= set(UNKNOWNS[0].symbols)
 
 
 # ---- which effects are at work
 
 
 def test_without_a_candidate_what_is_free_is_what_the_fit_had_free(composition: Composition, rig: Rig) -> None:
-    bare, known = composition.beside(composition.inside, ()), free_parameters(rig.config)
+    bare, known = composition.with_asleep(composition.inside, ()), free_parameters(rig.config)
     assert bare.layout.free == known.layout.free
     assert bare.layout.ties == known.layout.ties
     held = dict(zip(bare.layout.held, bare.held.tolist(), strict=True))
@@ -117,7 +117,7 @@ def test_without_a_candidate_what_is_free_is_what_the_fit_had_free(composition: 
 
 @every_candidate
 def test_an_effect_that_is_not_at_work_is_held_at_its_off_values(composition: Composition, effect: type) -> None:
-    u = composition.beside(composition.inside, tuple(e for e in composition.candidates if e is not effect))
+    u = composition.with_asleep(composition.inside, tuple(e for e in composition.candidates if e is not effect))
     values = read(u, typical(u))
     for p in parameters_of(effect):
         assert p.symbol not in u.layout.free
@@ -129,8 +129,8 @@ def test_an_effect_that_is_not_at_work_is_held_at_its_off_values(composition: Co
 @every_candidate
 def test_an_effect_that_is_added_frees_its_own_parameters_and_no_other(composition: Composition, effect: type) -> None:
     bare, more = (
-        composition.beside(composition.inside, ()).layout,
-        composition.beside(composition.inside, (effect,)).layout,
+        composition.with_asleep(composition.inside, ()).layout,
+        composition.with_asleep(composition.inside, (effect,)).layout,
     )
     assert set(more.free) - set(bare.free) == {p.symbol for p in parameters_of(effect)} == set(resting(effect))
     assert tuple(s for s in more.free if s in bare.free) == bare.free
@@ -139,13 +139,13 @@ def test_an_effect_that_is_added_frees_its_own_parameters_and_no_other(compositi
 
 def test_every_choice_is_one_program(composition: Composition) -> None:
     """The form compiles; the room is that of a model with a few parameters more."""
-    bare = composition.beside(composition.inside, ()).layout
+    bare = composition.with_asleep(composition.inside, ()).layout
     for effect in composition.candidates:
-        layout = composition.beside(composition.inside, (effect,)).layout
+        layout = composition.with_asleep(composition.inside, (effect,)).layout
         assert layout.form == bare.form
         assert hash(layout.form) == hash(bare.form)
         assert layout.room == bare.room >= len(layout.free)
-    assert composition.beside(composition.inside, composition.candidates).layout.form == bare.form
+    assert composition.with_asleep(composition.inside, composition.candidates).layout.form == bare.form
 
 
 def test_shapes_rest_at_nominal_values_and_amplitudes_at_off_ones() -> None:
@@ -210,13 +210,13 @@ def test_what_is_late_lies_beside_what_is_late_and_of_single_traces_the_one_on_t
 
 def test_priors_are_those_of_what_is_free(rig: Rig, traces: tuple[Trace, ...]) -> None:
     told = compose(knowing(rig, parameters={"K_s": Prior(0.15, 0.01), "T_g": Prior(0.0, 0.1)}), traces, only=EFFECTS)
-    assert set(told.beside(told.inside, ()).priors) == {"K_s"}
-    assert set(told.beside(told.inside, (GRAVITY,)).priors) == {"K_s", "T_g"}
+    assert set(told.with_asleep(told.inside, ()).priors) == {"K_s"}
+    assert set(told.with_asleep(told.inside, (GRAVITY,)).priors) == {"K_s", "T_g"}
 
 
 def test_what_rig_toml_fixes_stays_fixed_in_an_effect_that_is_added(rig: Rig, traces: tuple[Trace, ...]) -> None:
     told = compose(knowing(rig, parameters={"theta_lh": Fixed(0.2)}), traces, only=EFFECTS)
-    u = told.beside(told.inside, (LIMP,))
+    u = told.with_asleep(told.inside, (LIMP,))
     assert "theta_lh" not in u.layout.free
     assert read(u, typical(u))["theta_lh"] == 0.2
     assert "T_lh" in u.layout.free
@@ -226,7 +226,10 @@ def test_what_rig_toml_fixes_stays_fixed_in_an_effect_that_is_added(rig: Rig, tr
 
 
 def test_coordinates_stay_as_they_are_when_an_effect_is_added_or_taken_away(composition: Composition) -> None:
-    bare, more = composition.beside(composition.inside, ()), composition.beside(composition.inside, (LIMP, GRAVITY))
+    bare, more = (
+        composition.with_asleep(composition.inside, ()),
+        composition.with_asleep(composition.inside, (LIMP, GRAVITY)),
+    )
     x = np.random.default_rng(0).normal(size=len(bare.layout.free))
     values = {"T_lh": 0.3, "K_lh": 0.7, "theta_lh": 0.2, "d_lh": 0.02, "T_g": -0.4}
     there = carried(x, bare.layout, more, values)
@@ -237,7 +240,10 @@ def test_coordinates_stay_as_they_are_when_an_effect_is_added_or_taken_away(comp
 
 
 def test_a_parameter_that_is_new_must_be_given_a_value(composition: Composition) -> None:
-    bare, more = composition.beside(composition.inside, ()), composition.beside(composition.inside, (GRAVITY,))
+    bare, more = (
+        composition.with_asleep(composition.inside, ()),
+        composition.with_asleep(composition.inside, (GRAVITY,)),
+    )
     with pytest.raises(KeyError, match="T_g"):
         carried(np.zeros(len(bare.layout.free)), bare.layout, more, {})
 
@@ -247,7 +253,7 @@ def test_a_parameter_that_is_new_must_be_given_a_value(composition: Composition)
 
 @pytest.mark.parametrize("added", [(), (GRAVITY,), (STRIBECK, LIMP)], ids=["none", "one", "two"])
 def test_a_lean_model_has_the_same_coordinates_in_the_same_order(composition: Composition, added: tuple) -> None:
-    full, lean = composition.beside(composition.inside, added), composition.lean(added)
+    full, lean = composition.with_asleep(composition.inside, added), composition.lean(added)
     assert lean.layout.free == full.layout.free
     assert set(lean.layout.types) == {*PAPER, *OF_RIG_TOML, *added}
     order = [composition.whole.layout.types.index(t) for t in lean.layout.types]

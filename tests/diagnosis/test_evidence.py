@@ -1,4 +1,4 @@
-"""How much of something is a function of one quantity, what a residual goes along with, and whether it is noise."""
+"""How much of something is a function of one quantity, what a residual correlates with, and whether it is noise."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_shares_are_of_all_traces_and_only_where_something_is_known(rng: np.rand
     assert shares("torque", along, [np.full(COUNT, np.nan)] * 2) == []
 
 
-# ---- what a residual goes along with
+# ---- what a residual correlates with
 
 
 def test_the_strongest_is_the_one_it_correlates_with_most_whatever_the_sign(rng: np.random.Generator) -> None:
@@ -235,10 +235,10 @@ def test_the_sentences_name_the_largest_residual_and_every_share_worth_it() -> N
     rows = [row(1.0, True), row(3.0, False), row(20.0, False, "current")]
     found = [Share("torque", "angle", 0.62), Share("voltage", "current", 0.3), Share("torque", "speed", 0.04)]
     assert sentences(rows, found, noise=False) == [
-        "2 of 3 residuals are not white; the largest, current in response/a.csv, is 20 times its noise and goes along "
+        "2 of 3 residuals are not white; the largest, current in response/a.csv, is 20 times its noise and correlates "
         "with angle (correlation -0.40).",
-        "Of the missing torque, a curve over one quantity takes away: angle 62 %.",
-        "Of the missing voltage, a curve over one quantity takes away: current 30 %.",
+        "Of the missing torque, a curve over one quantity explains: angle 62 %.",
+        "Of the missing voltage, a curve over one quantity explains: current 30 %.",
     ]
 
 
@@ -248,7 +248,7 @@ def test_where_all_is_noise_nothing_else_is_said() -> None:
     assert said == ["All 4 residuals are white: noise, as far as these tests see."]
     assert sentences([row(1.0, True), row(1.1, False)], found, noise=True) == [
         "All 2 residuals are noise but for one moment in response/a.csv. One moment of one trace is no evidence: most "
-        "often it is the instant of an edge, which nobody logged."
+        "often it is the instant of an edge that was not logged."
     ]
 
 

@@ -90,8 +90,8 @@ def test_an_effect_that_takes_anothers_place_is_found_when_that_was() -> None:
 
 def test_a_tie_with_an_effect_at_work_is_a_tie_no_longer() -> None:
     tied = Found(GRAVITY, {AIR: CLOSE, LIMP: CLOSE}, 100.0, {AIR: {}})
-    assert tied.told_apart_from([GRAVITY, AIR]).ties == {LIMP: CLOSE}
-    assert tied.told_apart_from([GRAVITY]) == tied
+    assert tied.without_ties_to([GRAVITY, AIR]).ties == {LIMP: CLOSE}
+    assert tied.without_ties_to([GRAVITY]) == tied
 
 
 # ---- rivals of a round
@@ -225,5 +225,5 @@ def test_nothing_is_tried_of_one_effect_or_far_from_the_data(bent: CandidateMode
 def test_the_words_name_all_three(bent: CandidateModel) -> None:
     assert gave_way_to_one(TWO, ENDS, -17.04) == (
         "channel_gain[response.position] and channel_offset[response.position] gave way to sensor_end_points, "
-        "which does for both (BIC -17.0)."
+        "which explains both (BIC -17.0)."
     )

@@ -100,7 +100,7 @@ def test_what_cannot_be_told_is_not_said_to_differ(odd: Rig) -> None:
     own = with_values(rest, R_a=2.0 * rest.values["R_a"])
     assert differences(own, rest) == {}
     strange = Strange(Place.named("response/1.csv"), rest, own, (), "why")
-    assert "in what it does not tell" in strange.statement(DEFAULT).sentence
+    assert "in parameters that it does not determine" in strange.statement(DEFAULT).sentence
 
 
 # ---- how far it is looked for

@@ -112,7 +112,7 @@ def test_an_even_set_that_differs_by_a_tie_is_said_once(model: CandidateModel) -
     found = (Found(GRAVITY, {AIR: apart}, 10.0, {}), Found(DRAG, {}, 10.0, {}))
     swapped, other = frozenset((AIR, DRAG)), frozenset((LIMP, DRAG))
     progress = Progress(s, found, even={swapped: apart, other: apart})
-    assert progress.beside_ties.keys() == {other}
+    assert progress.even_beyond_ties.keys() == {other}
     assert progress.back_to(model).even == {}
 
 

@@ -73,7 +73,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
     choice: {"LEAST_PROMISE": 0.3, "RIVAL_PROMISE": 0.3, "RIVAL_PROMISE_FAR": 0.1, "LEAST_PART": 0.2,
              "LEAST_PART_OF_ONE": 1.0, "TIED_LIKELIHOOD": 6.0, "SECOND_TRIAL_SHARE": 0.5},
     evidence: {"EVENT": 0.1, "WHITE_P": 1e-5, "LARGE_RMS": 0.03, "LARGE_RMS_DEVIATIONS": 5.0, "SHARE_BINS": 24,
-               "SHARE_SAMPLES": 200, "SHARE_TOLD": 0.05},
+               "SHARE_SAMPLES": 200, "SHARE_NAMED": 0.05},
     exchange: {"EXCHANGE_RIVAL": 0.5, "IMITATED": 0.05, "MERGES": 2, "HANDING_OVER": 8},
     free_sets: {"FREE_SPREAD": 0.1},
     model_discrepancy: {"FORMULA_CEILING": 0.04, "FORMULA_STRETCHES": 6, "CURVE_LENGTH": 3.0, "CURVE_EVIDENCE": 10.0,
@@ -86,7 +86,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
     settings: {"TRIAL_RISE": 0.02, "FAR_RISE": 2.0},
     trial: {"SPARED_GAIN": 0.01},
     unexplained: {"CURVE_REFITS": 1, "NAME_KEEPS": 0.9, "SURELY_NAMED": 0.9 / (1.0 - 0.9), "NAMES_HOLD": 0.8,
-                  "CURVE_ASKED": 1.5},
+                  "CURVE_TEST_CHI2": 1.5},
 }  # fmt: skip
 
 

@@ -158,7 +158,7 @@ def test_a_suspicion_says_what_would_tell_and_changes_no_line(suspicion: float, 
     assert mistake.suspected is suspected
     assert ("rig.toml" in mistake.sentence) is not suspected
     assert mistake.sentence.startswith("Probably a mistake of the rig (0.75): channel_gain in ")
-    assert mistake.sentence.endswith(f"What would tell: {gain.told_by}.")
+    assert mistake.sentence.endswith(f"A measurement that would decide: {gain.told_by}.")
     assert stated(gain, 0.1, 0.6).sentence.startswith("There may be a mistake of the rig (0.60): ")
 
 
@@ -299,8 +299,8 @@ def test_a_name_that_is_not_sure_says_what_else_could_be_and_what_would_tell() -
     made = stated_of(AIR, 0.55, airflow_torque=0.55, limp_home_spring=0.2, nothing=0.24, backlash=0.01)
     assert made.instead == {"nothing": 0.24, "limp_home_spring": 0.2}
     assert made.sentence == (
-        "The model may lack airflow_torque (0.55). What else could be: nothing 0.24, limp_home_spring 0.20. "
-        f"What would tell: {AIR.told_by}."
+        "The model may lack airflow_torque (0.55). Other possible causes: nothing 0.24, limp_home_spring 0.20. "
+        f"A measurement that would decide: {AIR.told_by}."
     )
     assert "tell" not in stated_of(AIR, 0.9, limp_home_spring=0.05).sentence
 
@@ -319,7 +319,7 @@ def test_what_is_left_is_said_as_a_curve_or_as_unexplained(rig: Rig) -> None:
     assert verdict((lacked,), (), curve, (first, last)) == (lacked.sentence, curve.sentence)
     assert verdict((lacked,), (), None, (first, last)) == (lacked.sentence,)  # the last residual is white
     odd = replace(last, evidence=first.evidence)
-    assert verdict((lacked,), (), None, (first, odd))[1].startswith("The residual is not all noise, but nothing")
+    assert verdict((lacked,), (), None, (first, odd))[1].startswith("The residual is not all noise, but no effect")
 
 
 def test_where_nothing_is_added_it_is_said_whether_anything_is_lacking(rig: Rig) -> None:

@@ -135,7 +135,7 @@ def test_a_name_that_is_proven_is_said_and_gains_come_next(diagnosed: Path) -> N
 
 def test_a_name_that_is_not_proven_instructs_nobody(diagnosed: Path) -> None:
     mistake = {"effect": "limp_home_spring", "sentence": "mend me", "mend": "[scale]", "kind": "channel_gain"}
-    said = "There may be a mistake. What would tell: a probe."
+    said = "There may be a mistake. A measurement that would decide: a probe."
     runs.changed(diagnosed, "diagnosis", statements=stated(False, said), rig=[mistake])
     closing = of_run(diagnosed)
     assert closing.answer.startswith(said)

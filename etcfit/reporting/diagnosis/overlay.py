@@ -22,7 +22,7 @@ from .ledger import Shown, in_degrees, scales
 
 _CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
 _ZOOM = 0.08  # of the trace, beside the whole of it
-_BODIES = ("the others' body", "a body of its own")
+_BODIES = ("throttle body of the other traces", "another throttle body")
 _ROOM = 36  # letters
 _SAMPLES = 60  # that a zoom shows at least
 

@@ -128,11 +128,11 @@ def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:
 
 
 def _of_the_model(trace: Trace, diagnosis: Diagnosis) -> Iterator[str]:
-    """What the residual of this trace goes along with, what was left without a name, and what would tell ties apart."""
+    """What the residual of this trace correlates with, the unnamed rest, and which measurements separate ties."""
     last = diagnosis.rounds[-1].evidence if diagnosis.rounds else None
     for row in last.rows if last is not None else ():
         if row.file == trace.measurement.file and not row.white:
-            yield f"What is left in {row.channel.replace('_', ' ')} goes along with {row.strongest}."
+            yield f"The residual of {row.channel.replace('_', ' ')} correlates with {row.strongest}."
     if diagnosis.unexplained is not None:
         yield diagnosis.unexplained.sentence
     for tie in diagnosis.ties:

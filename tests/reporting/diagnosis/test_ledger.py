@@ -133,7 +133,7 @@ def test_parameters_before_and_after(text: str) -> None:
 
 def test_what_stays_open_is_said(text: str) -> None:
     assert lines(text, "limp_home_spring = airflow_torque")
-    assert lines(text, "What is left enters as torque")
+    assert lines(text, "The rest enters as torque")
     assert lines(text, "In doubt beside it: stribeck_friction")
     assert lines(text, "backlash was taken away again")
     assert lines(text, "something is odd")

@@ -187,8 +187,8 @@ def test_a_trace_of_another_rig_is_drawn_under_both_bodies(mixed: Diagnosis) -> 
     fig = overlay.draw(picture)
     assert "response/1.csv, of another rig" in fig.get_suptitle().replace("\n", " ")
     lines = {line.get_label(): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}
-    own = lines["a body of its own"]
-    np.testing.assert_allclose(lines["the others' body"] - own, np.degrees(0.1))
+    own = lines["another throttle body"]
+    np.testing.assert_allclose(lines["throttle body of the other traces"] - own, np.degrees(0.1))
     (position,) = (row for row in picture.rows_before if row.channel == "position")
     assert (position.rms, position.unit) == (pytest.approx(np.degrees(0.1)), "deg")
 

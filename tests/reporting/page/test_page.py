@@ -145,7 +145,7 @@ def test_a_mistake_of_the_rig_stands_in_the_verdict_with_what_mends_it(full: Pat
 
 
 def test_what_is_stated_of_an_effect_stands_in_the_verdict_and_every_question_with_its_answers(full: Path) -> None:
-    said = "The model may lack <it> (0.55). What would tell: a probe."
+    said = "The model may lack <it> (0.55). A measurement that would decide: a probe."
     asked = {"asks": "Round 1: what explains it?", "answers": {"limp_home_spring": 0.55, "nothing": 0.45}}
     runs.changed(full, "diagnosis", statements=[{"effect": "limp_home_spring", "sentence": said}], questions=[asked])
     page = write_page(full).path.read_text(encoding="utf-8")
