@@ -2,8 +2,8 @@
 
 Source: the paper, Sections 2 and 4.3.
 
-What reads files (`read`) loads every format of `importing`, so it is imported by its own name: each fit looks
-at the thresholds here.
+The reader of files (`read`) loads every format of `importing`, so it is imported by its own name: every fit imports
+this package for its thresholds.
 """
 
 from __future__ import annotations

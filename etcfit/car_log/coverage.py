@@ -1,6 +1,6 @@
-"""Which log to record next: what the moves of a setpoint have to hold for gains to be found from them, and what lacks.
+"""Which log to record next: the setpoint moves that a search for gains needs, and those that the logs lack.
 
-A list, in order of what it wins; another kind of move is one more line of `WANTED`.
+`WANTED` lists them, the most useful first; another kind of move is one more line there.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ _DEFAULT = 3.0, 20.0  # per cent: between which a limp-home position lies
 
 @dataclass(frozen=True)
 class Moves:
-    """What some logs ask for."""
+    """The setpoint moves in some logs."""
 
     steps: np.ndarray  # setpoint before and after each quick change between two rests, per cent, shape (n, 2)
     rests: np.ndarray  # duration of each rest, s
-    reach: tuple[float, float] | None  # least and largest setpoint, per cent; nothing where no log has a setpoint
+    reach: tuple[float, float] | None  # least and largest setpoint, per cent; None where no log has a setpoint
 
     def between(self, low: float, high: float, sign: int) -> int:
-        """Steps of a size (per cent) between two, one way."""
+        """Number of steps in one direction whose size lies between two limits, per cent."""
         change = sign * (self.steps[:, 1] - self.steps[:, 0])
         return int(np.sum((change >= low) & (change < high)))
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """One kind of moves."""
+    """One kind of move that the logs should hold."""
 
     name: str  # in words
     record: str  # what to do
-    why: str  # what it tells
-    needed: float  # how much of it, in the unit of `there`
-    there: Callable[[Moves], float]  # how much of it some moves hold
+    why: str  # what it determines
+    needed: float  # required amount, in the unit of `there`
+    there: Callable[[Moves], float]  # the amount in some moves
     unit: str
 
 
@@ -48,13 +48,13 @@ class Wanted:
 class Lack:
     """A log to record next."""
 
-    name: str  # of the moves that lack
-    # found, needed: how much of them
+    name: str  # of the missing moves
+    # found, needed: amount of them
     found: float
     needed: float
     unit: str  # of both
     record: str  # what to do
-    why: str  # what it tells
+    why: str  # what it determines
 
 
 def _both_ways(low: float, high: float) -> Callable[[Moves], float]:
@@ -62,7 +62,7 @@ def _both_ways(low: float, high: float) -> Callable[[Moves], float]:
 
 
 def _across(moves: Moves) -> float:
-    """Steps, of the way of which there are fewer, that begin below and end above where a plate may rest."""
+    """Number of steps across the range in which a plate may rest, in the direction that has fewer."""
     low, high = moves.steps.min(axis=1), moves.steps.max(axis=1)
     over = (low <= _DEFAULT[0]) & (high >= _DEFAULT[1])
     rises = moves.steps[:, 1] > moves.steps[:, 0]
@@ -79,7 +79,7 @@ def _reach(moves: Moves) -> float:
 
 WANTED = (
     Wanted("hold at rest", "hold the pedal still at three openings, 5 s each, engine off",
-           "noise of the sensor, and how restless the duty is at rest", 10.0, _at_rest, "s at rest"),
+           "noise of the sensor, and variation of the duty at rest", 10.0, _at_rest, "s at rest"),
     Wanted("small steps", f"steps of 0.5 to 3 % and back, {_STILL} (the ECU's bench test)",
            "dry friction: overshoot and settling are worst there", 4, _both_ways(0.3, 3.5), "each way"),
     Wanted("large steps", f"steps of 30 % and more and back, {_STILL}",
@@ -87,17 +87,17 @@ WANTED = (
     Wanted("across the limp-home position", f"steps from 2 % to 25 % and back, {_STILL}",
            "the other spring and the preloads: the duty changes its sign there", 2, _across, "each way"),
     Wanted("the whole travel", "one slow ramp from closed to open and back, 5 s each way, engine off",
-           "springs and bias curve; what is not visited is not known", 80.0, _reach, "% of travel, by the target"),
+           "springs and bias curve over the positions visited", 80.0, _reach, "% of travel, by the target"),
 )  # fmt: skip
 SUPPLY = Lack(
     "supply", 0.0, 2.0, "V between logs", "engine off, one log with the lights on and one on a battery charger",
-    "how much every gain changes with the supply, of which a duty is a share: position and setpoint do not",
+    "how every gain changes with the supply voltage: a duty is a share of it, position and setpoint are not",
 )  # fmt: skip
-"""Always asked for: `etcfit drive` reads no supply."""
+"""Always requested, because `etcfit drive` reads no supply."""
 
 
 def moves_of(logs: Sequence[DriveLog]) -> Moves:
-    """What these logs ask for together; one without a setpoint asks for nothing."""
+    """The setpoint moves of these logs together; a log without a setpoint adds none."""
     pieces = [piece for log in logs if log.setpoint is not None for piece in log.setpoint.pieces]
     found = [rests(piece) for piece in pieces if piece.time.size > 1]
     steps = [(before.last, after.first) for each in found for before, after in pairs_with_quick_change(each)]
@@ -108,7 +108,7 @@ def moves_of(logs: Sequence[DriveLog]) -> Moves:
 
 
 def record_next(logs: Sequence[DriveLog]) -> tuple[Lack, ...]:
-    """What these logs lack, what wins most first."""
+    """What these logs lack, the most useful first."""
     moves = moves_of(logs)
     held = [(each, each.there(moves)) for each in WANTED]
     lacks = [Lack(w.name, there, w.needed, w.unit, w.record, w.why) for w, there in held if there < w.needed]

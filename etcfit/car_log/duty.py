@@ -1,4 +1,4 @@
-"""What the duty does: how restless it is at rest, and when it is at its limit."""
+"""The duty of a log: how much it varies at rest, and when it is at its limit."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from .steps import rests
 from .tracking import longest
 
 _SETTLES = 0.5  # s of a rest in which the plate may still answer a step
-_SAME = 0.5  # per cent: within which the duty is at its limit
-_IN_A_ROW = 3  # samples at the limit, for it to be one
-_HIGH = 40.0  # per cent: a limit of the duty is not lower
+_SAME = 0.5  # per cent: the duty is at its limit where it is this close to it
+_IN_A_ROW = 3  # consecutive samples at a level that make it a limit
+_HIGH = 40.0  # per cent: least limit of the duty
 
 
 @dataclass(frozen=True)
@@ -24,17 +24,18 @@ class DutyUse:
     lowest: float
     highest: float
     activity: float | None  # standard deviation while the setpoint rests, per cent; None without a rest
-    jitter: float | None  # from sample to sample at rest, standard deviation over sqrt 2, per cent; None without a rest
-    limit: float | None  # |duty| at which it stands again and again, per cent; None where it has none in this log
+    # jitter: change from sample to sample at rest, standard deviation over sqrt 2, per cent; None without a rest
+    jitter: float | None
+    limit: float | None  # |duty| at which the ECU limits it, per cent; None where this log shows no limit
     saturated: float  # share of the whole time at the limit, 0 to 1
     saturated_at_rest: float | None  # share of the time at rest, 0 to 1; None without a rest
     longest: float  # s at the limit without a break
 
 
 def duty_use(duty: Series, setpoint: Series | None) -> DutyUse:
-    """Study a duty; rests count from 0.5 s after their begin.
+    """Evaluate a duty; rests count from 0.5 s after their begin.
 
-    The limit is the largest |duty|, where three samples in a row stand within 0.5 % of it.
+    The limit is the largest |duty|, if three consecutive samples are within 0.5 % of it.
     """
     limit, at = _limit(duty.value)
     weight = duty.weight / duty.weight.sum()

@@ -1,4 +1,4 @@
-"""A log held against the thresholds of `criteria`."""
+"""Compares a log with the thresholds of `criteria`."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from .sensors import Sensors
 from .steps import Step, log_resolution, noise_sd
 from .tracking import Tracking
 
-_RATE = 50.0  # Hz: four samples within half of the settling that is good; assumed
-_LARGE = 2.0  # per cent of travel: smaller steps are shown, but of an overshoot of 20 % of them little is seen
-_SHARE = 0.9  # of the steps that must be good: an event of the car spoils one now and then; assumed
-_RESTED = 5.0  # s at rest that an oscillation would have shown in; assumed
+_RATE = 50.0  # Hz: four samples within half of a good settling time; assumed
+_LARGE = 2.0  # per cent of travel: smaller steps are shown but not judged, because 20 % of them is hardly visible
+_SHARE = 0.9  # share of the steps that must be good: other events in the car sometimes spoil one; assumed
+_RESTED = 5.0  # s at rest that are needed to see an oscillation; assumed
 
 
 def judge(
@@ -43,11 +43,11 @@ def judge(
     duty: DutyUse | None,
     pair: Sensors | None,
 ) -> Verdict:
-    """Every judgement that the log allows, and why one is not there.
+    """Every judgement; one that the log does not allow states why.
 
     Args:
-        follows, steps, cycle, duty, pair: what was found in it.
-        rested: s at rest in which an oscillation would be seen.
+        follows, steps, cycle, duty, pair: results found in the log.
+        rested: time at rest in which an oscillation would be visible, s.
     """
     return Verdict((
         *_of_steps(log, steps),
@@ -59,16 +59,16 @@ def judge(
 
 
 def _of_tracking(follows: Tracking | None) -> Iterator[Judgement]:
-    asked = "no setpoint was logged"
+    no_setpoint = "no setpoint was logged"
     limit = RMSE.limit if follows is None else max(RMSE.limit, follows.within_reach)
-    yield RMSE.judged(None if follows is None else follows.rmse, without=asked, limit=limit)
+    yield RMSE.judged(None if follows is None else follows.rmse, without=no_setpoint, limit=limit)
     lag = None if follows is None else follows.lag
-    yield LAG.judged(lag, without=asked if follows is None else "the setpoint hardly moves")
-    yield ASTRAY.judged(None if follows is None else follows.astray, without=asked)
+    yield LAG.judged(lag, without=no_setpoint if follows is None else "the setpoint hardly moves")
+    yield ASTRAY.judged(None if follows is None else follows.astray, without=no_setpoint)
 
 
 def _of_rest(log: DriveLog, rested: float, cycle: LimitCycle | None) -> Judgement:
-    """Whether it oscillates at rest, where the log would show that."""
+    """Whether the plate oscillates at rest, if the log can show that."""
     if cycle is not None:
         return CYCLE.judged(cycle.amplitude, f"{cycle.kind}, {cycle.period:.2g} s a period")
     coarse = max(noise_sd(log.position.value), 0.5 * log_resolution(log.position.value)) > CYCLE.limit
@@ -84,7 +84,7 @@ def _of_duty(duty: DutyUse) -> Iterator[Judgement]:
 
 
 def _of_steps(log: DriveLog, steps: Sequence[Step]) -> Iterator[Judgement]:
-    """The worst of the best nine tenths of the steps."""
+    """The worst step among the best nine tenths."""
     large = [each for each in steps if abs(each.size) >= _LARGE]
     why = ("no setpoint was logged" if log.setpoint is None else
            "no step of 2 % or more between two rests of 0.3 s" if not large else

@@ -14,12 +14,12 @@ _GAP = 0.5  # s: a shorter step may be a logger that has slowed down
 class Series:
     """One quantity."""
 
-    time: np.ndarray  # s, shape (n,), strictly rising; a logger may record each quantity at a rate of its own
+    time: np.ndarray  # s, shape (n,), strictly rising; a logger may record each quantity at a different rate
     value: np.ndarray  # per cent of travel, shape (n,)
 
     @classmethod
     def rising(cls, time: np.ndarray, value: np.ndarray) -> Series:
-        """The samples at which both were logged and time goes on: an ECU may write several rows a tick of its clock.
+        """The samples at which both were logged and time increases: an ECU may write several rows a tick of its clock.
 
         Args:
             time: s, shape (n,); NaN where it was not logged.
@@ -37,7 +37,7 @@ class Series:
 
     @property
     def weight(self) -> np.ndarray:
-        """Seconds that each sample stands for, shape (n,); a gap counts for one usual step."""
+        """Duration that each sample represents, s, shape (n,); a gap counts as one usual step."""
         ahead = np.append(np.diff(self.time), self.step)
         return np.where(ahead > self._longest, self.step, ahead)
 
@@ -49,7 +49,7 @@ class Series:
         return tuple(Series(time, value) for time, value in parts)
 
     def busiest(self, duration: float) -> float:
-        """Where the stretch of a duration (s) begins in which it travels furthest, s."""
+        """Begin of the stretch of a duration (s) in which the signal travels furthest, s."""
         way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(self.value)))))
         ends = np.interp(self.time + duration, self.time, way)
         return float(self.time[int(np.argmax(ends - way))])
@@ -66,10 +66,10 @@ class DriveLog:
 
     name: str  # of its file
     position: Series  # of the plate
-    setpoint: Series | None  # what the ECU asks of it; None where it was not logged
+    setpoint: Series | None  # the position that the ECU commands; None where it was not logged
     columns: Mapping[str, str] = field(default_factory=dict)  # header in the file of each quantity that was taken
-    hint: str = ""  # what the log lacks, and what a reader may do where a quantity was not found
-    # what else of the throttle was logged, see `others.py`: duty and a second position, %; both sensors, V
+    hint: str = ""  # what the log lacks, and how to name a quantity that was not found
+    # other logged quantities of the throttle, see `others.py`: duty and a second position, %; both sensors, V
     others: Mapping[str, Series] = field(default_factory=dict)
     # closed and open voltage of the first sensor, where rig.toml's [tps] gives them
     tps: tuple[float, float] | None = None

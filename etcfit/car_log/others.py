@@ -1,4 +1,5 @@
-"""What else of the throttle a log holds: duty, and both sensors of the plate, by the names that ECUs give them."""
+"""Finds further quantities of the throttle in a log, by the names that ECUs give them: duty, and both sensors of the
+plate."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ def _plain(name: str) -> str:
 
 
 def _named(header: str, names: Sequence[str], units: Sequence[str]) -> tuple[int, str] | None:
-    """How sure a header is one of these, 0 the surest, and its unit; None where it is not."""
+    """Rank of a header among some names, 0 the surest, and its unit; None where it is none of them."""
     match = _HEADER.fullmatch(header.strip())
     if match is None:
         return None
@@ -33,7 +34,7 @@ def _named(header: str, names: Sequence[str], units: Sequence[str]) -> tuple[int
 
 
 def found(header: Sequence[str]) -> dict[str, tuple[int, str]]:
-    """Place and unit of each quantity that is there."""
+    """Column and unit of each quantity found in a header."""
     wanted = {DUTY: (LOGGED_DUTY, ("%", "", "1")), SECOND: (SECOND_SENSOR, ("%", "")),
               VOLTS_1: (FIRST_SENSOR, ("v", "mv")), VOLTS_2: (SECOND_SENSOR, ("v", "mv"))}  # fmt: skip
     out: dict[str, tuple[int, str]] = {}
@@ -46,7 +47,7 @@ def found(header: Sequence[str]) -> dict[str, tuple[int, str]]:
 
 
 def series(time: np.ndarray, columns: Sequence[np.ndarray], places: Mapping[str, tuple[int, str]]) -> dict[str, Series]:
-    """Each quantity on the times at which it was logged: duty and position in per cent, sensors in V.
+    """Each quantity at the times at which it was logged: duty and position in per cent, sensors in V.
 
     Args:
         time: s, shape (n,).

@@ -1,4 +1,4 @@
-"""A folder of logs -> DriveLogs: whatever `etcfit import` reads, its columns named as `etcfit import` names them."""
+"""Reads a folder of logs as DriveLogs: every format of `etcfit import`, with the column names that it uses."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from ..rig.user_text import refuse_foreign_names, toml_string
 from . import others
 from .log import DriveLog, Series
 
-_TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words of what may be a setpoint
+_TARGETS = ("target", "setpoint", "demand", "desired", "request", "aim", "soll")  # words in headers of a setpoint
 _OPTION = re.compile(r"(?:--column )?'(?P<header>[^'=]+)=(?P<wanted>[^']+)'")
 _PLATE = ("position", "tps")
-_ANY_TEXT = (".txt", ".asc", ".dat", ".log", ".json")  # may be anything, and no log
-_MOST = 60  # names that a message lists
+_ANY_TEXT = (".txt", ".asc", ".dat", ".log", ".json")  # suffixes of files that need not be logs
+_MOST = 60  # most names that a message lists
 
 
 def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
@@ -54,7 +54,7 @@ def read_logs(folder: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
 
 
 def logs_at(place: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
-    """The logs of a folder (see `read_logs`), or one log; its rig.toml lies beside it, or above drive/.
+    """The logs of a folder (see `read_logs`), or one log; rig.toml is in its folder, or above drive/.
 
     Raises:
         MeasurementError: no log, or one without position or time.
@@ -69,7 +69,7 @@ def logs_at(place: Path | str) -> tuple[RigConfig, tuple[DriveLog, ...]]:
 
 
 def _has_rows(path: Path) -> bool:
-    """False for notes beside the logs: a text without rows of numbers."""
+    """Whether a text has rows of numbers; notes among the logs have none."""
     try:
         return bool(read_sheets(Source(path, str(path))))
     except MeasurementError:
@@ -82,10 +82,10 @@ def _is_log(path: Path) -> bool:
 
 
 def _refuse_closed(place: Path, known: AbstractSet[str]) -> None:
-    """Logs in a format that nobody publishes, unless one that can be read lies there by the same name.
+    """Refuse logs in an unpublished format, unless a readable log of the same name is there.
 
-    What others found out of Link's (UltraLog, oecua.org: "lf3" at byte 4, names in UTF-16) says neither what lies
-    between its blocks nor what its versions differ in; we have no such file to hold a reader to.
+    What others found of Link's format (UltraLog, oecua.org: "lf3" at byte 4, names in UTF-16) describes neither the
+    data between its blocks nor the differences of its versions; we have no such file to test a reader with.
     """
     for path in sorted(place.iterdir()):
         if path.suffix.casefold() in CLOSED and path.stem not in known:
@@ -93,7 +93,7 @@ def _refuse_closed(place: Path, known: AbstractSet[str]) -> None:
 
 
 def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
-    """One log.
+    """Read one log.
 
     Raises:
         MeasurementError: it cannot be read, or has no time or position.
@@ -133,7 +133,7 @@ def _headers(sheet: Sheet) -> list[str]:
 
 
 def _raw_volts(sheet: Sheet, config: RigConfig) -> frozenset[int]:
-    """Columns of sensors' volts that are no position: [tps] of rig.toml makes one of the first."""
+    """Columns of sensor voltages that are not read as the position; with [tps] of rig.toml the first one is."""
     names = () if config.tps else (others.VOLTS_1, others.VOLTS_2)
     return frozenset(place for name, (place, _) in others.found(_headers(sheet)).items() if name in names)
 
@@ -142,19 +142,19 @@ def _ends(config: RigConfig) -> tuple[float, float] | None:
     return None if config.tps is None else (config.tps.closed_V, config.tps.open_V)
 
 
-def _sweep(name: str, asked: Series | None, along: Mapping[str, Series], written: Mapping[str, str]) -> DriveLog:
-    """A log of the sensors' volts without a position: it is the first one's voltage between its own ends."""
+def _sweep(name: str, setpoint: Series | None, along: Mapping[str, Series], written: Mapping[str, str]) -> DriveLog:
+    """A log of the sensors' voltages without a position: the first one's voltage over its own range is the position."""
     first = along[others.VOLTS_1]
     shown = 100.0 * (first.value - first.value.min()) / max(float(np.ptp(first.value)), 1e-9)
     hint = "No position in %: the first sensor's voltage is shown between its least and its highest value."
-    return DriveLog(name, Series(first.time, shown), asked, dict(written), hint, along)
+    return DriveLog(name, Series(first.time, shown), setpoint, dict(written), hint, along)
 
 
 def _answers(columns: Mapping[str, str], toml: str) -> Answers:
-    """What [columns] of rig.toml says.
+    """The column names in [columns] of rig.toml.
 
     Raises:
-        MeasurementError: one of its headers is none.
+        MeasurementError: one of them is no header of a measurement folder.
     """
     try:
         return Answers({("", name): target(wanted, f"[columns] {name}") for name, wanted in columns.items()})
@@ -164,7 +164,7 @@ def _answers(columns: Mapping[str, str], toml: str) -> Answers:
 
 
 def _takes(sheet: Sheet, answers: Answers, without: AbstractSet[int]) -> dict[str, Take]:
-    """Position and setpoint, by quantity; an ECU logs hundreds of other columns."""
+    """The columns of position and setpoint, by quantity; an ECU logs hundreds of others."""
     columns = [column for k, column in enumerate(sheet.columns) if k not in without]
     takes = [take_by_itself(column, sheet, answers) for column in columns if _matters(column, sheet, answers)]
     kept = one_each([take for take in takes if take is not None], answers, sheet)
@@ -178,7 +178,7 @@ def _matters(column: Column, sheet: Sheet, answers: Answers) -> bool:
 
 
 def _of_car(take: Take) -> Take:
-    """A position without a unit is per cent in a log from a car, whatever its size."""
+    """A column of a car log: a position without a unit is in per cent, whatever its size."""
     said = take.said or take.column.unit
     return take if said or take.quantity not in (*_PLATE, "setpoint") else Take(
         take.column, "setpoint" if take.quantity == "setpoint" else "position", "%", take.reason)  # fmt: skip
@@ -186,7 +186,8 @@ def _of_car(take: Take) -> Take:
 
 @contextmanager
 def _cures_of_toml() -> Iterator[None]:
-    """Errors of guessing name the option of `etcfit import`; here rig.toml says what a column is."""
+    """Replace the option of `etcfit import`, which errors of guessing name, by the line of rig.toml that serves
+    here."""
     try:
         yield
     except MeasurementError as err:
@@ -198,7 +199,7 @@ def _cures_of_toml() -> Iterator[None]:
 
 def _without_plate(where: str, sheets: Sequence[Sheet]) -> MeasurementError:
     columns = [column for sheet in sheets for column in sheet.columns]
-    # those with a word of the plate before others, the time last
+    # columns with a word of the plate first, the time last
     like = sorted(columns, key=lambda c: (quantity_named(c.name) == TIME, is_engines(c.name) or not is_plates(c.name)))
     there = ", ".join(f"'{_shown(column)}'" for column in like[:_MOST])
     more = f" and {len(like) - _MOST} others" if len(like) > _MOST else ""
@@ -210,13 +211,13 @@ def _without_plate(where: str, sheets: Sequence[Sheet]) -> MeasurementError:
 
 
 def _shown(column: Column) -> str:
-    """A column with its unit, wherever the file gives that."""
+    """A column with its unit, if the file gives it."""
     unit = column.unit or column.stated
     return f"{column.label} [{unit}]" if unit and column.label == column.name else column.label
 
 
 def _of_setpoint(sheet: Sheet) -> str:
-    """How to name the setpoint among columns of which none is known to be it."""
+    """How to name the setpoint where no column is known to be it."""
     like = [_shown(c) for c in sheet.columns
             if any(word in c.name.casefold() for word in _TARGETS)
             and not c.stated and not is_engines(c.name) and not is_about(c.name)]  # fmt: skip
@@ -226,7 +227,8 @@ def _of_setpoint(sheet: Sheet) -> str:
 
 
 def _of_unit(plate: Take, sheet: Sheet) -> str:
-    """What a number without a unit was taken for, where it is no engine computer's, whose positions are per cent."""
+    """A remark that a position without a unit is taken as per cent; none for logs of ECUs, whose positions are per
+    cent."""
     if plate.said or plate.column.unit or sheet.is_ecu or known(plate.column.name):
         return ""
     label = plate.column.label

@@ -1,4 +1,4 @@
-"""Two sensors of one plate: their ends, whether they agree, and what is odd about the pair.
+"""Evaluates two sensors of one plate: their end values, whether they agree, and faults of the pair.
 
     x = (s_1 - closed_1)/(open_1 - closed_1),    s_2 = closed_2 + (open_2 - closed_2) min(x/x_s, 1)
 
@@ -17,14 +17,14 @@ from .log import Series
 from .steps import noise_sd
 from .tracking import longest
 
-_NEAR = 0.015  # of the span: samples so near to an end are at it
-_DWELL = 0.2  # s that a sweep must rest at an end, for it to be the stop's
-_FULL = 0.93  # of the travel: a second sensor that stops later goes all the way
+_NEAR = 0.015  # of the span: samples this close to an end count as at the end
+_DWELL = 0.2  # s that a sweep must rest at an end for the end to count as that of the stop
+_FULL = 0.93  # of the travel: a second sensor that stops later covers the whole travel
 _BINS = 50
-_BEND = 0.02  # of the second one's span: a straight line that is further off (rms) has a bend
-_CLOSER = 0.5  # share of what the line leaves that the bend must leave at most
-_HIGH = 0.65  # share of the span: no plate rests so far open without current
-_BLIND = 0.1  # of the span that the one moves while the other stands at its end: then it is the other that stops
+_BEND = 0.02  # of the second sensor's span: rms error of a straight line from which on a bend is tried
+_CLOSER = 0.5  # largest ratio of the error with a bend to that of the line
+_HIGH = 0.65  # share of the span: no plate rests this far open without current
+_BLIND = 0.1  # of the span: where one sensor moves this far while the other stays at its end, the other one stops early
 _SAME = 0.05  # of the span of rig.toml's [tps] within which two ends are the same
 _LASTS = 0.1  # s that a difference must last
 _COUNTS = 200.0  # of rusEFI, a volt
@@ -32,7 +32,7 @@ _COUNTS = 200.0  # of rusEFI, a volt
 
 @dataclass(frozen=True)
 class Ends:
-    """What a sensor shows with the plate closed and open, in `Sensors.unit`."""
+    """The values of a sensor with the plate closed and open, in `Sensors.unit`."""
 
     closed: float  # with the plate closed
     opened: float  # with the plate open
@@ -47,21 +47,21 @@ class Ends:
 class Sensors:
     """Both sensors of a plate, from one sweep or drive."""
 
-    unit: Literal["V", "%"]  # "%" where the log holds what the ECU made of them
-    # first, second: their ends, as far as the log shows them
+    unit: Literal["V", "%"]  # "%" where the log holds the ECU's positions
+    # first, second: their end values, as far as the log shows them
     first: Ends
     second: Ends
-    stops: float  # share of the travel at which the second is at its end, per cent; 100 where it goes all the way
-    late: float  # share of the travel at which the second begins to move, per cent; 0 where it moves from the begin
+    stops: float  # share of the travel at which the second is at its end, per cent; 100 where it covers all of it
+    late: float  # share of the travel at which the second begins to move, per cent; 0 where it moves at once
     crossed: str  # why the two seem to be exchanged; "" where they do not
-    # whether the plate rests at (closed, open) for 0.2 s: else these ends may not be the stops
+    # whether the plate rests at (closed, open) for 0.2 s; otherwise these end values may not be those of the stops
     dwelt: tuple[bool, bool]
     apart: float  # largest difference that lasts 0.1 s, per cent of travel
     apart_rms: float  # root mean square of the difference, likewise
 
     @property
     def findings(self) -> tuple[str, ...]:
-        """What is to be known of the pair, a sentence each."""
+        """The findings on the pair, one sentence each."""
         return tuple(self._findings())
 
     def _findings(self) -> Iterator[str]:
@@ -72,10 +72,10 @@ class Sensors:
                 yield (f"The {name} sensor is turned: it falls from {ends.closed:.3g} to {ends.opened:.3g} {self.unit} "
                        f"while the plate opens.{self._usual(name)}")  # fmt: skip
         if self.stops < 100.0:
-            yield (f"The second sensor stops at {self.stops:.0f} % of the travel: beyond it only the first one tells "
-                   "where the plate is.")  # fmt: skip
+            yield (f"The second sensor stops at {self.stops:.0f} % of the travel: beyond it only the first one shows "
+                   "the position of the plate.")  # fmt: skip
         if self.late > 0.0:
-            yield f"The second sensor begins to move at {self.late:.0f} % of the travel only."
+            yield f"The second sensor does not move before {self.late:.0f} % of the travel."
         for dwelt, name in zip(self.dwelt, ("closed", "open"), strict=True):
             if not dwelt:
                 yield (f"The plate does not rest at the {name} end of this log: the {name} values may not be the "
@@ -88,7 +88,7 @@ class Sensors:
 
     @property
     def table(self) -> tuple[Setting, ...]:
-        """What to type into ECUs; nothing where the log holds per cent, for an ECU is calibrated in volts."""
+        """The settings to type into ECUs; empty where the log holds per cent, because an ECU is calibrated in volts."""
         return tuple(self._table()) if self.unit == "V" else ()
 
     def _table(self) -> Iterator[Setting]:
@@ -109,11 +109,11 @@ class Setting:
 
     Source: rusEFI's tps.h (TPS_TS_CONVERSION 200 counts a volt) and its configuration; the FOME wiki's "ETB
     redundancy"; Haltech's "Throttle Position Sensor": voltages at 0 % and 100 %.
-    That FOME counts as rusEFI does is assumed.
+    Assumed: FOME uses the same counts as rusEFI.
     """
 
-    ecu: str  # for which
-    name: str  # as that ECU calls it
+    ecu: str  # the ECU
+    name: str  # name of the setting in that ECU
     value: float  # in `unit`
     unit: str  # of it
 
@@ -121,14 +121,14 @@ class Setting:
 def two_sensors(
     first: Series, second: Series, unit: Literal["V", "%"], opens: float, tps: tuple[float, float] | None = None
 ) -> Sensors | None:
-    """Study a pair; None where the first one hardly moves.
+    """Evaluate a pair; None where the first sensor hardly moves.
 
     Args:
         first, second: as logged, in `unit`.
         unit: "V" or "%".
-        opens: 1 where the first rises while the plate opens, -1 where it falls, 0 where nothing tells: then the plate
-            is taken to begin near its closed end, where its springs hold it.
-        tps: (closed, open) of the first sensor as rig.toml's [tps] has it, V.
+        opens: 1 where the first rises while the plate opens, -1 where it falls, 0 where this is unknown: the plate is
+            then assumed to begin near its closed end, where its springs hold it.
+        tps: (closed, open) of the first sensor by [tps] of rig.toml, V.
     """
     inside = (first.time >= second.time[0]) & (first.time <= second.time[-1])
     time, one = first.time[inside], first.value[inside]
@@ -147,7 +147,7 @@ def two_sensors(
     if not crossed and tps is not None and _like(pair, tps) and not _like(ends, tps):
         crossed = "the second one has the voltages that [tps] of rig.toml gives for the first. Exchange their inputs."
     shown = np.clip((two - low) / (high - low) if high != low else 0.0 * two, -0.5, 1.5) * (stops - late) + late
-    # where the log holds per cent the ECU's own figures are held against each other, not new ends of them
+    # where the log holds per cent, the ECU's own positions are compared, without new end values
     apart = (shown - np.clip(share, late, stops)) * 100.0 if unit == "V" else _as_logged(one, two, share, stops)
     if crossed and blind > _BLIND:
         ends, pair = pair, ends
@@ -165,7 +165,7 @@ def _like(ends: Ends, tps: tuple[float, float]) -> bool:
 
 
 def _blind(one: np.ndarray, two: np.ndarray) -> float:
-    """How much of its span the second moves while the first stands at one of its ends, 0 to 1."""
+    """Share of its span that the second moves while the first stays at one of its ends, 0 to 1."""
     low, high = np.quantile(one, [0.005, 0.995])
     near = 0.02 * (high - low)
     span = np.ptp(np.quantile(two, [0.005, 0.995]))
@@ -176,7 +176,7 @@ def _blind(one: np.ndarray, two: np.ndarray) -> float:
 
 
 def _ends(time: np.ndarray, value: np.ndarray, opens: float) -> tuple[Ends, tuple[bool, bool]]:
-    """Closed and open of a sensor, and whether the plate rests there."""
+    """Closed and open value of a sensor, and whether the plate rests there."""
     low, high = np.quantile(value, [0.002, 0.998])
     room = max(_NEAR * (high - low), 4.0 * noise_sd(value))
     at = (value <= low + room), (value >= high - room)
@@ -191,9 +191,10 @@ def _ends(time: np.ndarray, value: np.ndarray, opens: float) -> tuple[Ends, tupl
 
 
 def _second(share: np.ndarray, two: np.ndarray) -> tuple[float, float, float, float]:
-    """The second one's ends, and between which shares of the travel it moves: the best line, bent where that is better.
+    """End values of the second sensor, and the shares of the travel between which it moves.
 
-    A bend is one of many tried places; each value is the median of those in one of 50 bins of the travel.
+    They are from the best line, with a bend where that fits better; many places of the bend are tried. The line is
+    fitted to the medians in 50 bins of the travel.
     """
     edges = np.linspace(0.0, 1.0, _BINS + 1)
     place = np.clip(np.searchsorted(edges, share) - 1, 0, _BINS - 1)
@@ -223,7 +224,7 @@ def _line(x: np.ndarray, y: np.ndarray, begin: float, end: float) -> tuple[float
 
 
 def _lasting(size: np.ndarray, time: np.ndarray) -> float:
-    """The largest value that is kept up for 0.1 s."""
+    """The largest value that lasts for 0.1 s."""
     from scipy.ndimage import minimum_filter1d
 
     count = max(round(_LASTS / float(np.median(np.diff(time)))), 1)

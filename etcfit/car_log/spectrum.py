@@ -9,8 +9,8 @@ import numpy as np
 
 from .log import Series
 
-_SEGMENT = 10.0  # s: tells 1.0 from 1.1 Hz
-_SLOWEST = 0.25  # Hz: slower motion is the track's, not the foot's
+_SEGMENT = 10.0  # s: resolves 1.0 and 1.1 Hz
+_SLOWEST = 0.25  # Hz: slower motion comes from the track, not from the foot
 _MOST = 20.0  # Hz that are of interest
 
 
@@ -25,10 +25,10 @@ class Spectrum:
 
 
 def spectrum(position: Series) -> Spectrum | None:
-    """Welch's periodogram, Hann windows of 10 s that overlap by half; None of a log shorter than four seconds,
-    or with too few samples a second for any frequency that is shown.
+    """Welch's periodogram, Hann windows of 10 s that overlap by half; None for a log shorter than four seconds, or with
+    too few samples a second for the frequencies shown.
 
-    No window lies across a gap of the log, where a straight line would stand for what was not logged.
+    No window spans a gap of the log, because the log would be interpolated there.
 
     Source: Welch 1967. Differs from source: the peak is read off a parabola through its three highest points, in log.
     """
@@ -62,7 +62,8 @@ def _over_pieces(evens: Sequence[np.ndarray], samples: int, step: float) -> tupl
 
 
 def _peak(frequency: np.ndarray, power: np.ndarray) -> float:
-    """Of the bins at or above 0.25 Hz that exceed both neighbours, the lowest kept bin's neighbour below included."""
+    """The highest bin at or above 0.25 Hz that exceeds both neighbours; neighbours below
+    0.25 Hz count too."""
     inner = np.arange(1, power.size - 1)
     tops = inner[
         (power[inner] > power[inner - 1]) & (power[inner] >= power[inner + 1]) & (frequency[inner] >= _SLOWEST)

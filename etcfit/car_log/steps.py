@@ -1,7 +1,7 @@
-"""Finds the steps of a setpoint in a log, and measures how the plate answers each: overshoot, settling, lag, error.
+"""Finds the steps of a setpoint in a log, and evaluates the response to each: overshoot, settling, lag, error.
 
-A step is a change within 0.1 s between two rests of 0.3 s at least. What steps are found with serves the other files
-of this room too: `rests`, where a signal stands still; `noise_sd` and `log_resolution`, how exact a sensor is.
+A step is a change within 0.1 s between two rests of 0.3 s at least. Other files of this room use its functions too:
+`rests`, where a signal stands still; `noise_sd` and `log_resolution`, noise and resolution of a sensor.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from .log import Series
 
 _GRID = 0.01  # s
 _STILL = 0.2  # per cent of travel within which a setpoint rests
-_JITTER = 8.0, 1.0  # of a setpoint that a restless pedal makes: standard deviations, and per cent at most
+_JITTER = 8.0, 1.0  # allowed motion of a noisy setpoint at rest: standard deviations of it, and per cent at most
 _REST = 0.3  # s that a rest lasts at least
 _QUICK = 0.1  # s that a step takes at most
-_SEEN = 4.0  # standard deviations of the noise above which an overshoot is one, and about which a settled plate stays
+_SEEN = 4.0  # standard deviations of the noise: least visible overshoot, and band of a settled plate
 _RISE = 0.8, 0.2  # shares of the way left between which the rise is timed
-_ROUND = 0.75  # of the rise, either side of the top: there a second-order answer is a parabola to 0.1 %
-_LEVELS = 8  # that a position must show for its resolution to be read off them
+_ROUND = 0.75  # of the rise, either side of the top: there a second-order response is a parabola to 0.1 %
+_LEVELS = 8  # least number of different values that show the resolution of a position
 _LEAST = 0.5  # per cent: a smaller step is not judged
 _FEWEST = 5  # samples of the position that a step needs
 
@@ -42,7 +42,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the setpoint, and the plate's answer."""
+    """A step of the setpoint, and the response of the plate."""
 
     begin: float  # when the setpoint changes, s
     # before, after: setpoint, per cent of travel
@@ -51,12 +51,12 @@ class Step:
     held: float  # how long the setpoint then rests, s
     # largest excess beyond the new level, per cent of the step (of 1 % of the travel where that is more)
     overshoot: float
-    settling: float  # s until the error stays within `band`; infinite where it does not within `held`
-    lag: float | None  # s until the plate has made half of its way; None where it does not make it
+    settling: float  # s until the error stays within `band`; infinite where it does not do so within `held`
+    lag: float | None  # s until the plate has moved half of its way; None where it does not
     error: float  # mean of position - setpoint in the last quarter of the rest, per cent of travel
     rms: float  # of the error over the whole rest, per cent of travel
-    # within which the plate has settled, per cent of travel: 2 % of the step, 0.2 % of the travel, or 4 standard
-    # deviations of the sensor's noise, whichever is most
+    # error within which the plate counts as settled, per cent of travel: 2 % of the step, 0.2 % of the travel, or 4
+    # standard deviations of the sensor's noise, whichever is largest
     band: float
 
     @property
@@ -71,8 +71,8 @@ class Step:
 
 
 def rests(piece: Series) -> list[Rest]:
-    """Where a setpoint without a gap stands still for 0.3 s at least: within 0.2 %, or, where it has noise of its own,
-    eight standard deviations of that, 1 % at most."""
+    """The rests of a setpoint without a gap, 0.3 s long at least: it stays within 0.2 %, or, where it is noisy, within
+    eight standard deviations of its noise, 1 % at most."""
     time = np.arange(piece.time[0], piece.time[-1], _GRID)
     value = np.interp(time, piece.time, piece.value)
     if not time.size:
@@ -97,12 +97,12 @@ def rest_tolerance(setpoint: Series) -> float:
 
 
 def pairs_with_quick_change(found: Sequence[Rest]) -> list[tuple[Rest, Rest]]:
-    """Neighbouring rests between which the setpoint changes quickly: before and after it."""
+    """Pairs of neighbouring rests between which the setpoint changes quickly."""
     return [(a, b) for a, b in pairwise(found) if b.begin - a.end - _GRID <= _QUICK + 1e-9]
 
 
 def noise_sd(value: np.ndarray) -> float:
-    """Standard deviation of a sensor's noise, from the second differences' median, and of its resolution.
+    """Standard deviation of a sensor's noise, from the median of second differences, or from its resolution.
 
         median |y_k+1 - 2 y_k + y_k-1| / (0.6745 sqrt 6)
 
@@ -116,7 +116,7 @@ def noise_sd(value: np.ndarray) -> float:
 
 
 def log_resolution(value: np.ndarray) -> float:
-    """Resolution of a log: the least difference of two values, where a good many of them repeat; else 0."""
+    """Resolution of a log: the least difference of two values, where many values repeat; otherwise 0."""
     levels = np.unique(np.round(value, 6))
     if levels.size < _LEVELS or levels.size > 0.5 * value.size:
         return 0.0
@@ -127,14 +127,14 @@ def log_resolution(value: np.ndarray) -> float:
 def steps(position: Series, setpoint: Series) -> tuple[Step, ...]:
     """Every step that the log holds, in the order of time.
 
-    Source: the paper, section 4.1. Differs from source: `band`, and that what is left is the mean of the tail, not its
-    largest value, which noise makes larger.
+    Source: the paper, section 4.1. Differs from source: `band`; and the steady-state error is the mean of the tail, not
+    its largest value, which noise makes larger.
     """
     sd = noise_sd(position.value)
     found = []
     for piece in setpoint.pieces:
         if piece.time.size > 1:
-            still = rest_tolerance(piece)  # once a piece: a long log has thousands of steps
+            still = rest_tolerance(piece)  # computed per piece: a long log has thousands of steps
             found += [_step(position, setpoint, a, b, sd, still) for a, b in pairs_with_quick_change(rests(piece))]
     return tuple(each for each in found if each is not None)
 
@@ -173,9 +173,9 @@ def _step(position: Series, setpoint: Series, before: Rest, after: Rest, sd: flo
 def _top(time: np.ndarray, beyond: np.ndarray, start: float) -> tuple[float, float]:
     """The top of the overshoot, and its noise over that of a sample.
 
-    It is the top of a parabola (least squares) about the highest mean of its width, which is what a second-order answer
-    looks like a parabola in, read off its rise from 20 to 80 %. The highest sample of a quick log would be the highest
-    noise too; a slow one has three samples there, and misses the top.
+    The top is that of a least-squares parabola about the highest moving mean. Its width, in which a second-order
+    response is close to a parabola, follows from the rise from 20 to 80 %. The highest sample alone would include the
+    highest noise in a fast log, and miss the top in a slow one with three samples there.
     """
     early, late = (_reached(start, time, beyond, left) for left in _RISE)
     rise = 0.0 if early is None or late is None else late - early
@@ -203,7 +203,8 @@ def _settling(time: np.ndarray, beyond: np.ndarray, band: float) -> float:
 
 
 def _reached(start: float, time: np.ndarray, beyond: np.ndarray, left: float) -> float | None:
-    """When a share of the way from `start` is left, s; `start` and `beyond` are below 0 before the new level."""
+    """The time at which a share `left` of the way from `start` remains, s; `start` and `beyond` are below 0 before the
+    new level."""
     reached = np.flatnonzero(beyond >= left * start)
     if start >= 0.0 or not reached.size:
         return None

@@ -1,4 +1,4 @@
-"""All that is asked of one log, and two of them beside each other."""
+"""Evaluates one log in every respect, and compares two logs."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from .steps import Step, steps
 from .tracking import Tracking, tracking
 from .usage import BOUNDS, Usage, usage
 
-_CLEAR = 2.0  # standard errors by which two logs must differ
+_CLEAR = 2.0  # standard errors from which on a difference of two logs is clear
 _MANY = "more than 100"
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """What one log says."""
+    """The evaluation of one log."""
 
     log: DriveLog
-    usage: Usage  # where the plate spends its time
-    spectrum: Spectrum | None  # how fast it is moved; None of a log that is too short
-    tracking: Tracking | None  # how closely it follows; None where no setpoint was logged
-    steps: tuple[Step, ...] = ()  # every step of the setpoint, and its answer
+    usage: Usage  # time spent at each position
+    spectrum: Spectrum | None  # frequencies of the motion; None for a log that is too short
+    tracking: Tracking | None  # error against the setpoint; None where no setpoint was logged
+    steps: tuple[Step, ...] = ()  # every step of the setpoint, and the response
     cycle: LimitCycle | None = None  # an oscillation while the setpoint rests; None where there is none
-    duty: DutyUse | None = None  # what the duty does; None where none was logged
+    duty: DutyUse | None = None  # use of the duty; None where none was logged
     sensors: Sensors | None = None  # both sensors of the plate; None where one of them was not logged, or hardly moves
     verdict: Verdict = field(default_factory=lambda: Verdict(()))  # whether it is good enough
 
 
 def study(log: DriveLog, bounds: tuple[float, float] = BOUNDS) -> Study:
-    """Study a log; the share of time is given between two positions, per cent."""
-    duty, asked = log.others.get(DUTY), log.setpoint
-    follows = None if asked is None else tracking(log.position, asked)
-    answers = () if asked is None else steps(log.position, asked)
-    cycle = None if asked is None else limit_cycle(log.position, asked, duty)
-    used = None if duty is None else duty_use(duty, asked)
+    """Evaluate a log; `bounds` are two positions between which the share of time is given, per cent."""
+    duty, setpoint = log.others.get(DUTY), log.setpoint
+    follows = None if setpoint is None else tracking(log.position, setpoint)
+    answers = () if setpoint is None else steps(log.position, setpoint)
+    cycle = None if setpoint is None else limit_cycle(log.position, setpoint, duty)
+    used = None if duty is None else duty_use(duty, setpoint)
     pair = _pair(log)
-    rested = 0.0 if asked is None else at_rest(log.position, asked)
+    rested = 0.0 if setpoint is None else at_rest(log.position, setpoint)
     return Study(log, usage(log.position, bounds), spectrum(log.position), follows, answers, cycle, used, pair,
                  judge(log, follows, answers, rested, cycle, used, pair))  # fmt: skip
 
 
 def study_traces(rig: Rig) -> tuple[Study, ...]:
-    """Traces of a measurement folder that hold a setpoint and a position, studied as logs of a car."""
+    """Traces of a measurement folder that hold a setpoint and a position, evaluated as logs of a car."""
     traces = (trace for trace in rig.measurements if {"position", "setpoint"} <= set(trace.channels))
     return tuple(study(as_log(trace, rig.config)) for trace in traces)
 
@@ -74,7 +74,7 @@ def as_log(trace: Measurement, config: RigConfig) -> DriveLog:
 
 
 def _pair(log: DriveLog) -> Sensors | None:
-    """Both sensors in volts, else in per cent."""
+    """The pair of sensors, in volts where logged, otherwise in per cent."""
     if VOLTS_1 in log.others and VOLTS_2 in log.others:
         return two_sensors(log.others[VOLTS_1], log.others[VOLTS_2], "V", _opens(log), log.tps)
     if SECOND in log.others:
@@ -83,17 +83,17 @@ def _pair(log: DriveLog) -> Sensors | None:
 
 
 def _opens(log: DriveLog) -> float:
-    """1 where the first sensor rises while the plate opens, -1 where it falls; 0 without a setpoint: what the ECU makes
-    of a sensor that is not calibrated yet does not tell."""
+    """1 where the first sensor rises while the plate opens, -1 where it falls; 0 without a setpoint, because the
+    position of a sensor that is not calibrated yet does not show the direction."""
     first = log.others[VOLTS_1]
     if log.setpoint is None:
         return 0.0
-    asked = np.interp(first.time, log.setpoint.time, log.setpoint.value)
-    return float(np.sign(np.cov(first.value, asked)[0, 1]))
+    setpoint = np.interp(first.time, log.setpoint.time, log.setpoint.value)
+    return float(np.sign(np.cov(first.value, setpoint)[0, 1]))
 
 
 def chosen(logs: Sequence[DriveLog], names: Sequence[str]) -> tuple[DriveLog, ...]:
-    """Logs by the names of their files, in the order asked for.
+    """Logs by the names of their files, in the order given.
 
     Raises:
         UsageError: there is none of that name.
@@ -109,7 +109,7 @@ def verdict(before: Study, after: Study) -> str:
     """Two logs, before and after new gains, in a sentence."""
     was, now = before.tracking, after.tracking
     if was is None or now is None:
-        return "Without a setpoint in both logs nothing can be said of how closely the plate follows."
+        return "Tracking errors cannot be compared: a log without a setpoint has none."
     text = f"RMSE {was.rmse:.2f} -> {now.rmse:.2f} % of travel"
     if was.lag is not None and now.lag is not None:
         text += f", lag {1e3 * was.lag:.0f} -> {1e3 * now.lag:.0f} ms"
@@ -117,31 +117,31 @@ def verdict(before: Study, after: Study) -> str:
 
 
 def _judged(before: Verdict, after: Verdict) -> Iterator[str]:
-    """Which figures have become good, are not good yet, are good no longer."""
+    """Figures that have become good, that are still not good, and that are no longer good."""
     was, now = ({each.name: each.word for each in verdict.judgements} for verdict in (before, after))
     for words, pair in (("Now good", ("not good", "good")), ("Still not good", ("not good", "not good")),
-                        ("Good no longer", ("good", "not good"))):  # fmt: skip
+                        ("No longer good", ("good", "not good"))):  # fmt: skip
         names = [name for name, word in now.items() if (was.get(name), word) == pair]
         if names:
             yield f"{words}: {', '.join(names)}."
 
 
 def _clear(was: Tracking, now: Tracking) -> Iterator[str]:
-    """How sure the difference in RMSE is, and that in lag."""
+    """How sure the differences in RMSE and in lag are."""
     if was.stderr is None or now.stderr is None:
-        yield "The logs are too short to say by how much the RMSE varies by itself."
+        yield "The logs are too short to estimate how much the RMSE varies by chance."
         return
     sd = float(np.hypot(was.stderr, now.stderr))
-    yield _told("RMSE", now.rmse - was.rmse, sd, f"{sd:.2f} %")
+    yield _significance("RMSE", now.rmse - was.rmse, sd, f"{sd:.2f} %")
     if was.lag is None or now.lag is None or was.lag_stderr is None or now.lag_stderr is None:
         return
     sd = float(np.hypot(was.lag_stderr, now.lag_stderr))
-    yield _told("lag", now.lag - was.lag, sd, f"{1e3 * sd:.1f} ms")
+    yield _significance("lag", now.lag - was.lag, sd, f"{1e3 * sd:.1f} ms")
 
 
-def _told(name: str, difference: float, sd: float, shown: str) -> str:
+def _significance(name: str, difference: float, sd: float, shown: str) -> str:
     if abs(difference) <= _CLEAR * sd:
-        return f"The difference in {name} is within what it varies by itself ({shown})."
+        return f"The difference in {name} is within its variation by chance ({shown})."
     errors = abs(difference) / max(sd, 1e-300)
     return f"The difference in {name} is clear ({_MANY if errors > 100.0 else format(errors, '.1f')} standard errors)."
 
@@ -149,5 +149,7 @@ def _told(name: str, difference: float, sd: float, shown: str) -> str:
 def _alike(was: Tracking, now: Tracking) -> str:
     ratio = now.demand / was.demand if was.demand > 0.0 else np.inf
     if 0.8 < ratio < 1.25:
-        return "Both drives ask about as much of the throttle."
-    return f"But the second drive's setpoint moves {ratio:.2f} times as fast: the figures are not of like drives."
+        return "The setpoints of both drives move about equally fast."
+    return (
+        f"But the second drive's setpoint moves {ratio:.2f} times as fast: the two drives cannot be compared directly."
+    )

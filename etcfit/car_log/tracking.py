@@ -10,45 +10,44 @@ from ..rig.signals import runs
 from .criteria import FAR, SETTLING
 from .log import Series
 
-_LONGEST = 1.0  # s of lag that are looked for
-_BLOCK = 5.0  # s: further apart, errors know nothing of each other
-_FEWEST = 4  # blocks that tell how much a figure varies
-_WITHIN = 5.834  # where (1 + a) exp(-a) is 0.02: a critically damped loop has settled
+_LONGEST = 1.0  # s: largest lag that is tried
+_BLOCK = 5.0  # s: errors further apart are independent
+_FEWEST = 4  # least number of blocks for a standard error
+_WITHIN = 5.834  # solution a of (1 + a) exp(-a) = 0.02: a critically damped loop has settled then
 _RANGE = 20.0  # per cent of travel
-_STILL = 0.5  # per cent: a setpoint that varies by less tells no lag
+_STILL = 0.5  # per cent: a setpoint that varies by less shows no lag
 
 
 @dataclass(frozen=True)
 class InRange:
-    """Position against setpoint while the setpoint lies in a part of the travel."""
+    """Error of the position while the setpoint lies in a part of the travel."""
 
     # low, high: of the setpoint, per cent
     low: float
     high: float
-    seconds: float  # in it
+    seconds: float  # time of the setpoint in it
     rmse: float  # per cent of travel
     mean: float  # of position - setpoint, per cent of travel
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """Position against setpoint."""
+    """Error of the position against the setpoint."""
 
     rmse: float  # Eq. 9, per cent of travel.
-    stderr: float | None  # of it, from blocks of 5 s; None of a log of fewer than four
+    stderr: float | None  # of it, from blocks of 5 s; None for a log of fewer than four
     lag: float | None  # by which the position comes after the setpoint, s; None where the setpoint hardly moves
     lag_stderr: float | None  # of it, from the same blocks
-    left: float | None  # RMSE against the setpoint delayed by the lag: what is not delay
-    demand: float  # root mean square of the setpoint's rate, per cent a second: a lazier drive is easier to follow
+    left: float | None  # RMSE against the setpoint delayed by the lag: the part of the error that is not delay
+    demand: float  # root mean square of the setpoint's rate, per cent a second: a slower drive is easier to follow
     astray: float = 0.0  # longest time with an error above 10 % of travel, s
-    # the error that a loop makes on this setpoint that settles in 0.2 s, per cent of travel: of second order,
-    # critically damped
+    # error on this setpoint of a critically damped second-order loop that settles in 0.2 s, per cent of travel
     within_reach: float = 0.0
     ranges: tuple[InRange, ...] = ()  # parts of the travel in which the setpoint was for half a second or more
 
 
 def tracking(position: Series, setpoint: Series) -> Tracking:
-    """Compare them where both were logged.
+    """Compare position and setpoint where both were logged.
 
         RMSE = sqrt(sum (Y - Y_set)^2 / N),    lag = argmin_d sum (Y(t) - Y_set(t - d))^2
 
@@ -67,7 +66,7 @@ def tracking(position: Series, setpoint: Series) -> Tracking:
 
 
 def longest(time: np.ndarray, there: np.ndarray) -> float:
-    """The longest time for which a condition holds from sample to sample, s."""
+    """The longest time for which a condition holds without a break, s."""
     return max((float(time[b - 1] - time[a]) for a, b in runs(there)), default=0.0)
 
 
@@ -106,7 +105,7 @@ def _rms(values: np.ndarray) -> float:
 
 
 def _lag(time: np.ndarray, value: np.ndarray, setpoint: Series) -> tuple[float, float | None]:
-    """The best of many delays, and its standard error: the jackknife over blocks, None of fewer than four.
+    """The best of many delays, and its standard error: the jackknife over blocks, None for fewer than four.
 
     Source: Miller 1974, Biometrika 61(1), for the jackknife. Differs from source: blocks of 5 s are left out.
     """

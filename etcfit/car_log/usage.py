@@ -8,8 +8,8 @@ import numpy as np
 
 from .log import Series
 
-SHARE = 0.77  # of the time: what the paper finds between 5 and 45 %
-BOUNDS = 5.0, 45.0  # per cent: between which it finds it
+SHARE = 0.77  # share of the time that the paper finds between 5 and 45 %
+BOUNDS = 5.0, 45.0  # per cent: the positions of that share
 _BIN = 5.0  # per cent, as in Fig. 6 (a)
 
 
@@ -25,11 +25,11 @@ class Usage:
 
 
 def usage(position: Series, bounds: tuple[float, float] = BOUNDS) -> Usage:
-    """The histogram of a position over time, each sample counting for the time it stands for.
+    """The histogram of a position over time, each sample weighed by its duration.
 
     Args:
         position: per cent.
-        bounds: between which the share is given, per cent.
+        bounds: two positions between which the share of time is given, per cent.
     """
     value, weight = position.value, position.weight / position.weight.sum()
     low, high = (_BIN * np.floor(value.min() / _BIN), _BIN * (np.floor(value.max() / _BIN) + 1.0))
@@ -40,7 +40,7 @@ def usage(position: Series, bounds: tuple[float, float] = BOUNDS) -> Usage:
 
 
 def shortest(value: np.ndarray, weight: np.ndarray, share: float) -> tuple[float, float]:
-    """The shortest interval that holds a share of the weight: from each value up, as far as it takes.
+    """The shortest interval that holds a share of the weight; an interval upwards from each value is tried.
 
     Args:
         value: shape (n,).

@@ -81,7 +81,7 @@ def test_a_harder_drive_may_have_a_larger_error() -> None:
 def test_what_new_gains_have_made_good_is_said() -> None:
     before, after = of(0.3, 40.0), of(0.8, 40.0)
     assert "Now good: overshoot" in verdict(before, after)
-    assert "Good no longer: overshoot" in verdict(after, before)
+    assert "No longer good: overshoot" in verdict(after, before)
     assert "Still not good: settling, tracking error, lag." in verdict(of(0.8, 12.0), of(0.8, 13.0))
 
 
