@@ -267,7 +267,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
         keep_compiled()
         from .experiment.check import check as check_rig
         from .reporting.check_table import check_table
-        from .reporting.closing.rig import of_check
+        from .reporting.closing import of_check
 
         result = check_rig(rig)
     _stdout().print(check_table(result))
@@ -287,7 +287,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         keep_compiled()
         from .experiment.advice import advise
         from .reporting.check_table import advice_table
-        from .reporting.closing.rig import of_advice
+        from .reporting.closing import of_advice
         from .run_folder.plan import save_advice
         from .run_folder.state import fitted_to
 
@@ -423,13 +423,12 @@ def drive(
             from .run_folder.state import refuse_among_measurements
 
             refuse_among_measurements(logs, out)
-        from .api.foretold import one_held_against
         from .car_log import study
         from .car_log.read import logs_at
         from .car_log.study import chosen
-        from .reporting.car_log import compared_table, drive_table
+        from .reporting.car_log import compared_table, drive_table, one_held_against
         from .reporting.car_log.writing import write_drive
-        from .reporting.closing.rig import of_drive
+        from .reporting.closing import of_drive
 
         config, found = logs_at(logs)
         studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
@@ -437,7 +436,7 @@ def drive(
         if out is not None:
             write_drive(out, config, studies, progress, held)
     if held is not None:
-        from .reporting.car_log.foretold import foretold_table
+        from .reporting.car_log import foretold_table
         from .reporting.closing.control import of_foretold
 
         _stdout().print(foretold_table(held))
@@ -817,7 +816,7 @@ def plan(
                             quiet=True)  # fmt: skip
         report("drawing", 0.8)
         chosen.save(o.out)
-        from .reporting.closing.rig import of_plan
+        from .reporting.closing import of_plan
         from .reporting.plan_sheet import plan_table
     _stdout().print(plan_table(chosen.campaign))
     _say(of_plan(chosen.campaign, o.out))

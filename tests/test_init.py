@@ -90,7 +90,7 @@ def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str])
 # what a command loads that computes nothing but its own answer; what is heavy and not needed for it stays away
 LIGHT = {
     "check": (
-        "import etcfit.experiment.check, etcfit.reporting.check_table, etcfit.reporting.closing.rig; "
+        "import etcfit.experiment.check, etcfit.reporting.check_table, etcfit.reporting.closing; "
         "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
         "read_graphs(read_folder('measurements/bench_twin'))"
     ),

@@ -14,10 +14,9 @@ from ..diagnosis.findings import Diagnosis
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import Digits, short
-from ..reporting.pool import errors_table
 from ..reporting.posterior import parameters_table
 from ..reporting.table import Table
-from ..reporting.tables import LOST
+from ..reporting.tables import LOST, errors_table
 from ..run_folder.posterior import parameters_json
 from . import views
 from .fit import Fit

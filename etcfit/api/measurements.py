@@ -17,7 +17,7 @@ from ..errors import UsageError
 from ..experiment.advice import Advice
 from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
-from ..reporting.car_log.foretold import Held
+from ..reporting.car_log import Held
 from ..reporting.check_table import options_table, traces_table
 from ..rig.base import RigConfig
 from . import views

@@ -24,7 +24,8 @@ from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import PredictionError, pooled
 from ..reporting import pictures, style
-from ..reporting.control import bode, front, responses, safety
+from ..reporting.control import bode
+from ..reporting.control import pictures as control_pictures
 from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.numbers import short
@@ -241,19 +242,19 @@ class DesignPlots:
 
     def responses(self) -> np.ndarray:
         """Setpoint and response by every rule, a panel a rule."""
-        return panels_of(lambda: responses.draw(self.design))
+        return panels_of(lambda: control_pictures.draw_responses(self.design))
 
     def scenarios(self) -> np.ndarray:
         """The proposed gains in every scenario, a panel each."""
-        return panels_of(lambda: responses.draw_scenarios(self.design))
+        return panels_of(lambda: control_pictures.draw_scenarios(self.design))
 
     def front(self) -> Axes:
         """Tracking error over the duty's activity: the best gains, and every rule."""
-        return panels_of(lambda: front.draw(self.design))[0]
+        return panels_of(lambda: control_pictures.draw_front(self.design))[0]
 
     def safety(self) -> np.ndarray:
         """Jam check, failing sensor, spring return, holding current; Axes, shape (4,)."""
-        return panels_of(lambda: safety.draw(self.design))
+        return panels_of(lambda: control_pictures.draw_safety(self.design))
 
 
 def log_panels(config: RigConfig, study: Study) -> np.ndarray:

@@ -432,7 +432,7 @@ def drive(
         from ..car_log import study
         from ..car_log.read import logs_at
         from ..car_log.study import chosen
-        from .foretold import one_held_against
+        from ..reporting.car_log import one_held_against
         from .measurements import Driven
 
         config, logs = logs_at(folder)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -254,8 +255,7 @@ def keep_page(run: RunFolder, report: Report = silent) -> Page:
     that are there, and `missing` says why.
     """
     from ..reporting import draw_others
-    from ..reporting.page import write_page
-    from ..reporting.page.contents import read_run
+    from ..reporting.page import read_run, write_page
 
     read_run(run.path)  # says what is wrong with RUN before anything is drawn
     missing = ""
@@ -277,7 +277,8 @@ def keep_posterior(
 ) -> None:
     """posterior.json, posterior.nc and pictures."""
     from ..posterior.sampling import bands
-    from ..reporting import draw_posterior
+    from ..reporting.drawing import draw_shared
+    from ..reporting.posterior.pictures import jobs
     from ..run_folder.posterior import posterior_json, write_netcdf
     from ..run_folder.state import exit_of
 
@@ -286,7 +287,7 @@ def keep_posterior(
     with replacing(run.path, "sample", status, {**asdict(posterior.settings), **settings}) as draft:
         write_netcdf(draft / POSTERIOR, posterior)
         write_json(draft / "posterior.json", "posterior", posterior_json(posterior, profiles, predicted))
-        draw_posterior(draft, posterior, profiles, predicted, report)
+        draw_shared(draft / "pictures" / "posterior", jobs(posterior, profiles, predicted), report)
 
 
 def keep_reduction(
@@ -298,7 +299,8 @@ def keep_reduction(
     report: Report = silent,
 ) -> None:
     """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
-    from ..reporting import draw_frequency_response, draw_reduction
+    from ..reporting.control import bode
+    from ..reporting.drawing import Job, draw_here
     from ..run_folder.plant import frequency_json, reduction_json
     from ..run_folder.state import exit_of
 
@@ -313,10 +315,12 @@ def keep_reduction(
     with replacing(run.path, "reduce", exit_of(result), settings) as draft:
         plant = reduction_json(fitted, reduction, pade_order)
         write_json(draft / "transfer_function.json", "transfer_function", plant)
-        draw_reduction(draft, fitted, reduction, report)
+        jobs: list[Job] = [(Path("bode.png"), partial(bode.draw, bode.BodePicture.of_model(fitted, reduction)))]
         if response is not None:
             write_json(draft / "frequency_response.json", "frequency_response", frequency_json(fitted, response))
-            draw_frequency_response(draft, fitted, response, report)
+            if response.points:
+                jobs.append((Path("sines.png"), partial(bode.draw_sines, fitted.config, response)))
+        draw_here(draft / "pictures" / "control", jobs, report)
 
 
 def keep_design(

@@ -9,7 +9,7 @@ The only matplotlib; lazy.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,14 +18,9 @@ from ..errors import command
 
 if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..control.design import Design
-    from ..control.frequency import FrequencyResponse
-    from ..control.linearise import Reduction
     from ..diagnosis.findings import Diagnosis
-    from ..estimation.fitted_model import Fitted
     from ..estimation.joint_fit import Report
     from ..estimation.result import FitResult
-    from ..posterior.profile import Profile
-    from ..posterior.sampling import Band, Posterior
     from ..run_folder.folder import RunFolder
     from .drawing import Job
 
@@ -154,40 +149,11 @@ def _set_aside(pictures: Path, before: Path, another: bool) -> None:
         _move(pictures, before)
 
 
-def draw_posterior(
-    run: Path, posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band], report: Report
-) -> None:
-    """Corner plot, intervals, predictive bands: RUN/pictures/posterior."""
-    from .drawing import draw_shared
-    from .posterior.pictures import jobs
-
-    draw_shared(run / "pictures" / "posterior", jobs(posterior, profiles, bands), report)
-
-
-def draw_reduction(run: Path, fitted: Fitted, reduction: Reduction, report: Report) -> None:
-    """The Bode plot of the linear plant: RUN/pictures/control/bode.png."""
-    from .control.bode import BodePicture, draw
-    from .drawing import draw_here
-
-    picture = BodePicture.of_model(fitted, reduction)
-    draw_here(run / "pictures" / "control", [(Path("bode.png"), partial(draw, picture))], report)
-
-
-def draw_frequency_response(run: Path, fitted: Fitted, response: FrequencyResponse, report: Report) -> None:
-    """The Bode plot of the sine traces, where any says something: RUN/pictures/control/sines.png."""
-    from .control.bode import draw_sines
-    from .drawing import draw_here
-
-    jobs = [(Path("sines.png"), partial(draw_sines, fitted.config, response))] if response.points else []
-    draw_here(run / "pictures" / "control", jobs, report)
-
-
 def draw_design(run: Path, design: Design, report: Report) -> None:
     """Responses of every rule, the proposed gains in every scenario, tracking against effort, failures."""
-    from .control import front, responses, safety
+    from .control import pictures as of_control
     from .drawing import draw_here
 
-    pictures = {"responses": responses.draw, "scenarios": responses.draw_scenarios, "front": front.draw,
-                "safety": safety.draw}  # fmt: skip
-    jobs = [(Path(f"{name}.png"), partial(draw, design)) for name, draw in pictures.items()]
+    draws = (of_control.draw_responses, of_control.draw_scenarios, of_control.draw_front, of_control.draw_safety)
+    jobs = [(Path(f"{draw.__name__.removeprefix('draw_')}.png"), partial(draw, design)) for draw in draws]
     draw_here(run / "pictures" / "control", jobs, report)

@@ -16,10 +16,25 @@ from ..estimation.intervals import intervals
 from ..estimation.result import FitResult
 from ..files import plain, put_aside
 from . import codec
-from .declared import Record, by_name, key, list_of, record_of
+from .declared import (
+    CONVERGED,
+    FILES,
+    FOLDER,
+    REASON,
+    RIG,
+    SYMBOL,
+    SYNTHETIC,
+    VERSIONS,
+    WARNINGS,
+    Record,
+    by_name,
+    effects_of,
+    key,
+    list_of,
+    record_of,
+)
 from .fit import AGREEMENT, PARAMETER, ROW, SCORE, described, rows_of, score_of
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
-from .shared import CONVERGED, FILES, FOLDER, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS, effects_of
 
 
 def diagnosis_json(diagnosis: Diagnosis, *keys: str) -> dict[str, Any]:

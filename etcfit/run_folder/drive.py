@@ -20,8 +20,7 @@ from ..car_log.tracking import Tracking
 from ..car_log.usage import Usage
 from ..files import plain
 from ..rig.base import RigConfig
-from .declared import Record, key, list_of, record_of
-from .shared import RIG, SYNTHETIC
+from .declared import RIG, SYNTHETIC, Record, key, list_of, record_of
 
 WORDS = list(get_args(Word))
 GAIN_SETS = ["present", "half_way", "proposed"]  # of `etcfit tune`
@@ -34,7 +33,7 @@ def drive_json(
 
     Args:
         lacks: what to record next.
-        beside: the log beside what was foretold for it, see `reporting.car_log.foretold.Held`; None where nobody asked.
+        beside: the log beside what was foretold for it, see `reporting.car_log.Held`; None where nobody asked.
     """
     found = {"config": config, "logs": studies, "record_next": lacks, "foretold": beside}
     return plain(DRIVE.written(found))

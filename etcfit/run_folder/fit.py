@@ -16,8 +16,23 @@ from ..estimation.result import FitResult, Reason, StartSummary
 from ..files import plain
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
-from .declared import Record, by_name, key, list_of, record_of
-from .shared import CONVERGED, FILES, FOLDER, MODEL, REASON, RIG, SYMBOL, SYNTHETIC, VERSIONS, WARNINGS
+from .declared import (
+    CONVERGED,
+    FILES,
+    FOLDER,
+    MODEL,
+    REASON,
+    RIG,
+    SYMBOL,
+    SYNTHETIC,
+    VERSIONS,
+    WARNINGS,
+    Record,
+    by_name,
+    key,
+    list_of,
+    record_of,
+)
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
 STATUSES = ["estimated", "fixed", "tied", "not identifiable", "compromise"]  # of a parameter

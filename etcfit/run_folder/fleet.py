@@ -24,10 +24,9 @@ from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
 from ..rig.toml import Toml, written
 from .commit import settle
-from .declared import Record, by_name, key, list_of, record_of
+from .declared import SYNTHETIC, VERSIONS, Record, by_name, key, list_of, record_of
 from .manifest import FLEET
 from .reading import object_in
-from .shared import SYNTHETIC, VERSIONS
 
 if TYPE_CHECKING:
     import pandas as pd

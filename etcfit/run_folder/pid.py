@@ -10,7 +10,7 @@ from ..control.on_units import Share
 from ..files import plain
 from ..model.feed_forward import listed
 from ..model.pid import UNIT
-from .declared import Record, by_name, figures, key, list_of
+from .declared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS, Record, by_name, figures, key, list_of
 from .design import (
     as_written,
     ecu_with_gains,
@@ -20,7 +20,6 @@ from .design import (
     supply_table_json,
     written_for,
 )
-from .shared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS
 
 
 def design_json(design: Design) -> dict[str, Any]:

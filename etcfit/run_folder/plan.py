@@ -19,8 +19,7 @@ from ..experiment.candidates import FULL, Played
 from ..files import held, plain, write_json
 from ..rig.config import parse_config
 from ..rig.user_text import c_comment, hash_comment
-from .declared import Record, by_name, key, list_of, record_of
-from .shared import RIG, SYNTHETIC, VERSIONS
+from .declared import RIG, SYNTHETIC, VERSIONS, Record, by_name, key, list_of, record_of
 
 _POINTS = 300  # of an expected curve
 

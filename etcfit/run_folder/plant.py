@@ -15,8 +15,7 @@ from ..control.frequency.response import DRIVE, POSITION, SETPOINT
 from ..control.linearise import INPUTS, SYMBOLS, UNITS, Reduction
 from ..estimation.fitted_model import Fitted
 from ..files import plain
-from .declared import Key, Record, by_name, key, list_of
-from .shared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS, WARNINGS
+from .declared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS, WARNINGS, Key, Record, by_name, key, list_of
 
 
 class _Reduced(NamedTuple):

@@ -21,9 +21,22 @@ from ..files import plain, whole
 from ..posterior.profile import Profile
 from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
-from .declared import Record, by_name, key, list_of
+from .declared import (
+    FILES,
+    FIT_STATE,
+    FOLDER,
+    MODEL,
+    REASON,
+    RIG,
+    SYNTHETIC,
+    VERSIONS,
+    WARNINGS,
+    Record,
+    by_name,
+    key,
+    list_of,
+)
 from .fit import STATUSES
-from .shared import FILES, FIT_STATE, FOLDER, MODEL, REASON, RIG, SYNTHETIC, VERSIONS, WARNINGS
 
 _ENGINE = "h5netcdf"  # of xarray
 

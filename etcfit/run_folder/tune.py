@@ -6,9 +6,8 @@ from ..car_log import Lack
 from ..control.borne import Borne
 from ..control.pid.conditions import LARGE_HOLD
 from ..importing.tuning import LogCheck
-from .declared import Record, key, list_of, record_of
+from .declared import FIT_STATE, Record, effects_of, key, list_of, record_of
 from .drive import GAIN_SETS
-from .shared import FIT_STATE, effects_of
 
 
 def _each(kind: str) -> Record:

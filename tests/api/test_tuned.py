@@ -28,7 +28,7 @@ from etcfit.control.settings import DesignSettings, OptimumSettings
 from etcfit.estimation.agreement import Compromise
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
-from etcfit.reporting.car_log.foretold import Held
+from etcfit.reporting.car_log import Held
 from etcfit.reporting.closing.control import of_foretold, of_tune
 from etcfit.reporting.numbers import short
 from etcfit.reporting.page import write_page

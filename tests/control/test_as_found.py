@@ -25,7 +25,7 @@ from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.throttle import catalogue
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.responses import draw
+from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
 from etcfit.run_folder.pid import design_json
@@ -209,7 +209,7 @@ def test_an_unstable_loop_meets_nothing_whatever_its_response_looks_like() -> No
     assert not calm.meets_all
     assert calm.probability_met == 0.0
     shown = replace(wild, chosen=calm, tuned={"as_found": calm})
-    titles = [panel.get_title(loc="left") for panel in draw(shown).axes]
+    titles = [panel.get_title(loc="left") for panel in draw_responses(shown).axes]
     assert "UNSTABLE" in titles[0]
     assert "meets" not in titles[0]
     assert "unstable" in render(design_table(shown))

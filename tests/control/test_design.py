@@ -32,7 +32,7 @@ from etcfit.model.pid import Memory, tick
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.responses import draw
+from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.sentence import hardest_place, misses
 from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder.design import rusefi
@@ -145,7 +145,7 @@ def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: Asked) -> Design
 
 @pytest.mark.slow
 def test_every_rule_is_drawn_where_it_is_hardest_for_it(designed: Design) -> None:
-    panels = [panel for panel in draw(designed).axes if panel.get_visible()]
+    panels = [panel for panel in draw_responses(designed).axes if panel.get_visible()]
     assert len(panels) == len(designed.tuned)
     for panel, tuned in zip(panels, designed.tuned.values(), strict=True):
         place, asked = hardest_place(tuned, designed.task.requirements), designed.task.requirements

@@ -33,7 +33,7 @@ from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.responses import draw
+from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder.pid import design_json
 from independent.truth import CONSISTENT, Truth
@@ -169,7 +169,7 @@ def test_the_files_and_the_table_say_how_the_fleet_fares(designed: Design, tmp_p
     said = render(design_table(designed))
     assert "on every unit of the fleet" in said
     assert designed.fleet.worst[0].unit in said
-    legend = draw(designed).legends[0]
+    legend = draw_responses(designed).legends[0]
     assert "95 % of the units" in [text.get_text() for text in legend.get_texts()]
 
 
@@ -344,7 +344,7 @@ def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_p
     assert "On the parts of line 4" in said
     assert "not judged: u100, odd: a stiff spring" in said
     assert f"outside the bench: {found.share_at_corners.met} of 24 units" in said
-    said = [text.get_text() for text in draw(design).axes[0].texts]
+    said = [text.get_text() for text in draw_responses(design).axes[0].texts]
     measured = each.measured.share
     share = f"{100.0 * each.drawn.share.value:.1f} %"
     assert f"met by {share} of drawn parts, {measured.met} of 24 measured" in said

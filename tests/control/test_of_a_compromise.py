@@ -22,8 +22,9 @@ from etcfit.estimation.joint_fit import FitResult, quiet
 from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control import bode, responses
+from etcfit.reporting.control import bode
 from etcfit.reporting.control.gains import design_parts, gains_table, loop_table, settings_table, supply_table
+from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.sentence import cautions, sentence
 from etcfit.reporting.control.tables import design_table, reduction_table
 from etcfit.run_folder.pid import design_json
@@ -103,7 +104,7 @@ def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> 
     shown = " ".join(render(design_table(designed)).split())
     assert shown.startswith(f"Caution - The parameters behind this are a compromise, not estimates: {FAR}")
     assert "P(met) are not said of a model that is not the plant" in shown
-    drawn = responses.draw(designed)
+    drawn = draw_responses(designed)
     assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
     assert cautions(found) == compromised(sound).state.cautions
     assert "probability" not in sentence(found)

@@ -8,7 +8,7 @@ import pytest
 
 from etcfit.problem.prediction_error import PredictionError
 from etcfit.reporting.numbers import Digits, is_share, short
-from etcfit.reporting.pool import Pool
+from etcfit.reporting.tables import Pool
 
 
 @pytest.mark.parametrize(

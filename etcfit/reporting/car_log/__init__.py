@@ -1,9 +1,12 @@
-"""What `etcfit drive` shows of logs from the car: tables, as the page and the terminal both show them."""
+"""What `etcfit drive` shows of logs from the car, tables for page and terminal; with --foretold a log beside what
+`etcfit tune` foretold for it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +15,14 @@ from rich.text import Text
 
 from ...car_log import Study, record_next
 from ...car_log.criteria import Judgement, Verdict
+from ...car_log.foretold import Comparison, Figure, held_against
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
+from ...errors import UsageError
 from ...rig.base import RigConfig
+from ...run_folder.reading import read_foretold
 from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
-from ..numbers import or_never, short
+from ..numbers import between, or_never, short
 from ..table import Cell, Column, Kind, Table, of_texts
 
 _MOST = 20  # steps that a table shows, the least good ones
@@ -222,3 +228,79 @@ def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
     if stderr is None:
         return "-"
     return short(scale * stderr, 2) if scale * stderr >= 0.5 * least else f"<{least:g}"
+
+
+@dataclass(frozen=True)
+class Held:
+    """One log beside what was foretold for the gains that made it.
+
+    Args:
+        log: name of its file.
+        run: of `etcfit tune`.
+        made_with: name of the step in `told`.
+        told: the object of tune.json.
+        found: the comparison.
+    """
+
+    log: str
+    run: Path
+    made_with: str
+    told: Mapping[str, Any]
+    found: Comparison
+
+    @property
+    def says(self) -> str:
+        """As foretold or not, and what that means."""
+        gains = f"the {self.made_with.replace('_', '-')} gains"
+        if self.found.as_foretold:
+            meant = "the model can be trusted with the next step" if self.made_with != "proposed" else "keep them"
+            return f"As foretold for {gains}: {', '.join(map(_figure_found, self.found.figures))}. So {meant}."
+        off = [f"{_figure_found(each)}, foretold {between(each.low, each.high)}"
+               for each in self.found.figures if not each.as_foretold]  # fmt: skip
+        off += ["the plate tracks no better than with the gains before"] if self.found.better is False else []
+        said = f"Not as foretold for {gains}: {'; '.join(off)}."
+        if self.found.unchanged:
+            said += " The error is that of the gains before."
+        return said
+
+
+def foretold_table(held: Held) -> RenderableType:
+    """A row a figure: foretold, what still is as foretold, found."""
+    levels = held.told["large_steps"]
+    rows = [(f"{figure.name}, {figure.unit}", between(figure.low, figure.high), _as_foretold(figure),
+             or_never(figure.found),
+             "as foretold" if figure.as_foretold else Cell("NOT as foretold", "bad"))
+            for figure in held.found.figures]  # fmt: skip
+    gains = f"the {held.made_with.replace('_', '-')} gains"
+    title = (f"{held.log}: {held.found.steps} steps from {levels['low_pct']:g} to {levels['high_pct']:g} % of the "
+             f"travel and back, beside what {held.run} foretold for {gains}")  # fmt: skip
+    heads = ("figure", "foretold", "as foretold", "in this log", "verdict")
+    return shown(of_texts(title, heads, rows, 1, {"verdict": "word"}))
+
+
+def _as_foretold(figure: Figure) -> str:
+    if not isfinite(figure.most):
+        return "any"
+    return between(figure.least, figure.most) if isfinite(figure.least) else f"<= {short(figure.most)}"
+
+
+def _figure_found(figure: Figure) -> str:
+    return f"{figure.name} {or_never(figure.found)}" + (f" {figure.unit}" if isfinite(figure.found) else "")
+
+
+def one_held_against(studies: Sequence[Study], run: Path, made_with: str | None) -> Held:
+    """The one log that there is, beside what a run foretold.
+
+    Args:
+        studies: of it alone.
+        run: of `etcfit tune`.
+        made_with: whose gains made it, as tune.json or the command line names them; half way where None.
+    Raises:
+        UsageError: several logs, or a run that foretells nothing.
+        MeasurementError: no such steps in it.
+    """
+    if len(studies) != 1:
+        raise UsageError(f"--foretold is about one log, and there are {', '.join(each.log.name for each in studies)}. "
+                         "Name the file of the one that the new gains made.")  # fmt: skip
+    told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
+    return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))

@@ -21,8 +21,7 @@ from .. import style
 from ..html import environment
 from ..numbers import short
 from ..page.pictures import carried
-from . import in_a_word, says_of, tables_of
-from .foretold import Held
+from . import Held, in_a_word, says_of, tables_of
 
 _SHOWN = 8.0  # s of the log, where most is asked of the plate
 _AFTER = 0.6  # s of each answer that are drawn

@@ -16,7 +16,7 @@ from ...model.ecus import ECUS, Pasting
 from ...run_folder.pid import design_json
 from ..control.sentence import sentence
 from ..numbers import counted, short
-from ..page.contents import tuned_of
+from ..page import tuned_of
 from ..tune import answer as tune_answer
 from . import NEXT_LOG, Closing
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ...control.linearise import Reduction
     from ...estimation.fitted_model import FitState
     from ...posterior.sampling import Posterior
-    from ..car_log.foretold import Held
+    from ..car_log import Held
     from ..fleet import Content
 
 _TUNE = "msq"  # a format of `etcfit export`

@@ -12,7 +12,7 @@ from ...errors import command
 from ...estimation.goodness import Left
 from ...run_folder.manifest import read_records
 from ...run_folder.state import measurements_of
-from ..page.contents import Contents, read_run, tuned_of
+from ..page import Contents, read_run, tuned_of
 from ..page.verdict import left_unexplained, residuals
 from . import NEXT_LOG, Closing, first_few, mended
 

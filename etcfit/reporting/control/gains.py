@@ -1,4 +1,6 @@
-"""Gains, of pid.json: every rule, the proposed ones as each ECU writes them, and how they fare; for every view."""
+"""Gains, of pid.json, for every view: every rule, the proposed ones as each ECU writes them, and how they fare, unit by
+unit and where something fails too.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,12 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 
 from ...control.loop_figures import EFFORT, FIGURES, MARGINS, REQUIRED, TRACKING
+from ...control.on_units import STABLE
+from ...errors import first_names
 from ...model.ecus import ECUS, Pasting, Scheduling, named
 from ..numbers import or_never, short
-from ..table import Column, Notes, Part, Table, there
-from .failures import safety_parts
+from ..table import Cell, Column, Notes, Part, Table, there
 from .sentence import CURE, GAINS, doubt, state_of, withheld
-from .units import fleet_parts, parts_table
 
 Pid = Mapping[str, Any]
 
@@ -335,3 +337,166 @@ def binding(pid: Pid) -> Notes:
     """What keeps any gains from meeting everything."""
     return Notes("Not met. What binds: eased alone, each of these would let the optimum meet everything",
                  pid.get("limits") or ())  # fmt: skip
+
+
+def safety_parts(pid: Mapping[str, Any]) -> list[Part]:
+    """Jam check and heat in sentences, then a row a failure; nothing where the file is older than that."""
+    safe = pid.get("safety")
+    if not safe:
+        return []
+    settings = pid["settings"]
+    return [Notes("Jam check", _jam_words(safe, settings["safety"])), *_tables(safe, settings["safety"]),
+            Notes("Holding", _holding_words(safe["holding"], settings))]  # fmt: skip
+
+
+def _tables(safe: Mapping[str, Any], settings: Mapping[str, Any]) -> list[Table]:
+    """Sensor, supply and springs."""
+    sensor = (f"The position sensor fails (at {settings['supply']:g} V; two sensors: {pct(settings['apart'])} % apart "
+              f"for {settings['apart_for']:g} s; worst of hot and cold, little and much friction)")  # fmt: skip
+    crank = " then ".join(f"{v:g} V for {1e3 * t:g} ms" for v, t in
+                          zip(settings["crank"], settings["crank_for"], strict=True))  # fmt: skip
+    sags = f"The supply sags (dip: {settings['dip']:g} V for {1e3 * settings['dip_for']:g} ms; crank: {crank})"
+    trips = {None: "-", True: Cell("YES", "bad"), False: "no"}
+    return [
+        Table(sensor, (Column("sensor at 25 %", "fault", "word"), *_columns({
+            "unchecked\nopens to %": "opens_pct", "jam check\nafter s": "jam_after_s", "jam check\nopens to %":
+            "jam_opens_pct", "two sensors\nafter s": "apart_after_s", "two sensors\nopens to %": "apart_opens_pct"})),
+            safe["sensor"]),
+        Table(sags, (Column("supply", "name", "word"), *_columns({
+            "held %": "opening_pct", "falls %": "closes_pct", "overshoots %": "opens_pct", "back s": "back_after_s",
+            "integral %": "integral_pct"}), Column("seen as jam", lambda row: trips[row["false_trip"]], "word")),
+            safe["supply"]),
+        Table("The springs bring it back", (*_columns({
+            "no current, from %": "opening_pct", "open terminals s": "open_terminals_s", "shorted s":
+            "shorted_terminals_s"}), Column("rests at %", lambda row: " to ".join(map(short, row["rests_pct"])))),
+            safe["unpowered"]),
+    ]  # fmt: skip
+
+
+def _columns(shown: Mapping[str, str]) -> list[Column]:
+    return [Column(head, lambda row, key=key: or_never(row[key])) for head, key in shown.items()]
+
+
+def _jam_words(safe: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
+    """The pair proposed, why, and its margins."""
+    seen, check = safe["envelope"], safe["jam"]
+    tried = (f"{seen['models']} models, each under conditions of a car, in every scenario: error up to "
+             f"{short(seen['largest_pct'])} %")  # fmt: skip
+    slowest = f"{settings['within']:g} s at {settings['reserve']:g} times in hand"
+    if check is None:
+        return [tried, f"none proposed: no threshold up to {pct(settings['most'])} % is undercut within {slowest}"]
+    kept = "no error tried is kept up so long" if check["sustained_pct"] == 0.0 else (
+        f"the largest error kept up so long is {short(check['sustained_pct'])} %")  # fmt: skip
+    told = ", ".join(f"{name} {short(after)} s" for name, after in check["told_after_s"].items() if after is not None)
+    return [
+        tried,
+        f"proposed: an error above {short(check['error_pct'])} % for more than {check['timeout_s']:g} s; the least "
+        f"threshold that gets along with {slowest}",
+        f"no false trip: a sound throttle is further off for {short(check['longest_above_s'])} s at most, {kept}",
+        f"a plate held since the first change of a scenario is told after: {told or 'none'}; while no more is asked "
+        "of it than the threshold, never",
+    ]
+
+
+def _holding_words(held: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
+    """Current, heat, and how long the full duty may last."""
+    k = int(np.argmax(np.abs(held["current_A"])))
+    said = [f"{short(abs(held['current_A'][k]))} A and {short(held['winding_W'][k])} W in the winding at most, at "
+            f"{short(held['position_pct'][k])} % of the travel; full duty against a stop: "
+            f"{short(held['full_duty_A'])} A, {short(held['full_duty_W'])} W"]  # fmt: skip
+    if not held["heating_known"]:
+        return [*said, "how warm the winding becomes is not known: the model has no winding heating; power is all "
+                "there is"]  # fmt: skip
+    limit = f"{settings['safety']['insulation']:g} degrees Celsius"
+    longest = held["full_duty_s"]
+    lasts = f"never up to {limit}" if longest is None else f"{short(longest)} s to {limit}"
+    return [*said, f"in the long run {short(max(held['winding_rise_K']))} K warmer; full duty from "
+            f"{settings['conditions']['bench']:g}: {lasts}"]  # fmt: skip
+
+
+def pct(share: float) -> str:
+    """A share in per cent."""
+    return short(100.0 * share)
+
+
+_NAMED = 12  # units in a line
+_OF = FIGURES | {STABLE: FIGURES["gain_margin_db"]}
+
+_WORST = (
+    Column("hardest for it", lambda one: _OF[one["requirement"]].name, "word"),
+    Column("figure", lambda one: _with_unit(one, "figure")),
+    Column("limit", lambda one: _with_unit(one, "limit")),
+)
+
+
+def _with_unit(one: Mapping[str, Any], key: str) -> str:
+    return "never" if one[key] is None else f"{short(one[key])} {_OF[one['requirement']].unit}"
+
+
+def fleet_parts(pid: Mapping[str, Any]) -> list[Part]:
+    """Share that meets everything, what the others miss, and the worst units; nothing of a design of one unit."""
+    found = pid.get("fleet")
+    if not found:
+        return []
+    said = [found["says"], f"so of {_interval(found)} of such units"]
+    if future := found.get("future"):
+        met = round(future["share_met"] * future["draws"])
+        said.append(f"of {future['draws']} units drawn from the population, which the search did not know, {met} do: "
+                    f"{_interval(future)}")  # fmt: skip
+    columns = (Column("worst units", "unit", "word"), *_WORST, Column("meets all", "meets", "word"))
+    title = f"{pid['rule']} on every unit of the fleet"
+    return [Table(title, columns, found["worst"], [*said, *_missed(found["fails"])])]
+
+
+def _interval(share: Mapping[str, Any]) -> str:
+    """With its 95 % interval."""
+    low, high = share["share_ci95"]
+    return f"{_percent(share)} % (95 %: {100.0 * low:.1f} to {100.0 * high:.1f} %)"
+
+
+def _percent(share: Mapping[str, Any]) -> str:
+    return f"{100.0 * share['share_met']:.1f}"
+
+
+def _missed(fails: Mapping[str, Any]) -> list[str]:
+    return [f"{_OF[symbol].name} missed by {len(units)}: {first_names(units, _NAMED)}"
+            for symbol, units in fails.items()]  # fmt: skip
+
+
+def parts_table(pid: Mapping[str, Any]) -> Table | None:
+    """Every rule on measured and drawn units, the worst unit by name; None where no fleet tells the parts."""
+    found = pid.get("parts")
+    if not found:
+        return None
+    rows = [{"rule": name, **each["worst"], **each} for name, each in found["rules"].items()]
+    drawn = next(iter(found["rules"].values()))["drawn"]["of"]
+    columns = (
+        Column("rule", "rule", "name"),
+        Column(f"met by, % of\n{len(found['units'])} units", lambda row: _percent(row["measured"])),
+        Column(f"% of\n{drawn} drawn", lambda row: _percent(row["drawn"])),
+        Column("largest RMSE\nof units, %", lambda row: or_never(row["measured"]["worst_rmse_pct"])),
+        Column("largest RMSE\nof drawn, %", lambda row: or_never(row["drawn"]["worst_rmse_pct"])),
+        Column("worst unit", "unit", "word"),
+        *_WORST,
+    )
+    return Table(f"On the parts of {found['name']}", columns, rows, _words(found, pid["rule"]))
+
+
+def _words(found: Mapping[str, Any], rule: str) -> list[str]:
+    """How to read it, and how the proposed gains fare outside the bench."""
+    chosen, there = found["rules"][rule], found["conditions"]
+    corners, hardest = there["corners"], there["hardest"]
+    verdict = "met all the same" if hardest["meets"] else "missed"
+    return [
+        "share that meets everything by a stable loop: of the measured units by their shrunk values, and of units "
+        f"drawn from the population of {found['fleet']}; optimal is sought over the latter",
+        f"{rule}: {_interval(chosen['drawn'])} of such parts",
+        *_missed(chosen["fails"]),
+        f"outside the bench: {round(corners['share_met'] * corners['of'])} of {corners['of']} units meet everything at "
+        f"every corner of supply, winding and friction; {_percent(there['drawn'])} % of the drawn ones do, each under "
+        "conditions of its own",
+        f"hardest: {hardest['unit']}: {_OF[hardest['requirement']].name} {_with_unit(hardest, 'figure')}, asked "
+        f"{_with_unit(hardest, 'limit')}: {verdict}",
+        f"not told by the fleet, taken from the run: {', '.join(found['of_run']) or 'nothing'}",
+        *(f"not judged: {unit}, {why}" for unit, why in found["left_out"].items()),
+    ]

@@ -14,9 +14,8 @@ from ...estimation.joint_fit import FitResult
 from ...run_folder.diagnosis import diagnosis_json
 from ..blocks import all_shown, outcome, rig_title, sentences, shown, spaced, stacked
 from ..numbers import Digits, short
-from ..pool import errors_table
 from ..table import Column, Kind, Notes, Part, Table, of_texts, there
-from ..tables import LOST, status_cell
+from ..tables import LOST, errors_table, status_cell
 
 Found = Mapping[str, Any]  # diagnosis.json
 _FILE = "RUN/diagnosis.json"

@@ -17,7 +17,7 @@ from ...problem.prediction_error import PredictionError, logged_unit
 from ...problem.trace import Trace
 from ..numbers import short
 from ..pictures import all_traces
-from ..pool import Entry, entries
+from ..tables import Entry, entries
 from ..traces import source
 
 DEGREES = 180.0 / np.pi

@@ -20,7 +20,7 @@ from .. import style
 from ..drawing import Job
 from ..numbers import short
 from ..pictures import all_traces, file_name
-from ..pool import Pool
+from ..tables import Pool
 from . import missing, overlay
 from .ledger import DEGREES, QUANTITIES, Entry, headline, ledger, prefixed
 

@@ -14,8 +14,7 @@ from ...files import plain, write_text
 from ...run_folder.folder import RunFolder
 from ...run_folder.manifest import failure_of, require
 from ..html import Parts, scripted
-from ..page import Page
-from ..page.contents import read_run
+from ..page import Page, read_run
 from ..page.verdict import left_unexplained, model
 from .plant import Simulation, loop_json, plant_json, simulation
 from .traces import TraceSources, traces_json

@@ -1,16 +1,20 @@
 """RUN/report.html: one self-contained page of everything that a run folder holds.
 
 It is made from the folder's files alone (formats.md), so that it can be made again, elsewhere and later, without a
-fit.
+fit. JSON files are read by the keys of formats.md; others are welcome, and optional ones may be absent.
 """
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, failure_of, replacing
-from .contents import read_run
+from ...problem.prediction_error import PredictionError
+from ...run_folder.manifest import CONVERGED, NOT_CONVERGED, failure_of, replacing, require
+from ...run_folder.reading import object_in
 
 
 @dataclass(frozen=True)
@@ -45,3 +49,92 @@ def write_page(run_dir: Path | str) -> Page:
     with replacing(run, "report", CONVERGED if converged else NOT_CONVERGED, {}) as draft:
         (draft / "report.html").write_text(page, encoding="utf-8")
     return Page(run / "report.html", failure_of(converged, final.get("reason", "")))
+
+
+_STAGE = {"fit": "fit", "diagnosis": "diagnose", "posterior": "sample", "transfer_function": "reduce",
+          "frequency_response": "reduce", "pid": "design"}  # fmt: skip
+KINDS = tuple(_STAGE)
+_NEEDED = {
+    "fit": ("model", "parameters", "score"),
+    "diagnosis": ("parameters",),
+    "pid": ("rule", "gains"),
+    "tune": ("says", "steps"),
+}
+_ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A run folder.
+
+    Args:
+        files: content of each JSON file by kind (see KINDS); absent ones are left out.
+        hashes: SHA-256 of those files by name.
+    """
+
+    run: Path
+    files: Mapping[str, Mapping[str, Any]]
+    hashes: Mapping[str, str]
+
+    def get(self, kind: str) -> Mapping[str, Any]:
+        """The object of a file; empty where there is none."""
+        return self.files.get(kind, {})
+
+    @property
+    def final(self) -> Mapping[str, Any]:
+        """The file whose model and parameters count: the diagnosis, or the fit where there is none."""
+        return self.files.get("diagnosis") or self.files["fit"]
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Effects that the diagnosis found."""
+        return tuple(self.get("diagnosis").get("added") or ())
+
+    @property
+    def score(self) -> Mapping[str, Any]:
+        """Errors of the final model."""
+        return self.get("diagnosis").get("after") or self.files["fit"]["score"]
+
+
+def read_run(run: Path) -> Contents:
+    """Read every JSON file of a run folder.
+
+    Raises:
+        UsageError: no fit, or a file of the run is not what it should be, or was made from another model.
+    """
+    require(run, "fit")
+    files, hashes = {}, {}
+    for kind in KINDS:
+        path = run / f"{kind}.json"
+        if path.is_file():
+            require(run, _STAGE[kind])
+            raw = path.read_bytes()
+            files[kind], hashes[path.name] = _object(path, kind, raw), hashlib.sha256(raw).hexdigest()
+    return Contents(run, files, hashes)
+
+
+def logs_of(run: Path) -> Mapping[str, Any]:
+    """The object of RUN/drive.json, which no stage makes; empty where there is none."""
+    path = run / "drive.json"
+    return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
+
+
+def tuned_of(run: Path) -> Mapping[str, Any]:
+    """The object of RUN/tune.json where its gains are those of pid.json; empty where there is none, or of others."""
+    path, gains = run / "tune.json", run / "pid.json"
+    if not path.is_file():
+        return {}
+    told = _object(path, "tune", path.read_bytes())
+    of_gains = hashlib.sha256(gains.read_bytes()).hexdigest() if gains.is_file() else ""
+    return told if told.get("pid") == of_gains else {}
+
+
+def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
+    """Rows of `score` (formats.md); those of a model that could not be simulated are left out."""
+    return [
+        PredictionError(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]
+    ]
+
+
+def _object(path: Path, kind: str, raw: bytes) -> Mapping[str, Any]:
+    return object_in(path, kind, _NEEDED.get(kind, ()), "Run the command that writes it again, or delete it.", raw)

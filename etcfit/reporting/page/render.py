@@ -11,12 +11,11 @@ from ..control.plant import plant_tables, sine_parts
 from ..control.sentence import cautions, why_withheld, withheld
 from ..diagnosis import diagnosis_parts, how_sure
 from ..html import environment, polynomial
-from ..pool import entries, errors_table
 from ..posterior import posterior_parts
 from ..table import Column, Table, there
-from ..tables import LOST, knowledge_parts, parameters_table
+from ..tables import LOST, entries, errors_table, knowledge_parts, parameters_table
 from ..tune import tables_of_steps
-from .contents import Contents, logs_of, rows_of, tuned_of
+from . import Contents, logs_of, rows_of, tuned_of
 from .pictures import BUDGET, groups
 from .verdict import model, verdict
 

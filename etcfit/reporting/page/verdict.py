@@ -19,7 +19,7 @@ from ...rig.base import ALLOWED_FOR
 from ..control.sentence import sentence
 from ..html import number, symbol, symbols, unit
 from ..numbers import is_share, short
-from .contents import Contents, rows_of, tuned_of
+from . import Contents, rows_of, tuned_of
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:

@@ -16,7 +16,7 @@ from etcfit.control.pid import Requirements
 from etcfit.control.pid.base import Task
 from etcfit.control.pid.optimal import FrontPoint
 from etcfit.control.settings import DesignSettings
-from etcfit.reporting.control.front import draw
+from etcfit.reporting.control.pictures import draw_front
 from partial import partial
 
 GOOD = LoopFigures(10.0, 0.1, 0.2, 1.0, 12.0, 45.0, 4.0)
@@ -45,8 +45,8 @@ FRONT = ((8.0, 0.5, True), (5.0, 0.8, True), (2.0, 0.3, False))
 
 
 def test_a_rule_below_the_line_is_named_with_what_it_misses() -> None:
-    (panel,) = draw(design(rule("optimal"), rule("quick", duty_activity_pct=6.0, rmse_pct=0.4, overshoot_pct=65.4),
-                           front=FRONT)).axes  # fmt: skip
+    quick = rule("quick", duty_activity_pct=6.0, rmse_pct=0.4, overshoot_pct=65.4)
+    (panel,) = draw_front(design(rule("optimal"), quick, front=FRONT)).axes
     assert "quick: overshoot 65.4 % (limit 20 %)" in [text.get_text() for text in panel.texts]
     crosses = [each for each in panel.lines if each.get_marker() == "x"]
     assert [each.get_data() for each in crosses] == [([6.0], [0.4])]
@@ -56,7 +56,7 @@ def test_no_rule_that_meets_the_rest_lies_below_the_line() -> None:
     calm, quick = (rule(name, duty_activity_pct=activity, rmse_pct=error)
                    for name, activity, error in (("calm", 3.0, 0.9), ("quick", 6.0, 0.4)))  # fmt: skip
     rules = rule("optimal"), calm, quick
-    (panel,) = draw(design(*rules, front=FRONT)).axes
+    (panel,) = draw_front(design(*rules, front=FRONT)).axes
     activity, error = line(panel)
     for each in rules:
         m = each.nonlinear
@@ -70,12 +70,12 @@ def test_no_rule_that_meets_the_rest_lies_below_the_line() -> None:
 @pytest.mark.parametrize("changes", [{"gain_margin_db": -1.0}, {"phase_margin_deg": 20.0}, {"settling_s": np.inf}])
 def test_margins_and_stability_count_too(changes: dict[str, float]) -> None:
     made = design(rule("optimal"), rule("wild", duty_activity_pct=3.0, rmse_pct=0.1, **changes), front=FRONT)
-    (panel,) = draw(made).axes
+    (panel,) = draw_front(made).axes
     assert 0.1 not in line(panel)[1]
     assert any(text.get_text().startswith("wild: ") for text in panel.texts)
 
 
 def test_axes_and_labels_have_units() -> None:
-    (panel,) = draw(design(rule("optimal"), front=FRONT)).axes
+    (panel,) = draw_front(design(rule("optimal"), front=FRONT)).axes
     assert panel.get_ylabel() == "tracking error, root mean square [% of travel]"
     assert panel.get_xlabel().endswith("[% of the supply]")

@@ -18,8 +18,8 @@ from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.goodness import Goodness, Left, warnings_of
 from etcfit.estimation.result import FitResult
 from etcfit.reporting.interactive import NAME, SCRIPTS, part, write_interactive
-from etcfit.reporting.interactive.lights import Light, cures, lights
 from etcfit.reporting.interactive.plant import loop_json, simulation
+from etcfit.reporting.interactive.traces import Light, cures, lights
 from etcfit.reporting.pictures import all_traces
 from etcfit.run_folder.folder import RunFolder
 from etcfit.run_folder.state import save_fit

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from etcfit.reporting.interactive.excitation import thinned
+from etcfit.reporting.interactive.plant import thinned
 from etcfit.reporting.interactive.traces import Bins
 
 

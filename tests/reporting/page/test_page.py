@@ -13,8 +13,7 @@ import pytest
 
 import runs
 from etcfit.errors import UsageError
-from etcfit.reporting.page import write_page
-from etcfit.reporting.page.contents import read_run
+from etcfit.reporting.page import read_run, write_page
 from etcfit.reporting.page.pictures import caption, carried
 from etcfit.reporting.page.render import render
 from etcfit.reporting.page.verdict import residuals
