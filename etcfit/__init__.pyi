@@ -10,7 +10,6 @@ from .api.measurements import Advised as Advised
 from .api.measurements import Checked as Checked
 from .api.measurements import Driven as Driven
 from .api.measurements import Planned as Planned
-from .api.trace import FittedTrace as FittedTrace
 from .api.tuned import Tuned as Tuned
 from .api.verbs import advise as advise
 from .api.verbs import check as check
@@ -27,6 +26,7 @@ from .api.verbs import reduce as reduce
 from .api.verbs import report as report
 from .api.verbs import sample as sample
 from .api.verbs import tune as tune
+from .api.views import FittedTrace as FittedTrace
 from .control.design import Design as Design
 from .control.pid import RULES as RULES
 from .control.pid import Gains as Gains

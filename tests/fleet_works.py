@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from etcfit.errors import MeasurementError
-from etcfit.fleets.engine.work import AbstractWork
-from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
+from etcfit.fleets.unit import AbstractWork, FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 
 def result_of(unit: str, symbols: tuple[str, ...] = ("R_a", "K_b"), seed: int | None = None) -> UnitResult:

@@ -11,8 +11,7 @@ from zlib import crc32
 
 import numpy as np
 
-from etcfit.fleets.engine.work import AbstractWork
-from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
+from etcfit.fleets.unit import AbstractWork, FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
 
 SYMBOLS = ("R_a", "L_a", "K_b", "K_s", "T_PL", "T_f", "J_eq", "B_eq")
 TRACES = ("static_load/ramp_1.csv", "static_load/ramp_2.csv", "response/drive_1.csv", "response/drive_2.csv",

@@ -21,8 +21,7 @@ from ..reporting.tables import LOST, parameter_rows, parameters_table
 from ..run_folder.fit import fit_json
 from . import views
 from .progress import Report, silent
-from .trace import FittedTrace, named, traces_of
-from .views import View, attributes, frame, indexed, numbers, score_frame, texts
+from .views import FittedTrace, View, attributes, frame, indexed, named, numbers, score_frame, texts, traces_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -15,10 +15,9 @@ from ..fleets.config import FleetConfig, read_fleet
 from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew, require_workers
 from ..fleets.engine.run import run_units
 from ..fleets.engine.store import Store
-from ..fleets.engine.work import AbstractWork
 from ..fleets.fitting import FitWork
 from ..fleets.folder import local_copy, refuse_inside
-from ..fleets.unit import UnitResult
+from ..fleets.unit import AbstractWork, UnitResult
 from ..rig.toml import Toml
 from ..run_folder.commit import Draft, all_or_none, settle
 

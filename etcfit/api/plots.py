@@ -26,12 +26,11 @@ from ..problem.prediction_error import PredictionError, pooled
 from ..reporting import pictures, style
 from ..reporting.control import bode
 from ..reporting.control import pictures as control_pictures
-from ..reporting.diagnosis import overlay
 from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.numbers import short
 from ..rig.base import RigConfig
-from .trace import FittedTrace, traces_of
-from .trace import named as trace_named
+from .views import FittedTrace, traces_of
+from .views import named as trace_named
 
 if TYPE_CHECKING:
     from ..run_folder.fleet import FleetFiles
@@ -177,8 +176,8 @@ class DiagnosisPlots:
         """
         aside = {each.trace.measurement.file: each.trace for each in self.diagnosis.aside}
         trace = aside[file] if file in aside else trace_named(traces_of(self.diagnosis.after), file).trace
-        picture = overlay.Overlay.of_trace(self.diagnosis, trace)
-        return panels_of(lambda: overlay.draw(picture))
+        picture = diagnosis_pictures.Overlay.of_trace(self.diagnosis, trace)
+        return panels_of(lambda: diagnosis_pictures.draw_overlay(picture))
 
     def _named(self, name: str, why_not: str) -> np.ndarray:
         jobs = _by_name(diagnosis_pictures.jobs(self.diagnosis))

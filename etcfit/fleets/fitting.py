@@ -38,10 +38,9 @@ from .config import FleetConfig
 from .engine.cluster import Crew
 from .engine.run import run_units
 from .engine.store import Store
-from .engine.work import AbstractWork, digest_of
 from .folder import address_of, local_copy
 from .settings import EngineSettings
-from .unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
+from .unit import AbstractWork, FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult, digest_of
 
 PILOTS = 6  # units fitted before it is known where the fleet lies
 SOUND = 2.0  # chi2 per degree of freedom up to which a pilot's parameters are a start for others

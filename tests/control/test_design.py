@@ -35,9 +35,8 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.sentence import hardest_place, misses
 from etcfit.reporting.control.tables import design_table
-from etcfit.run_folder.design import rusefi
 from etcfit.run_folder.manifest import replacing
-from etcfit.run_folder.pid import design_json
+from etcfit.run_folder.pid import design_json, rusefi
 from etcfit.run_folder.plant import reduction_json
 from etcfit.run_folder.reading import read_draws
 from etcfit.run_folder.state import load_final, save_fit

@@ -20,7 +20,7 @@ from etcfit.model.effects.limp_home_spring import LimpHomeSpring
 from etcfit.reporting.blocks import render, shown
 from etcfit.reporting.control import gains
 from etcfit.reporting.table import there
-from etcfit.run_folder.design import supply_table_json
+from etcfit.run_folder.pid import supply_table_json
 from independent.bench_twin import TRUTH
 from independent.control import Computer, failing, follow
 from independent.effects import NONE

@@ -18,9 +18,8 @@ from etcfit.errors import UsageError
 from etcfit.fleets.engine.cluster import FIRST_WORKER, Crew, ExistingScheduler, LocalWorkers, crew
 from etcfit.fleets.engine.run import Agenda, Tally, run_units
 from etcfit.fleets.engine.store import Store
-from etcfit.fleets.engine.work import Lost, Order, Portion, Trouble
 from etcfit.fleets.settings import EngineSettings
-from etcfit.fleets.unit import FailedUnit
+from etcfit.fleets.unit import FailedUnit, Lost, Order, Portion, Trouble
 from fleet_works import (
     CountingWork,
     Habit,

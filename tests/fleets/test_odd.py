@@ -9,9 +9,8 @@ import pytest
 
 from benchmarks.fleet_statistics import NO_PROFILES, Design, draw, false_odd
 from etcfit.fleets.settings import DEFAULT
-from etcfit.fleets.statistics.distances import holm, null_scale
 from etcfit.fleets.statistics.odd import effects_in, misfits, odd_units
-from etcfit.fleets.statistics.population import population
+from etcfit.fleets.statistics.population import holm, null_scale, population
 from etcfit.fleets.statistics.stack import Stack
 from etcfit.fleets.unit import TraceMisfit, UnitEstimate, UnitResult
 

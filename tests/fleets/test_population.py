@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.fleet_statistics import NO_PROFILES, Design, coverage, draw, expected_range, shrinkage
 from etcfit.fleets.settings import FleetSettings, PopulationSettings
-from etcfit.fleets.statistics.intervals import cut
-from etcfit.fleets.statistics.likelihood import Spread, expected_hessian, gradient, weigh
+from etcfit.fleets.statistics.likelihood import Spread, cut, expected_hessian, gradient, weigh
 from etcfit.fleets.statistics.population import population, shrink
 from etcfit.fleets.statistics.stack import Stack, robust, scaled, stacked
 from etcfit.fleets.unit import UnitEstimate

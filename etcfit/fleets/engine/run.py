@@ -22,10 +22,9 @@ from typing import Any, NamedTuple
 from ... import __version__
 from ...errors import UsageError
 from ..settings import EngineSettings
-from ..unit import FailedUnit, UnitResult
+from ..unit import AbstractWork, FailedUnit, Lost, Order, Portion, Trouble, UnitResult
 from .cluster import FIRST_WORKER, Crew
 from .store import Store
-from .work import AbstractWork, Lost, Order, Portion, Trouble
 
 LOOK = 0.1  # s after which a wait for an answer ends, answer or not
 RECOUNT = 2.0  # s between two looks at the workers and what they do

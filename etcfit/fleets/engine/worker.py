@@ -24,8 +24,7 @@ from distributed.protocol import pickle
 from ... import __version__
 from ...errors import MeasurementError
 from ..settings import EngineSettings
-from ..unit import FailedUnit, UnitResult
-from .work import AbstractWork, Order, Portion, Trouble
+from ..unit import AbstractWork, FailedUnit, Order, Portion, Trouble, UnitResult
 
 # a worker is a process for one core: more threads would only take time from its neighbours. PJRT_NPROC is XLA's own
 ONE_CORE = {"ETCFIT_CORES": "1", "PJRT_NPROC": "1"}

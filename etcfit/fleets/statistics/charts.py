@@ -29,7 +29,7 @@ from jaxtyping import Float
 from scipy import stats
 
 from ..settings import DEFAULT
-from .distances import holm
+from .population import holm
 from .stack import sd_between
 
 WIDTH = 3.0  # w: of the control limits, standard deviations on either side

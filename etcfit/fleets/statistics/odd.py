@@ -27,8 +27,7 @@ from ...errors import first_names
 from ...model.effects import EFFECT_BY_NAME
 from ..settings import DEFAULT
 from ..unit import UnitResult
-from .distances import LEAST, MANY, TAIL, distances, rejected
-from .population import Population
+from .population import LEAST, MANY, TAIL, Population, distances, rejected
 from .stack import Scaled, Stack, scaled
 
 NAMED = 3.0  # score of a symbol or trace, standard deviations, from which on it is named

@@ -16,7 +16,7 @@ from etcfit.api.progress import silent
 from etcfit.api.work import keep_diagnosis, keep_fit
 from etcfit.diagnosis.findings import Diagnosis, SetAside
 from etcfit.reporting import draw_others
-from etcfit.reporting.diagnosis import overlay, pictures
+from etcfit.reporting.diagnosis import pictures
 from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
@@ -161,7 +161,7 @@ def test_an_angle_without_stops_is_still_legible(found: Diagnosis) -> None:
 def test_an_overlay_shows_both_models_in_degrees(found: Diagnosis) -> None:
     trace = next(t for t in all_traces(found.before) if t.measurement.file == "response/2.csv")
     before, after = (result.predicted["response/2.csv"] for result in (found.before, found.after))
-    fig = overlay.draw(overlay.Overlay(trace, before, after, (), (), True))
+    fig = pictures.draw_overlay(pictures.Overlay(trace, before, after, (), (), True))
     labels = [panel.get_ylabel() for panel in fig.axes]
     assert labels == ["position [deg]", "error [deg]", "current [mA]", "error [mA]", "voltage [V]"]
     assert trace.input is not None
@@ -183,8 +183,8 @@ def mixed(found: Diagnosis) -> Diagnosis:
 
 def test_a_trace_of_another_rig_is_drawn_under_both_bodies(mixed: Diagnosis) -> None:
     assert names(mixed).index("traces/response__1.png") < names(mixed).index("traces/response__2.png")
-    picture = overlay.Overlay.of_trace(mixed, mixed.aside[0].trace)
-    fig = overlay.draw(picture)
+    picture = pictures.Overlay.of_trace(mixed, mixed.aside[0].trace)
+    fig = pictures.draw_overlay(picture)
     assert "response/1.csv, of another rig" in fig.get_suptitle().replace("\n", " ")
     lines = {line.get_label(): np.asarray(line.get_ydata()) for line in fig.axes[0].lines}
     own = lines["another throttle body"]
@@ -207,7 +207,7 @@ def test_a_long_trace_is_shown_where_the_first_model_is_worst(found: Diagnosis) 
     data = np.zeros((n, 2))
     before = np.where(np.abs(t - 7.0) < 0.3, 0.5, 0.0)[:, None] * np.ones(2)
     long = replace(trace, instants=t, data=data, input=None)
-    fig = overlay.draw(overlay.Overlay(long, before, 0.1 * before, (), (), True))
+    fig = pictures.draw_overlay(pictures.Overlay(long, before, 0.1 * before, (), (), True))
     assert len(fig.axes) == 8
     begin, end = fig.axes[1].get_xlim()
     assert begin < 6.71 < 7.29 < end < begin + 1.0
