@@ -223,7 +223,7 @@ def reduce_run(
 
     from .api.work import keep_reduction, plant_of
     from .reporting.closing.control import of_plant
-    from .reporting.control.tables import reduction_table, sine_table
+    from .reporting.control.plant import reduction_table, sine_table
 
     reduction, response = plant_of(result, input, output, at, report)
     keep_reduction(run, result, reduction, response, pade_order, report)
@@ -243,7 +243,7 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
     from .api.work import design_of, keep_design
     from .control.design import DRAWS, SEED
     from .reporting.closing.control import of_design
-    from .reporting.control.tables import design_table
+    from .reporting.control.gains import design_table
     from .run_folder.reading import read_draws
 
     fitted = result.fitted()
@@ -273,14 +273,14 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
     report("taking up the fleet", 0.0)
     keep_compiled()
     from .api.fleet import Fleet
-    from .api.work import fleet_design_of
+    from .api.work import design_of
     from .files import held
     from .reporting.closing.control import of_fleet_design
-    from .reporting.control.tables import design_table
+    from .reporting.control.gains import design_table
 
     with held(run):
         units = Fleet.in_run(run)
-        found = fleet_design_of(units.model, asked, report)
+        found = design_of(units.model, asked, None, report)
         units.keep_design(run, found, {}, report)
     return Done(design_table(found), closing=of_fleet_design(found, run))
 

@@ -17,8 +17,17 @@ from ..control.pid import Gains
 from ..control.safety import Safety
 from ..files import plain
 from ..model.feed_forward import as_asked
-from ..reporting.control.gains import GAINS, figures_table, refused, rule_rows, rules_table, scenario_table
-from ..reporting.control.plant import coefficients_table, constants_table, plant_tables
+from ..reporting.blocks import stacked
+from ..reporting.control.gains import (
+    GAINS,
+    design_table,
+    figures_table,
+    refused,
+    rule_rows,
+    rules_table,
+    scenario_table,
+)
+from ..reporting.control.plant import coefficients_table, constants_table, plant_tables, reduction_table, sine_table
 from ..reporting.control.sentence import doubt, sentence
 from ..run_folder.pid import PID
 from ..run_folder.plant import reduction_json
@@ -97,9 +106,6 @@ class Reduced(View):
         return ReductionPlots(self.fit.result.fitted(), self.reduction, self.response)
 
     def _printed(self) -> RenderableType:
-        from ..reporting.blocks import stacked
-        from ..reporting.control.tables import reduction_table, sine_table
-
         fitted = self.fit.result.fitted()
         sines = None if self.response is None else sine_table(fitted, self.response)
         return stacked(reduction_table(fitted, self.reduction, 0), sines)
@@ -212,8 +218,6 @@ class Designed(View):
         return DesignPlots(self.design)
 
     def _printed(self) -> RenderableType:
-        from ..reporting.control.tables import design_table
-
         return design_table(self.design)
 
     def save(self, run: str | Path) -> Path:

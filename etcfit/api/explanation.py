@@ -14,7 +14,7 @@ from ..diagnosis.findings import Diagnosis
 from ..posterior.sampling import Posterior
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import Digits, short
-from ..reporting.posterior import parameters_table
+from ..reporting.posterior import parameters_table, posterior_table
 from ..reporting.table import Table
 from ..reporting.tables import LOST, errors_table
 from ..run_folder.posterior import parameters_json
@@ -195,8 +195,6 @@ class Sampled(View):
         return PosteriorPlots(self.posterior)
 
     def _printed(self) -> RenderableType:
-        from ..reporting.posterior import posterior_table
-
         return posterior_table(self.posterior, {})
 
     def save(self, run: str | Path, quiet: bool = False) -> Path:

@@ -17,7 +17,7 @@ from ..model.effects import PAPER
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
 from ..reporting.table import Table
-from ..reporting.tables import LOST, parameter_rows, parameters_table
+from ..reporting.tables import LOST, fit_table, parameter_rows, parameters_table
 from ..run_folder.fit import fit_json
 from . import views
 from .progress import Report, silent
@@ -149,8 +149,6 @@ class Fit(View):
         return FitPlots(self.result)
 
     def _printed(self) -> RenderableType:
-        from ..reporting.tables import fit_table
-
         return fit_table(self.result)
 
     def save(self, run: str | Path) -> Path:

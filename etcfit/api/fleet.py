@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..errors import UsageError
-from ..reporting.fleet import capability_table, effects_table, figures_table, gauge_table, population_table
+from ..reporting import fleet as tables
 from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
 from . import views
 from .progress import Report, silent
@@ -61,7 +61,7 @@ class Fleet(View):
         """The design, indexed by symbol: mean and sd between units with their 95 % intervals (SI), unit, cpk, whether
         one value is shared by all, and how many units' data tell it."""
         keys = ("mean", "mean_low", "mean_high", "sd", "sd_low", "sd_high", "unit", "cpk", "shared", "informed")
-        return frame(population_table(self._content).rows, "symbol", keys)
+        return frame(tables.population_table(self._content).rows, "symbol", keys)
 
     @property
     def correlation(self) -> pd.DataFrame:
@@ -93,7 +93,9 @@ class Fleet(View):
     @property
     def figures(self) -> pd.DataFrame:
         """What a line measures, indexed by figure: mean, sd, low, high (2.5 and 97.5 % of units), unit, meaning."""
-        return frame(figures_table(self._content).rows, "figure", ("mean", "sd", "low", "high", "unit", "meaning"))
+        return frame(
+            tables.figures_table(self._content).rows, "figure", ("mean", "sd", "low", "high", "unit", "meaning")
+        )
 
     @property
     def predictions(self) -> pd.DataFrame:
@@ -106,18 +108,18 @@ class Fleet(View):
     def capability(self) -> pd.DataFrame:
         """What has limits, indexed by symbol or figure: low, high, mean, sd, cp, cpk, outside, unit."""
         keys = ("low", "high", "mean", "sd", "cp", "cpk", "outside", "unit")
-        return frame(capability_table(self._content).rows, "name", keys)
+        return frame(tables.capability_table(self._content).rows, "name", keys)
 
     @property
     def gauge(self) -> pd.DataFrame:
         """Repeatability and reproducibility, indexed by symbol; empty where no part was measured twice."""
         keys = ("repeatability", "rig", "operator", "reproducibility", "part", "total", "rr_percent", "ndc", "unit")
-        return frame(gauge_table(self._content).rows, "symbol", keys)
+        return frame(tables.gauge_table(self._content).rows, "symbol", keys)
 
     @property
     def effects(self) -> pd.DataFrame:
         """Effects that the common model names, indexed by effect: how many units have it, of how many, median, unit."""
-        return frame(effects_table(self._content).rows, "effect", ("present", "of", "median", "unit", "symbol"))
+        return frame(tables.effects_table(self._content).rows, "effect", ("present", "of", "median", "unit", "symbol"))
 
     @property
     def failed(self) -> pd.DataFrame:
@@ -168,9 +170,7 @@ class Fleet(View):
             settle(run)
 
     def _printed(self) -> RenderableType:
-        from ..reporting.fleet import fleet_table
-
-        return fleet_table(self._content)
+        return tables.fleet_table(self._content)
 
     @property
     def _content(self) -> Mapping[str, Any]:
@@ -178,9 +178,7 @@ class Fleet(View):
 
     @property
     def _said(self) -> tuple[str, ...]:
-        from ..reporting.fleet import verdict
-
-        return tuple(sentence.text for sentence in verdict(self._content))
+        return tuple(sentence.text for sentence in tables.verdict(self._content))
 
     @property
     def _name(self) -> str:

@@ -15,9 +15,10 @@ from ..fleets.config import FleetConfig, read_fleet
 from ..fleets.engine.cluster import Crew, ExistingScheduler, LocalWorkers, cores, crew, require_workers
 from ..fleets.engine.run import run_units
 from ..fleets.engine.store import Store
-from ..fleets.fitting import FitWork
+from ..fleets.fitting import FitWork, fit_all
 from ..fleets.folder import local_copy, refuse_inside
 from ..fleets.unit import AbstractWork, UnitResult
+from ..rig.config import config_of
 from ..rig.toml import Toml
 from ..run_folder.commit import Draft, all_or_none, settle
 
@@ -63,7 +64,6 @@ def work_through(
         UsageError: a library of the extra `fleet` is not installed, no worker answers, RUN lies in the fleet, or
             another process writes there.
     """
-    from ..fleets.fitting import fit_all
     from ..fleets.study import study
     from ..run_folder.fleet import read_fleet_files, save_fleet
 
@@ -75,9 +75,8 @@ def work_through(
         report("reading the fleet", 0.0)
         config = read_fleet(location)
         toml = rig_of_one(config)
-        rig = config_of_rig(toml)
-        refuse_unknown_limits(config, rig)
-        refuse_foreign_units(config, rig)
+        rig = config_of(toml, "fleet")
+        refuse_wrong_limits(config, rig)
         report("starting the workers", 0.0)
         hands = hands or opened.enter_context(crew(place))
         watch(hands.address, 0.0)
@@ -127,7 +126,7 @@ def rig_of_one(config: FleetConfig) -> Toml:
         try:
             with local_copy(config.location, unit) as folder:
                 toml = rig_toml(str(folder), config.common)
-            config_of_rig(toml)
+            config_of(toml, "fleet")
             return toml
         except MeasurementError as error:
             first = first or error
@@ -135,15 +134,9 @@ def rig_of_one(config: FleetConfig) -> Toml:
     raise first
 
 
-def config_of_rig(toml: Toml) -> RigConfig:
-    """What it says, checked."""
-    from ..rig.config import config_of
-
-    return config_of(toml, "fleet")
-
-
-def refuse_unknown_limits(config: FleetConfig, rig: RigConfig) -> None:
-    """Before hours of fits, say that a limit or a shared symbol is of nothing that there is.
+def refuse_wrong_limits(config: FleetConfig, rig: RigConfig) -> None:
+    """Before hours of fits, say that a limit or a shared symbol is of nothing that there is, or a limit in a unit of
+    something else: a spring's torque without its angle.
 
     Raises:
         MeasurementError: so it is.
@@ -153,8 +146,8 @@ def refuse_unknown_limits(config: FleetConfig, rig: RigConfig) -> None:
     from ..problem.free_parameters import free_parameters
     from ..rig.toml import closest, place_of
 
-    symbols = [*free_parameters(rig).layout.free, *LUMPS]
-    toml = config.common
+    layout, toml = free_parameters(rig).layout, config.common
+    symbols = [*layout.free, *LUMPS]
     for table, names, known in (
         ("fleet.shared", config.shared, symbols),
         ("limits", config.limits, [*symbols, *FIGURE_BY_NAME]),
@@ -163,27 +156,14 @@ def refuse_unknown_limits(config: FleetConfig, rig: RigConfig) -> None:
             where = place_of(toml.path, toml.source, table if table != "limits" else f"limits.{unknown}")
             raise MeasurementError(where, f"{table}: {unknown} is nothing that this fleet's model has.",
                                    f"Known: {', '.join(known)}.", closest(unknown, known, "Delete it."))  # fmt: skip
-
-
-def refuse_foreign_units(config: FleetConfig, rig: RigConfig) -> None:
-    """Before hours of fits, say that a limit is in a unit of something else: a spring's torque without its angle.
-
-    Raises:
-        MeasurementError: so it is.
-    """
-    from ..estimation.intervals import LUMPS
-    from ..fleets.line import FIGURE_BY_NAME
-    from ..problem.free_parameters import free_parameters
-    from ..rig.toml import place_of
-
-    known = {p.symbol: p.unit for p in free_parameters(rig).layout.parameters}
-    known |= {name: each.unit for table in (LUMPS, FIGURE_BY_NAME) for name, each in table.items()}
+    units = {p.symbol: p.unit for p in layout.parameters}
+    units |= {name: each.unit for table in (LUMPS, FIGURE_BY_NAME) for name, each in table.items()}
     for name, limit in config.limits.items():
-        if name in known and not _comes_down_to(known[name], limit.unit):
-            where = place_of(config.common.path, config.common.source, f"limits.{name}")
-            raise MeasurementError(where, f"limits.{name}: found unit '{limit.given}'.",
-                                   f"{name} is in {known[name]}, or a multiple of it.",
-                                   f'Write unit = "{known[name]}", and the limits in it.')  # fmt: skip
+        if not _comes_down_to(units[name], limit.unit):
+            raise MeasurementError(place_of(toml.path, toml.source, f"limits.{name}"),
+                                   f"limits.{name}: found unit '{limit.given}'.",
+                                   f"{name} is in {units[name]}, or a multiple of it.",
+                                   f'Write unit = "{units[name]}", and the limits in it.')  # fmt: skip
 
 
 def _comes_down_to(unit: str, base: str) -> bool:
@@ -225,7 +205,6 @@ class PageWork(AbstractWork):
 
     def fit(self, unit: str) -> UnitResult:
         """The unit's result, the same as before; its files are what counts."""
-        from ..fleets.folder import local_copy
         from ..run_folder.folder import RunFolder
         from .work import keep_fit, keep_page
 

@@ -17,8 +17,8 @@ from ..errors import UsageError
 from ..experiment.advice import Advice
 from ..experiment.campaign import Campaign
 from ..experiment.check import CheckResult
-from ..reporting.car_log import Held
-from ..reporting.check_table import options_table, traces_table
+from ..reporting.car_log import Held, drive_table, logs_table
+from ..reporting.check_table import advice_table, check_table, options_table, traces_table
 from ..rig.base import RigConfig
 from . import views
 from .views import View, frame, indexed, numbers
@@ -70,8 +70,6 @@ class Checked(View):
         return self.result.warnings
 
     def _printed(self) -> RenderableType:
-        from ..reporting.check_table import check_table
-
         return check_table(self.result)
 
     @property
@@ -138,8 +136,6 @@ class Advised(View):
         return dict(self.advice.not_judged)
 
     def _printed(self) -> RenderableType:
-        from ..reporting.check_table import advice_table
-
         return advice_table(self.advice)
 
     def save(self, run: str | Path) -> Path:
@@ -239,8 +235,6 @@ class Driven(View):
         """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
         lag_s, lag_stderr, demand_pct_s; NaN where a log does not tell.
         """
-        from ..reporting.car_log import logs_table
-
         keys = ("seconds", "share_between", "dominant_hz", "half_hz", "rmse_pct", "rmse_stderr", "lag_s", "lag_stderr",
                 "demand_pct_s")  # fmt: skip
         return frame(logs_table(self.studies).rows, "log", keys)
@@ -301,13 +295,9 @@ class Driven(View):
         return log_panels(self.config, known[name])
 
     def _printed(self) -> RenderableType:
-        from ..reporting.car_log import drive_table
-
         return drive_table(self.config, self.studies)
 
     def __repr__(self) -> str:
-        from ..reporting.car_log import logs_table
-
         cells = logs_table(self.studies).texts
         lines = [
             f"{c['log']}: {c['length']}, RMSE {c['RMSE %']} %, lag {c['lag ms']} ms. {c['verdict']}" for c in cells
@@ -315,7 +305,5 @@ class Driven(View):
         return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
 
     def _repr_html_(self) -> str:
-        from ..reporting.car_log import logs_table
-
         return views.card(self.config, "logs from the car", views.table(logs_table(self.studies)),
                           views.paragraph(self.verdict))  # fmt: skip

@@ -27,6 +27,8 @@ from ..reporting import pictures, style
 from ..reporting.control import bode
 from ..reporting.control import pictures as control_pictures
 from ..reporting.diagnosis import pictures as diagnosis_pictures
+from ..reporting.fleet import pictures as fleet_pictures
+from ..reporting.fleet.page import Columns
 from ..reporting.numbers import short
 from ..rig.base import RigConfig
 from .views import FittedTrace, traces_of
@@ -271,19 +273,13 @@ class FleetPlots:
 
     def population(self) -> np.ndarray:
         """Every unit's parameters with their intervals, and the population."""
-        from ..reporting.fleet import pictures
-        from ..reporting.fleet.page import Columns
-
         content = self.files.content
-        return panels_of(
-            lambda: pictures.draw_population(content, Columns.of_units(content["units"], self.files.units))
-        )
+        columns = Columns.of_units(content["units"], self.files.units)
+        return panels_of(lambda: fleet_pictures.draw_population(content, columns))
 
     def correlation(self) -> np.ndarray:
         """Which parameters go together from unit to unit."""
-        from ..reporting.fleet import pictures
-
-        return panels_of(lambda: pictures.draw_correlation(self.files.content))
+        return panels_of(lambda: fleet_pictures.draw_correlation(self.files.content))
 
     def charts(self, *symbols: str) -> np.ndarray:
         """Control chart and cumulative sums, a figure a symbol.
@@ -293,18 +289,14 @@ class FleetPlots:
         Raises:
             UsageError: a symbol has none.
         """
-        from ..reporting.fleet import pictures
-
         there = self.files.content["charts"]
         if unknown := [symbol for symbol in symbols if symbol not in there]:
             raise UsageError(f"there is no chart of {unknown[0]}. There are: {', '.join(there) or 'none'}.")
-        drawn = [panels_of(lambda s=s: pictures.draw_chart(self.files.content, s)) for s in symbols or there]
+        drawn = [panels_of(lambda s=s: fleet_pictures.draw_chart(self.files.content, s)) for s in symbols or there]
         return np.concatenate(drawn) if drawn else np.empty(0, dtype=object)
 
     def odd(self) -> np.ndarray:
         """How far each unit is from the population, and by what the odd ones are."""
-        from ..reporting.fleet import pictures
-
         if not self.files.content["odd"]:
             raise UsageError("no unit of this fleet is odd: there is nothing to draw.")
-        return panels_of(lambda: pictures.draw_odd(self.files.content))
+        return panels_of(lambda: fleet_pictures.draw_odd(self.files.content))

@@ -180,7 +180,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
     with held(run.path):
         known = _known(profile, given, asked)
         logs = _imported(files, asked)
-        prepared = tune_input(logs, _name(files), known, asked.settings)
+        prepared = tune_input(logs, re.sub(r"[^\w .-]+", "_", files[0].stem), known, asked.settings)
         lacks = record_next([as_log(log, logs.config) for log in logs.measurements if "position" in log.channels])
         if prepared.stopped_by:
             why = " ".join(f"{each.says[0].upper()}{each.says[1:]}. {each.cure}" for each in prepared.stopped_by)
@@ -214,10 +214,6 @@ def notation_of(profile: EcuProfile) -> Notation:
             "then gives gains as multiples of yours."
         )
     return profile.notation
-
-
-def _name(files: Sequence[Path]) -> str:
-    return re.sub(r"[^\w .-]+", "_", files[0].stem)
 
 
 def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> KnownEcu:

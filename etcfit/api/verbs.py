@@ -291,7 +291,7 @@ def design(
         from ..run_folder.manifest import is_fleet
         from .controller import Designed
         from .fleet import Fleet
-        from .work import design_of, fleet_design_of
+        from .work import design_of
 
         if unknown := sorted(set(ecu) - set(Ecu._fields)):
             raise TypeError(
@@ -306,7 +306,7 @@ def design(
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
             whole = model if isinstance(model, Fleet) else Fleet.in_run(model)
-            found = fleet_design_of(whole.model, asked, report, mine)
+            found = design_of(whole.model, asked, None, report, mine)
             return Designed(whole, found, None if log is None else str(log))
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()

@@ -80,67 +80,43 @@ def plant_of(
 
 
 def design_of(
-    fitted: Fitted,
+    model: Fitted | FleetModel,
     asked: DesignRequest,
     drawn: np.ndarray | None,
     report: Report,
     settings: DesignSettings | None = None,
 ) -> Design:
-    """Gains by every rule for an ECU that reads the position by an ADC over its travel.
+    """Gains by every rule for an ECU that reads the position by an ADC over its travel; of a fleet those that nearly
+    all of its units meet the requirements with.
 
     Args:
-        drawn: coordinates of further models, shape (D, P), or None.
+        asked: of a fleet without `parts`.
+        drawn: coordinates of further models, shape (D, P), or None; None of a fleet, whose units are drawn.
         settings: draws, and the budgets of simulation and rules; the defaults where None.
     Raises:
         MeasurementError: the log cannot be read, or has no setpoint.
         UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
     """
-    from ..control.design import design
+    from ..control.design import design, design_for_fleet
+    from ..control.fleet import future_units
     from ..control.pid import Requirements
     from ..control.settings import DesignSettings
+    from ..estimation.fitted_model import FleetModel
 
-    computer, make = _computer(fitted, asked)
-    log = None if asked.log is None else setpoint_of(Path(asked.log), fitted.config)
+    computer, make = _computer(model.nominal if isinstance(model, FleetModel) else model, asked)
+    log = None if asked.log is None else setpoint_of(Path(asked.log), model.config)
+    limits, mine = Requirements(**asked.limits), settings or DesignSettings()
+    if isinstance(model, FleetModel):
+        return design_for_fleet(model, computer, limits, asked.rule, future_units(model), asked.feed_forward, report,
+                                mine, profile=make, log=log, present=asked.present)  # fmt: skip
     parts = None
     if asked.parts is not None:
         from ..run_folder.fleet import parts_of
 
         parts = parts_of(Path(asked.parts))
-    found = design(fitted, computer, Requirements(**asked.limits), asked.rule, drawn, asked.feed_forward, report,
-                   settings or DesignSettings(), make, log, asked.present, parts=parts)  # fmt: skip
+    found = design(model, computer, limits, asked.rule, drawn, asked.feed_forward, report, mine, make, log,
+                   asked.present, parts=parts)  # fmt: skip
     return replace(found, anyway=True) if asked.anyway else found
-
-
-def fleet_design_of(
-    model: FleetModel, asked: DesignRequest, report: Report, settings: DesignSettings | None = None
-) -> Design:
-    """Gains by every rule that nearly all units of a fleet meet the requirements with.
-
-    Args:
-        asked, report, settings: see `design_of`; no `parts`.
-    Raises:
-        MeasurementError, UsageError: as `design_of`.
-    """
-    from ..control.design import design_for_fleet
-    from ..control.fleet import future_units
-    from ..control.pid import Requirements
-    from ..control.settings import DesignSettings
-
-    computer, make = _computer(model.nominal, asked)
-    log = None if asked.log is None else setpoint_of(Path(asked.log), model.config)
-    return design_for_fleet(
-        model,
-        computer,
-        Requirements(**asked.limits),
-        asked.rule,
-        future_units(model),
-        asked.feed_forward,
-        report,
-        settings or DesignSettings(),
-        profile=make,
-        log=log,
-        present=asked.present,
-    )
 
 
 def _computer(fitted: Fitted, asked: DesignRequest) -> tuple[Ecu, EcuProfile | None]:

@@ -66,7 +66,9 @@ def load(path: Path, known: Mapping[str, Any] | None = None) -> Any:
             if tree.get("format") != FORMAT:
                 raise Unreadable(f"it has format {tree.get('format')!r}, not {FORMAT}")
             names = [name for name in archive.namelist() if name != _TREE]
-            arrays = {name.removesuffix(".npy"): _array(archive.read(name)) for name in names}
+            read = np.lib.format.read_array
+            arrays = {name.removesuffix(".npy"): read(io.BytesIO(archive.read(name)), allow_pickle=False)
+                      for name in names}  # fmt: skip
         return _Reader(arrays, known or {}).decode(tree["value"])
     except Unreadable:
         raise
@@ -92,10 +94,6 @@ def _write(path: Path, value: Any, known: Mapping[str, Any]) -> None:
             content = io.BytesIO()
             np.lib.format.write_array(content, array, allow_pickle=False)
             archive.writestr(zipfile.ZipInfo(f"{k}.npy"), content.getbuffer(), zipfile.ZIP_DEFLATED, _LEVEL)
-
-
-def _array(content: bytes) -> np.ndarray:
-    return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
 
 
 def _name(kind: type) -> str:

@@ -202,19 +202,10 @@ def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str,
         "gains": {name: [getattr(row, name) for row in rows] for name in Terms._fields},
         "unit": unit,
         "form": form,
-        "worst": [_end(end) for end in table.ends],
-        "position": _position(table.position),
+        "worst": table.ends,
+        "position": table.position,
         "says": list(_said(profile, table, task.ecu)),
     }
-
-
-def _end(end: AtSupply) -> dict[str, Any]:
-    return {"supply_V": end.supply, "fixed": end.fixed.known(), "table": end.table.known(), "helps": end.helps}
-
-
-def _position(over: OverPosition) -> dict[str, Any]:
-    return {"crossover_Hz": over.frequency, "within_pct": 100.0 * NEAR, "share_of_travel_within": over.alike,
-            "least_ratio": over.ratio.min(), "largest_ratio": over.ratio.max()}  # fmt: skip
 
 
 def _said(profile: EcuProfile | None, table: SupplyTable, ecu: Ecu) -> Iterator[str]:
@@ -325,17 +316,18 @@ TABLE_GAINS = Record(
 )  # fmt: skip
 TABLE_END = Record(
     "One supply.",
-    supply_V=key("number", "Of the car."),
-    fixed=key(METRICS, "With the gains as they are."),
-    table=key(METRICS, "With those of the table, feed-forward divided likewise."),
+    supply_V=key("number", "Of the car.", "supply"),
+    fixed=key(METRICS, "With the gains as they are.", lambda end: end.fixed.known()),
+    table=key(METRICS, "With those of the table, feed-forward divided likewise.", lambda end: end.table.known()),
     helps=key("flag", "The table follows more closely."),
 )  # fmt: skip
 OVER_POSITION = Record(
-    crossover_Hz=key("number", "Of the loop at a quarter of the travel."),
-    within_pct=key("number", "Differences up to this count as none."),
-    share_of_travel_within=key("number", "Where the plant's gain at the crossover differs by no more."),
-    least_ratio=key("number", "Of that gain to the one at a quarter of the travel, anywhere."),
-    largest_ratio=key("number", "Likewise."),
+    crossover_Hz=key("number", "Of the loop at a quarter of the travel.", "frequency"),
+    within_pct=key("number", "Differences up to this count as none.", lambda _: 100.0 * NEAR),
+    share_of_travel_within=key("number", "Where the plant's gain at the crossover differs by no more.", "alike"),
+    least_ratio=key("number", "Of that gain to the one at a quarter of the travel, anywhere.",
+        lambda over: over.ratio.min()),
+    largest_ratio=key("number", "Likewise.", lambda over: over.ratio.max()),
 )  # fmt: skip
 SUPPLY_TABLE = Record(
     ecu_has=key("text?", "Whether the named make of ECU has one: table, code (yours sets the gains), none, or "

@@ -25,8 +25,8 @@ from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.throttle import catalogue
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
-from etcfit.reporting.control.tables import design_table
 from etcfit.rig.base import Fixed, RigConfig
 from etcfit.run_folder.pid import design_json
 from independent import draw_truth

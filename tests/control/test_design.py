@@ -32,9 +32,9 @@ from etcfit.model.pid import Memory, tick
 from etcfit.model.throttle import Throttle
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.sentence import hardest_place, misses
-from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder.manifest import replacing
 from etcfit.run_folder.pid import design_json, rusefi
 from etcfit.run_folder.plant import reduction_json

@@ -33,8 +33,8 @@ from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
+from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
-from etcfit.reporting.control.tables import design_table
 from etcfit.run_folder.pid import design_json
 from independent.truth import CONSISTENT, Truth
 

@@ -18,8 +18,7 @@ from etcfit.control.linearise import SYMBOLS, MotorConstants, motor_constants, r
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.plant import constants_table
-from etcfit.reporting.control.tables import reduction_table
+from etcfit.reporting.control.plant import constants_table, reduction_table
 from etcfit.run_folder.plant import reduction_json
 
 N = 20.68

@@ -23,10 +23,17 @@ from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control import bode
-from etcfit.reporting.control.gains import design_parts, gains_table, loop_table, settings_table, supply_table
+from etcfit.reporting.control.gains import (
+    design_parts,
+    design_table,
+    gains_table,
+    loop_table,
+    settings_table,
+    supply_table,
+)
 from etcfit.reporting.control.pictures import draw_responses
+from etcfit.reporting.control.plant import reduction_table
 from etcfit.reporting.control.sentence import cautions, sentence
-from etcfit.reporting.control.tables import design_table, reduction_table
 from etcfit.run_folder.pid import design_json
 from etcfit.run_folder.plant import reduction_json
 

@@ -24,9 +24,8 @@ from etcfit.files import write_json
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
-from etcfit.reporting.control.gains import gains_table, pasted, settings_table
+from etcfit.reporting.control.gains import design_table, gains_table, pasted, settings_table
 from etcfit.reporting.control.sentence import sentence
-from etcfit.reporting.control.tables import design_table
 from etcfit.reporting.table import Notes
 from etcfit.run_folder.pid import design_json
 

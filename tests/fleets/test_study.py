@@ -15,12 +15,13 @@ from jsonschema import Draft202012Validator
 
 import etcfit
 from etcfit.api.fleet import Fleet
-from etcfit.api.fleet_work import config_of_rig, refuse_foreign_units, refuse_unknown_limits, rig_of_one
+from etcfit.api.fleet_work import refuse_wrong_limits, rig_of_one
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.fleets.config import FleetConfig, read_fleet
 from etcfit.fleets.fitting import FitWork, Results
 from etcfit.fleets.study import FleetStudy, study
 from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult
+from etcfit.rig.config import config_of
 from etcfit.run_folder.fleet import UNITS, parts_of, read_fleet_files, save_fleet
 from etcfit.run_folder.manifest import FLEET
 
@@ -87,7 +88,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
     failed = (FailedUnit("wrong", "wrong/response: no trace. <Record> one."),)
     toml = rig_of_one(config)
     results = Results(fitted, failed, FitWork(config.location, config.common))
-    known = study(config, config_of_rig(toml), results)
+    known = study(config, config_of(toml, "fleet"), results)
     run = tmp_path_factory.mktemp("run")
     save_fleet(run, known, toml, {"u05": "units/u05/report.html"})
     return Kept(config, known, run)
@@ -236,14 +237,14 @@ def test_what_the_model_does_not_have_is_refused_with_the_line(
 ) -> None:
     config = fleet_folder(tmp_path, FLEET_TOML.replace(there, wrong))
     with pytest.raises(MeasurementError, match=rf"fleet.toml:{line}\b.*is nothing that this fleet's model has"):
-        refuse_unknown_limits(config, config_of_rig(rig_of_one(config)))
+        refuse_wrong_limits(config, config_of(rig_of_one(config), "fleet"))
 
 
 @pytest.mark.parametrize("given", ["mm", "N*m", "V*s/rad"])
 def test_a_limit_in_a_unit_of_something_else_is_refused_with_the_line(tmp_path: Path, given: str) -> None:
     config = fleet_folder(tmp_path, FLEET_TOML.replace("mN*m/rad", given))
     with pytest.raises(MeasurementError, match=rf"fleet.toml:10\b.*'{re.escape(given)}'.*K_s is in N\*m/rad"):
-        refuse_foreign_units(config, config_of_rig(rig_of_one(config)))
+        refuse_wrong_limits(config, config_of(rig_of_one(config), "fleet"))
 
 
 @pytest.mark.parametrize(
@@ -260,7 +261,7 @@ def test_a_limit_in_a_unit_of_something_else_is_refused_with_the_line(tmp_path: 
 def test_a_limit_in_any_unit_of_its_own_kind_is_taken(tmp_path: Path, name: str, given: str) -> None:
     text = FLEET_TOML.replace("K_s = {", f"{name} = {{").replace("mN*m/rad", given)
     config = fleet_folder(tmp_path, text if name != "opening_time" else FLEET_TOML)
-    refuse_foreign_units(config, config_of_rig(rig_of_one(config)))
+    refuse_wrong_limits(config, config_of(rig_of_one(config), "fleet"))
 
 
 def test_another_versions_run_is_refused(kept: Kept, tmp_path: Path) -> None:

@@ -39,7 +39,8 @@ from etcfit.posterior.target import Target
 from etcfit.reporting.blocks import PlainTable, render
 from etcfit.reporting.car_log import compared_table, drive_table
 from etcfit.reporting.check_table import advice_table, check_table
-from etcfit.reporting.control.tables import design_table, reduction_table, sine_table
+from etcfit.reporting.control.gains import design_table
+from etcfit.reporting.control.plant import reduction_table, sine_table
 from etcfit.reporting.diagnosis import diagnosis_table
 from etcfit.reporting.fleet import fleet_table
 from etcfit.reporting.plan_sheet import plan_table

@@ -146,7 +146,8 @@ def compared_table(config: RigConfig, before: Study, after: Study) -> Renderable
         if (then := was.get(now.name)) is None or (then.value is None and now.value is None):
             continue
         limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
-        rows.append((now.name, " / ".join(limits), _judged(_change(then, now), now), _found(then), _found(now)))
+        words = dict.fromkeys(_NAMES[each.word] for each in (then, now))  # one where it is as it was
+        rows.append((now.name, " / ".join(limits), _judged(" -> ".join(words), now), _found(then), _found(now)))
     heads = ("figure", "good is", "verdict", "before", "after")
     return stacked(
         rig_title(config, "two logs from the car"),
@@ -159,12 +160,6 @@ def compared_table(config: RigConfig, before: Study, after: Study) -> Renderable
 
 def _limit(each: Judgement) -> str:
     return f"{'>=' if each.at_least else '<='} {each.limit:.3g} {each.unit}"
-
-
-def _change(then: Judgement, now: Judgement) -> str:
-    """ "NOT GOOD -> good", or "good" where it was."""
-    words = _NAMES[then.word], _NAMES[now.word]
-    return words[1] if words[0] == words[1] else " -> ".join(words)
 
 
 def good_enough(each: Study) -> Table:

@@ -5,7 +5,7 @@ unit and where something fails too.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
@@ -14,9 +14,15 @@ from ...control.loop_figures import EFFORT, FIGURES, MARGINS, REQUIRED, TRACKING
 from ...control.on_units import STABLE
 from ...errors import first_names
 from ...model.ecus import ECUS, Pasting, Scheduling, named
+from ..blocks import all_shown, cautioned, rig_title, stacked
 from ..numbers import or_never, short
 from ..table import Cell, Column, Notes, Part, Table, there
 from .sentence import CURE, GAINS, doubt, state_of, withheld
+
+if TYPE_CHECKING:  # a page needs none of what these load
+    from rich.console import RenderableType
+
+    from ...control.design import Design
 
 Pid = Mapping[str, Any]
 
@@ -242,14 +248,11 @@ def loop_table(pid: Pid) -> Table:
     rows = [{"of": of, "linear": "" if symbol in EFFORT else short(linear.get(symbol)),
              "nonlinear": nonlinear.get(symbol), **_asked(pid, symbol, pid.get("met") or {})}
             for symbol, of in FIGURES.items() if symbol in linear or symbol in nonlinear]  # fmt: skip
+    ohm = ((pid.get("settings") or {}).get("loop") or {}).get("bridge_ohm")
     return Table(f"The loop with the gains of {pid['rule']}", (
         Column("figure", lambda row: row["of"].name, "word"), Column("linear model", "linear"),
-        Column("nonlinear model", "nonlinear"), *_REQUIRED), rows, _bridge(pid))  # fmt: skip
-
-
-def _bridge(pid: Pid) -> list[str]:
-    ohm = ((pid.get("settings") or {}).get("loop") or {}).get("bridge_ohm")
-    return [] if ohm is None else [f"the bridge has {ohm:g} ohm"]
+        Column("nonlinear model", "nonlinear"), *_REQUIRED), rows,
+        [] if ohm is None else [f"the bridge has {ohm:g} ohm"])  # fmt: skip
 
 
 _REQUIRED = (Column("required", "required"), Column("unit", lambda row: row["of"].unit, "unit"),
@@ -500,3 +503,43 @@ def _words(found: Mapping[str, Any], rule: str) -> list[str]:
         f"not told by the fleet, taken from the run: {', '.join(found['of_run']) or 'nothing'}",
         *(f"not judged: {unit}, {why}" for unit, why in found["left_out"].items()),
     ]
+
+
+def design_table(design: Design) -> RenderableType:
+    """All rules, then the proposed gains as an ECU writes them, with the curve to type in, and how they fare.
+
+    Of a model that is no estimate the caution stands first, and what an ECU would take is left out unless it is asked
+    for all the same (`Design.withheld`).
+    """
+    from ...run_folder.pid import design_json
+
+    pid = design_json(design)
+    typed = gains_table(pid)
+    parts = []
+    for part in design_parts(pid):
+        parts.append(part)
+        if typed is not None and part.title == typed.title:
+            parts.append(_curve(design))
+    return cautioned(stacked(rig_title(design.fitted.config, "PID gains"), all_shown(*parts)), design.fitted.state)
+
+
+def _curve(design: Design) -> Table:
+    """Duty that holds the plate, and at which it begins to move."""
+    bias, supply = design.bias, design.task.ecu.supply
+    places = 100.0 * np.asarray(design.task.loop.share(bias.angles))
+    rows = [(float(place), *(100.0 * float(volts) / supply for volts in each))
+            for place, *each in zip(places, bias.hold, bias.opening, bias.closing, strict=True)]  # fmt: skip
+    heads = ("position, % of travel", "holding duty %", "opening %", "closing %")
+    return Table("Bias curve", [Column(head, k, digits=4) for k, head in enumerate(heads)], rows, [_moving(design)])
+
+
+def _moving(design: Design) -> str:
+    """What a moving plate takes beside the curve, and who can put it ahead."""
+    sliding, profile = design.sliding, design.task.profile
+    said = (f"a moving plate takes more: dry friction {short(sliding.opening)} V opening, {short(sliding.closing)} V "
+            f"closing; back-EMF and drag {short(sliding.slope)} V s/rad of the setpoint's rate")  # fmt: skip
+    if design.task.loop.sliding is not None:
+        return said
+    if profile is not None and not profile.code:
+        return f"{said}; {profile.title} cannot put these ahead"
+    return f"{said}; --feed-forward-terms friction,rate puts them ahead where you write the code"

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..blocks import all_shown, cautioned, rig_title, stacked
 from ..numbers import Digits, short
 from ..table import Column, Notes, Part, Table, there
 from .sentence import state_of
+
+if TYPE_CHECKING:  # a page needs none of what these load
+    from rich.console import RenderableType
+
+    from ...control.frequency import FrequencyResponse
+    from ...control.linearise import Reduction
+    from ...estimation.fitted_model import Fitted
 
 Plant = Mapping[str, Any]
 
@@ -150,3 +158,18 @@ def _ratio(value: Mapping[str, Any] | None) -> tuple[str, str]:
     more = 20.0 * math.log10(value["magnitude_ci95"][1]) - decibels
     late = math.degrees(value["phase_ci95_rad"][1]) - degrees
     return f"{decibels:.2f} +- {short(more, 2)}", f"{degrees:.1f} +- {short(late, 2)}"
+
+
+def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> RenderableType:
+    """Coefficients with standard errors, poles, gain and operating point."""
+    from ...run_folder.plant import reduction_json
+
+    parts = plant_tables(reduction_json(fitted, reduction, pade_order))
+    return cautioned(stacked(rig_title(fitted.config, "transfer function"), all_shown(*parts)), fitted.state)
+
+
+def sine_table(fitted: Fitted, response: FrequencyResponse) -> RenderableType:
+    """A row a sine trace: the loop as measured, then the plant and those of the models."""
+    from ...run_folder.plant import frequency_json
+
+    return all_shown(*sine_parts(frequency_json(fitted, response)))

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import RenderableType
 from rich.text import Text
 
 from ...errors import first_names
@@ -135,7 +135,8 @@ _MOST = 20  # rows of units; fleet.json and the page have them all
 def fleet_table(content: Content) -> RenderableType:
     """fleet.json for stdout."""
     return stacked(
-        _head(content),
+        headline(title(content), bool(content.get("synthetic"))),
+        *(Text(f"- {each.text}", style="bold red" if each.bad else "") for each in verdict(content)),
         all_shown(
             population_table(content),
             capability_table(content),
@@ -149,12 +150,6 @@ def fleet_table(content: Content) -> RenderableType:
             _without("Failed, and in nothing above", content.get("failed") or ()),
         ),
     )
-
-
-def _head(content: Content) -> RenderableType:
-    head = headline(title(content), bool(content.get("synthetic")))
-    lines = [Text(f"- {each.text}", style="bold red" if each.bad else "") for each in verdict(content)]
-    return Group(head, *lines)
 
 
 def population_table(content: Content) -> Table:

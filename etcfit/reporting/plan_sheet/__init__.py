@@ -226,6 +226,8 @@ def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> S
     rate = 1.0 / float(test.candidate.plan.time[1] - test.candidate.plan.time[0])
     facts = [f"{short(test.candidate.seconds, 2)} s", f"log at {rate:.0f} Hz or more",
              f"up to {amps(test):.1f} A", f"winding up to {hottest(test, campaign):.0f} °C"]  # fmt: skip
+    heads = ("header", "from", "to", "resolution or finer")
+    logged = [(c.header, short(c.low, 3), short(c.high, 3), short(c.resolution, 2)) for c in logger(test, campaign)]
     pause = f"then wait {test.pause:.0f} s for the winding to cool" if test.pause >= 1.0 else "no pause needed after it"
     return Step(
         number,
@@ -236,7 +238,7 @@ def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> S
         tuple(_watch(name, test)),
         "" if played is None else f"play/plan_{number}.csv, or the sketch play/plan_{number}/plan_{number}.ino",
         f"measurements/{test.file}",
-        _logger(campaign, test),
+        of_texts("Logger: columns of the CSV, range, resolution", heads, logged),
         _stderr(campaign.symbols, test.before, test.after, "What it will tell: standard errors, %", _TELLS),
         ", ".join(facts) + "; " + pause,
         carried(path),
@@ -269,12 +271,6 @@ def _watch(name: str, test: PlannedTest) -> Iterator[str]:
         a, b = test.candidate.window
         yield (f"From {a:.1f} to {b:.1f} s the plate must touch no stop. If it does, if the current leaves its band, "
                "or if nothing moves by 1 s, stop: it is not the rig that this plan was made for.")  # fmt: skip
-
-
-def _logger(campaign: Campaign, test: PlannedTest) -> Table:
-    rows = [(c.header, short(c.low, 3), short(c.high, 3), short(c.resolution, 2)) for c in logger(test, campaign)]
-    heads = ("header", "from", "to", "resolution or finer")
-    return of_texts("Logger: columns of the CSV, range, resolution", heads, rows)
 
 
 _EXPECTED = "Standard errors now and expected after all tests, %"

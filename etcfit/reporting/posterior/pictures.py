@@ -207,7 +207,8 @@ def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure
         panel.plot([], [], "o", color=style.MEASURED, label="graph reading")  # one beyond the edge is an arrow
     for row, spread in enumerate(spreads):
         _row(panel, row, spread)
-        panel.text(1.02, row, _words(spread), transform=panel.get_yaxis_transform(), va="center", fontsize=10)
+        words = f"{with_error(spread.mean, spread.sd)} {spread.unit}{'   > 20 % apart' if spread.apart else ''}"
+        panel.text(1.02, row, words, transform=panel.get_yaxis_transform(), va="center", fontsize=10)
     panel.set_yticks(range(len(spreads)), [s.symbol for s in spreads])
     panel.set_ylim(len(spreads) - 0.4, -0.6)
     panel.set_xlim(-_EDGE, _EDGE)
@@ -238,11 +239,6 @@ def _row(panel: Axes, row: int, spread: Spread) -> None:
         panel.plot(
             at(spread.truth), row, "D", color="black", mfc="white", ms=6, ls="none", label="truth", clip_on=False
         )
-
-
-def _words(spread: Spread) -> str:
-    flag = "   > 20 % apart" if spread.apart else ""
-    return f"{with_error(spread.mean, spread.sd)} {spread.unit}{flag}"
 
 
 def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> list[Job]:
