@@ -21,7 +21,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from .api.arguments import fits, in_words, typed
-from .api.progress import Expected, keep_compiled, part_of
+from .api.progress import Expected, Report, keep_compiled, part_of
 from .control.request import DesignRequest
 from .errors import UsageError, command, require_extra, visible
 from .posterior.settings import SamplingSettings
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from .estimation.result import FitResult
     from .reporting.closing import Closing
     from .run_folder.folder import RunFolder
-
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

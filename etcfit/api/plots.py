@@ -224,8 +224,7 @@ class ReductionPlots:
 
     def bode(self) -> np.ndarray:
         """Magnitude above phase, with 95 % bands; Axes, shape (2,)."""
-        picture = bode.BodePicture.of_model(self.fitted, self.reduction)
-        return panels_of(lambda: bode.draw(picture))
+        return panels_of(lambda: bode.draw(self.fitted, self.reduction))
 
     def sines(self) -> np.ndarray:
         """What the rig's sine traces say, beside the model."""

@@ -291,7 +291,7 @@ def keep_reduction(
     with replacing(run.path, "reduce", exit_of(result), settings) as draft:
         plant = reduction_json(fitted, reduction, pade_order)
         write_json(draft / "transfer_function.json", "transfer_function", plant)
-        jobs: list[Job] = [(Path("bode.png"), partial(bode.draw, bode.BodePicture.of_model(fitted, reduction)))]
+        jobs: list[Job] = [(Path("bode.png"), partial(bode.draw, fitted, reduction))]
         if response is not None:
             write_json(draft / "frequency_response.json", "frequency_response", frequency_json(fitted, response))
             if response.points:

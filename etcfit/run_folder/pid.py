@@ -542,11 +542,14 @@ FLEET = Record(
     says=key("text", "The same in a sentence."),
     settings=key("object", "Every field of `etcfit.control.settings.FleetDesignSettings`."),
 )  # fmt: skip
-ON_UNITS = Record(
-    share_met=key("number", "That meets every requirement by a stable loop.", "share.value"),
+SHARE = Record(
+    share_met=key("number", "That meets every requirement by a stable loop.", "value"),
     share_ci95=key("[number]", "95 % interval of that share for the number of units alone, exact.",
-        lambda found: _ends(found.share), minItems=2, maxItems=2),
-    of=key("whole", "How many there are.", "share.of"),
+        _ends, minItems=2, maxItems=2),
+    of=key("whole", "How many there are."),
+)  # fmt: skip
+ON_UNITS = Record(
+    **SHARE.within("share"),
     worst_rmse_pct=key("number?", "Largest tracking error among them; null is infinite.",
         lambda found: float(found.figures.rmse_pct.max())),
 )  # fmt: skip
@@ -557,12 +560,6 @@ RULE_ON_PARTS = Record(
     worst=key(UNIT_VERDICT, "The measured unit that fares worst."),
     fails=key("{[text]}", "Names of the measured units that miss each requirement; one that none misses is left out.",
         "measured.fails"),
-)  # fmt: skip
-SHARE = Record(
-    share_met=key("number", "That meets every requirement by a stable loop.", "value"),
-    share_ci95=key("[number]", "95 % interval of that share for the number of units alone, exact.",
-        _ends, minItems=2, maxItems=2),
-    of=key("whole", "How many there are."),
 )  # fmt: skip
 CORNER_VERDICT = Record("", "", **{**UNIT_VERDICT.keys, "unit": key("text", "Its name, and the corner.")})
 PARTS_CONDITIONS = Record(

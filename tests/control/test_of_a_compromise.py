@@ -86,7 +86,7 @@ def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_fi
     assert FAR not in render(reduction_table(sound.fitted(), known, 0))
     made = json.loads(json.dumps(reduction_json(fitted, wide, 0)))
     assert made["fit"] == {"chi2_per_dof": 17.0, "converged": True, "reason": sound.reason, "compromise": FAR}
-    drawn = bode.draw(bode.BodePicture.of_model(fitted, wide))
+    drawn = bode.draw(fitted, wide)
     assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
     labels = [handle.get_text() for legend in drawn.legends for handle in legend.get_texts()]
     assert "range that subsets of the data give" in labels

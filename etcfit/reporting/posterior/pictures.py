@@ -65,30 +65,19 @@ _CELL = 1.15  # inches
 _SHOWN = 4.0  # standard deviations either way
 
 
-@dataclass(frozen=True, eq=False)
-class CornerPicture:
-    """What a corner plot shows.
+def draw_corner(
+    rig: str, draws: Mapping[str, np.ndarray], units: Mapping[str, str], truths: Mapping[str, float], synthetic: bool
+) -> Figure:
+    """Each axis is a distance from the posterior mean in per cent of it, so that ticks stay short.
 
     Args:
         draws: SI by symbol, shape (D,) each.
-        units: by symbol.
         truths: SI by symbol, where known.
-        synthetic: the data were made up.
     """
-
-    rig: str
-    draws: Mapping[str, np.ndarray]
-    units: Mapping[str, str]
-    truths: Mapping[str, float]
-    synthetic: bool
-
-
-def draw_corner(picture: CornerPicture) -> Figure:
-    """Each axis is a distance from the posterior mean in per cent of it, so that ticks stay short."""
-    symbols = list(picture.draws)
+    symbols = list(draws)
     side = 1.6 + _CELL * len(symbols)
-    fig = style.figure(side, side, picture.synthetic)
-    percent = {s: _percent(d, d) for s, d in picture.draws.items()}
+    fig = style.figure(side, side, synthetic)
+    percent = {s: _percent(d, d) for s, d in draws.items()}
     limit = [_SHOWN * float(np.std(d)) for d in percent.values()]
     corner.corner(
         np.stack(list(percent.values()), axis=1),
@@ -104,7 +93,7 @@ def draw_corner(picture: CornerPicture) -> Figure:
         labels=[f"{s.replace('series_ohm.', 'R ')} [%]" for s in symbols],
         label_kwargs={"fontsize": 10},
         labelpad=0.12,
-        truths=[float(_percent(picture.truths[s], picture.draws[s])) if s in picture.truths else None for s in symbols],
+        truths=[float(_percent(truths[s], draws[s])) if s in truths else None for s in symbols],
         truth_color=style.SIMULATED,
     )
     fig.subplots_adjust(left=0.085, right=0.985, bottom=0.085, top=0.985, wspace=0.06, hspace=0.06)
@@ -114,7 +103,7 @@ def draw_corner(picture: CornerPicture) -> Figure:
         axes.grid(False)
         axes.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
         axes.yaxis.set_major_locator(MaxNLocator(3, prune="both"))
-    fig.text(0.985, 0.955, _means(picture), ha="right", va="top", fontsize=11, linespacing=1.5)
+    fig.text(0.985, 0.955, _means(rig, draws, units, bool(truths)), ha="right", va="top", fontsize=11, linespacing=1.5)
     return fig
 
 
@@ -123,12 +112,12 @@ def _percent(value: np.ndarray | float, draws: np.ndarray) -> np.ndarray:
     return 100.0 * (np.asarray(value) - mean) / abs(mean)
 
 
-def _means(picture: CornerPicture) -> str:
+def _means(rig: str, draws: Mapping[str, np.ndarray], units: Mapping[str, str], synthetic: bool) -> str:
     """Means, since the axes show distances from them."""
-    lines = [f"{picture.rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
-    lines += ["orange: what the data were made from"] if picture.truths else []
-    for s, d in picture.draws.items():
-        lines.append(f"{s} = {with_error(float(np.mean(d)), float(np.std(d)))} {picture.units[s]}")
+    lines = [f"{rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
+    lines += ["orange: what the data were made from"] if synthetic else []
+    for s, d in draws.items():
+        lines.append(f"{s} = {with_error(float(np.mean(d)), float(np.std(d)))} {units[s]}")
     return "\n".join(lines)
 
 
@@ -245,6 +234,7 @@ def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[
     """Every picture: path below RUN/pictures/posterior, and the call that draws it."""
     config = posterior.fit.rig.config
     units = {s: unit for s, (unit, _) in posterior.described.items()}
+    draws = {s: posterior.draws[s].ravel() for s in posterior.chain.symbols}
     profiled: Job = (
         Path("profiles.png"),
         partial(draw_profiles, config.name, [*profiles.values()], units, config.synthetic),
@@ -254,7 +244,10 @@ def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[
             Path("intervals.png"),
             partial(draw_spreads, config.name, _spreads(posterior, profiles), config.synthetic),
         ),
-        (Path("corner.png"), partial(draw_corner, _corner_picture(posterior, units))),
+        (
+            Path("corner.png"),
+            partial(draw_corner, config.name, draws, units, truths(posterior.fit.rig), config.synthetic),
+        ),
         *([profiled] if profiles else []),
         *((Path("bands") / file_name(b.trace), partial(draw_band, b, config.synthetic)) for b in bands),
     ]
@@ -274,9 +267,3 @@ def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[Spre
         out.append(Spread(s, unit, fitted.value, fitted.stderr or None, m.mean, m.sd, m.low, m.high, ends,
                                   read.get(s), true.get(s), disagree(m, profile)))  # fmt: skip
     return out
-
-
-def _corner_picture(posterior: Posterior, units: Mapping[str, str]) -> CornerPicture:
-    config = posterior.fit.rig.config
-    draws = {s: posterior.draws[s].ravel() for s in posterior.chain.symbols}
-    return CornerPicture(config.name, draws, units, truths(posterior.fit.rig), config.synthetic)
