@@ -86,7 +86,7 @@ def test_coverage_counts_what_intervals_hold_and_how_far_units_are_off() -> None
             for unit, value in zip(true.units, values, strict=True)]  # fmt: skip
     rows[0]["stderr"] = None
     each = coverage.symbol("R_a", said, [*rows, {"unit": "SYN0001", "symbol": "K_s"}], true)
-    assert (each.mean_held, each.sd_held, each.told, each.untold) == (True, False, 2, 1)
+    assert (each.mean_held, each.sd_held, each.with_error, each.without_error) == (True, False, 2, 1)
     figures = np.array([each.mean_score, each.sd_ratio, each.own, each.shrunk], dtype=float)
     np.testing.assert_allclose(figures, [0.5, 2.0, 8.0, 2.0])
     record = {"units": 3, "failed": 0, "not_converged": 0, "odd": 0, "seconds": 1.0, "symbols": {"R_a": asdict(each)}}
@@ -99,7 +99,7 @@ def test_coverage_counts_what_intervals_hold_and_how_far_units_are_off() -> None
 def test_an_interval_that_is_not_stated_is_not_counted() -> None:
     said = {"mean": None, "sd": None, "mean_ci95": None, "sd_ci95": [None, 1.0]}
     each = coverage.symbol("L_a", said, [], truth(2))
-    assert (each.mean_held, each.sd_held, each.mean_score, each.sd_ratio, each.untold) == (None, None, None, None, 2)
+    assert (each.mean_held, each.sd_held, each.mean_score, each.sd_ratio, each.without_error) == (None, None, None, None, 2)
     record = {"units": 2, "failed": 0, "not_converged": 0, "odd": 0, "seconds": 1.0, "symbols": {"L_a": asdict(each)}}
     assert "| L_a | - | - | - | - | - | 0 | 2 |" in coverage.table([record])
 

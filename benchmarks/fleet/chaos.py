@@ -26,7 +26,7 @@ from independent.line import Line
 
 from ..runs import Failed
 from .broken import BROKEN
-from .found import told
+from .found import fleet_json
 from .thousand import FINE
 from .watched import Watched, family, fleet
 
@@ -116,7 +116,7 @@ def whole(
     """What the run folder says after the second start, against what was stored before it."""
     if status not in FINE:
         return [Check("the second start comes to its end", False, f"status {status}: {stderr}")]
-    said = told(run)
+    said = fleet_json(run)
     done, why = set(said["units"]), {each["unit"]: each["why"] for each in said["failed"]}
     after = stored(run)
     again = [name for name, seconds in before.items() if seconds is not None and after.get(name) != seconds]

@@ -26,7 +26,7 @@ from independent.fleet import BENCH, LINE_TESTS, WEAK_BENCH, WEAK_TESTS, FleetTr
 from independent.line import SYMBOLS, Line
 
 from ..runs import Failed
-from .found import told
+from .found import fleet_json
 from .thousand import FINE
 from .watched import fleet
 
@@ -41,8 +41,8 @@ class Symbol:
         mean_held, sd_held: whether the interval holds the truth; None where none is stated.
         mean_score: (mean - truth) over the half width of its interval; 1 is its edge.
         sd_ratio: estimated spread over the true one.
-        own, shrunk: sums of squared errors over the population's variance, over `told` units.
-        told: units whose own fit states an error; untold: those that do not.
+        own, shrunk: sums of squared errors over the population's variance, over `with_error` units.
+        with_error, without_error: units whose own fit states an error, and the other units.
     """
 
     mean_held: bool | None
@@ -51,8 +51,8 @@ class Symbol:
     sd_ratio: float | None
     own: float
     shrunk: float
-    told: int
-    untold: int
+    with_error: int
+    without_error: int
 
 
 def symbol(name: str, said: dict[str, Any], rows: list[dict[str, Any]], truth: FleetTruth) -> Symbol:
@@ -86,7 +86,7 @@ def one(seed: int, units: int, weak: bool, workers: int, cache: Path) -> dict[st
         ended = fleet(folder, run, workers, cache).end()
         if ended.status not in FINE:
             raise Failed(f"seed {seed}: status {ended.status}: {ended.stderr}")
-        said, rows = told(run), pq.read_table(run / "units.parquet").to_pylist()
+        said, rows = fleet_json(run), pq.read_table(run / "units.parquet").to_pylist()
         population = {name: said["population"][name] for name in SYMBOLS if name in said["population"]}
         symbols = {name: symbol(name, each, rows, truth) for name, each in population.items()}
         return {
@@ -99,7 +99,7 @@ def one(seed: int, units: int, weak: bool, workers: int, cache: Path) -> dict[st
 def table(records: list[dict[str, Any]]) -> str:
     """A row a parameter, and all of them."""
     heads = ("parameter", "mean held", "spread held", "worst mean, half widths", "spread, median of truth",
-             "error, shrunk over own", "units told", "untold")  # fmt: skip
+             "error, shrunk over own", "units with error", "without")  # fmt: skip
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     by: dict[str, list[Symbol]] = {name: [] for name in SYMBOLS}
     for record in records:
@@ -126,8 +126,8 @@ def _cells(some: list[Symbol]) -> list[str]:
         f"{max(scores):.2f}" if scores else "-",
         f"{np.median(ratios):.2f}" if ratios else "-",
         f"{math.sqrt(shrunk / own):.3f}" if own else "-",
-        f"{sum(each.told for each in some)}",
-        f"{sum(each.untold for each in some)}",
+        f"{sum(each.with_error for each in some)}",
+        f"{sum(each.without_error for each in some)}",
     ]
 
 

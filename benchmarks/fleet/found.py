@@ -30,14 +30,14 @@ class Found:
     units: int
 
 
-def told(run: Path) -> dict[str, Any]:
+def fleet_json(run: Path) -> dict[str, Any]:
     """RUN/fleet.json."""
     return json.loads((run / "fleet.json").read_text(encoding="utf-8"))
 
 
 def judged(run: Path, truth: FleetTruth) -> Found:
     """The run's list of odd units against the truth. A unit that failed is named too, and so is not overlooked."""
-    said = told(run)
+    said = fleet_json(run)
     odd, failed = ({each["unit"] for each in said[key]} for key in ("odd", "failed"))
     true = truth.odd
     right = {unit: kind for unit, kind in true.items() if unit in odd | failed}

@@ -40,13 +40,13 @@ def held(units: list[UnitResult], truth: FleetTruth, rows: dict[str, list[tuple[
         own = np.array([unit.own.estimate[unit.own.symbols.index(symbol)] if symbol in unit.own.symbols else np.nan
                         for unit in units])  # fmt: skip
         values = np.array([true[unit.unit][symbol] for unit in units])
-        told = np.isfinite(own) & ordinary
+        estimated = np.isfinite(own) & ordinary
         (low, high), (least, most) = found.mean_interval[k], found.sd_interval[k]
         mean, sd = truth.mean[symbol], truth.sd[symbol]
-        scale = sd**2 * max(int(told.sum()), 1)
+        scale = sd**2 * max(int(estimated.sum()), 1)
         rows[symbol].append((low <= mean <= high, least <= sd <= most, found.sd[k] / sd,
-                             float(np.sum((own - values)[told] ** 2) / scale),
-                             float(np.sum((shrunk.estimate[:, k] - values)[told] ** 2) / scale)))  # fmt: skip
+                             float(np.sum((own - values)[estimated] ** 2) / scale),
+                             float(np.sum((shrunk.estimate[:, k] - values)[estimated] ** 2) / scale)))  # fmt: skip
 
 
 def table(rows: dict[str, list[tuple[float, ...]]]) -> str:

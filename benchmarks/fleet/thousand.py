@@ -17,7 +17,7 @@ from independent.fleet import FleetTruth, make_fleet, with_odd
 from independent.line import Drift, Line
 
 from ..runs import Failed
-from .found import Found, judged, told
+from .found import Found, fleet_json, judged
 from .watched import Ended, fleet
 
 KINDS = ("limp_home_spring", "stribeck_friction", "cogging_torque", "presliding_friction",
@@ -50,8 +50,8 @@ def report(ended: Ended, run: Path, truth: FleetTruth, workers: int) -> str:
     lines = [HEAD, row(ended, found, workers), ""]
     lines += [f"missed: {unit}, {kind}" for unit, kind in found.missed.items()]
     lines += [f"odd, and as all others: {unit}" for unit in found.false]
-    lines += [f"failed: {each['unit']}: {each['why']}" for each in told(run)["failed"]]
-    lines += [f"drift: {each['symbol']} since {each['since']}" for each in told(run)["drift"]]
+    lines += [f"failed: {each['unit']}: {each['why']}" for each in fleet_json(run)["failed"]]
+    lines += [f"drift: {each['symbol']} since {each['since']}" for each in fleet_json(run)["drift"]]
     return "\n".join(lines)
 
 

@@ -65,13 +65,13 @@ class Watched:
 
     Args:
         process: of the command itself.
-        told: file that takes its stderr.
+        stderr: file that takes its stderr.
         begin: when it started.
         every: s between two samples of its memory.
     """
 
     process: subprocess.Popen[Any]
-    told: Any
+    stderr: Any
     begin: float
     load: float
     every: float = 0.5
@@ -114,10 +114,10 @@ class Watched:
         finally:
             self._over.set()
             self._watcher.join()
-        self.told.seek(0)
+        self.stderr.seek(0)
         wall = time.time() - self.begin
         return Ended(self.process.returncode, wall, usage.get("cpu", 0.0), self.peak, self.client, self.load,
-                     self.told.read())  # fmt: skip
+                     self.stderr.read())  # fmt: skip
 
 
 def _wait(process: subprocess.Popen[Any], limit: float | None, usage: dict[str, float]) -> None:
@@ -130,13 +130,13 @@ def _wait(process: subprocess.Popen[Any], limit: float | None, usage: dict[str, 
 def start(arguments: Iterable[Any], cache: Path) -> Watched:
     """`python arguments` from the project's root, with its compiled models in `cache`."""
     environment = os.environ | {"ETCFIT_CACHE": str(cache), "PYTHONPATH": str(ROOT)}
-    told = tempfile.TemporaryFile("w+")  # noqa: SIM115  it lives as long as the process
+    stderr = tempfile.TemporaryFile("w+")  # noqa: SIM115  it lives as long as the process
     load, begin = os.getloadavg()[0], time.time()
     process = subprocess.Popen(
-        [sys.executable, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=told, cwd=ROOT, env=environment,
+        [sys.executable, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=stderr, cwd=ROOT, env=environment,
         start_new_session=True,
     )  # fmt: skip
-    return Watched(process, told, begin, load)
+    return Watched(process, stderr, begin, load)
 
 
 def fleet(folder: Path, out: Path, workers: int, cache: Path) -> Watched:

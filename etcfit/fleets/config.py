@@ -22,16 +22,16 @@ FLEET_KEYS = ("name", "shared", "units")
 LIMIT_KEYS = ("low", "high", "unit")
 UNITS_FILE = "units.csv"
 ZERO_CELSIUS = 273.15  # K
-_OF_TPS = ("tps", "noise", "accuracy")  # cannot be checked before a unit has said the rest of [tps]
+_OF_TPS = ("tps", "noise", "accuracy")  # checked with each unit, whose rig.toml may complete [tps]
 
 
 @dataclass(frozen=True)
 class Member:
-    """A unit's row; None where a cell is empty or its column missing."""
+    """A unit's row in units.csv; None where a cell is empty or its column is missing."""
 
     serial: str | None = None  # of the unit
-    date: datetime.datetime | None = None  # when it was measured; in UTC where the file says an offset
-    # batch, rig, operator: where it comes from, on what and by whom it was measured
+    date: datetime.datetime | None = None  # when it was measured; in UTC where the file states an offset
+    # batch, rig, operator: production batch, and the rig and the operator of the measurement
     batch: str | None = None
     rig: str | None = None
     operator: str | None = None
@@ -44,35 +44,35 @@ COLUMNS = {"unit": "unit", **{each.name: each.name for each in fields(Member)}, 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a specification allows."""
+    """The range that a specification allows."""
 
     # low, high: SI; -inf and inf where a side is open
     low: float
     high: float
-    # unit, given: SI, as pint writes it, and as the file has it
+    # unit, given: SI unit as pint writes it, and the unit as the file has it
     unit: str
     given: str
 
 
 @dataclass(frozen=True)
 class FleetConfig:
-    """What is written down about a fleet."""
+    """The content of fleet.toml and units.csv."""
 
     name: str  # of the fleet
     location: str  # its folder or address, as given
     shared: tuple[str, ...]  # symbols that have one value for all units
     limits: Mapping[str, Limit]  # by symbol, or by figure of the line
-    members: Mapping[str, Member]  # by unit, all of them, in the order of units.csv, else by name
-    common: Toml  # what their rigs have in common: the tables of a rig.toml
+    members: Mapping[str, Member]  # by unit, all units, in the order of units.csv, otherwise by name
+    common: Toml  # tables of a rig.toml that hold for all units
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Their names, in order."""
+        """Names of the units, in order."""
         return tuple(self.members)
 
 
 def read_fleet(location: str | Path) -> FleetConfig:
-    """Read and check what a fleet's folder, or address, says about its units, but none of their measurements.
+    """Read and check fleet.toml and units.csv in a fleet's folder or address; no measurements.
 
     Raises:
         MeasurementError: there is no unit, or fleet.toml or units.csv is wrong.
@@ -96,7 +96,7 @@ def read_fleet(location: str | Path) -> FleetConfig:
 
 def _name(toml: Toml, fleet: Mapping[str, Any], base: str) -> str:
     if "name" in fleet and "name" in toml.tables:
-        raise toml.wrong("name", "found beside [fleet] name.", "A fleet has one name.", "Delete one.")
+        raise toml.wrong("name", "[fleet] has a name too.", "A fleet has one name.", "Delete one.")
     if "name" in fleet:
         return toml.string("fleet.name", fleet["name"])
     default = PurePosixPath(base).name if is_url(base) else Path(base).absolute().name
@@ -139,19 +139,20 @@ def _members(
     if raw is not None:
         return _read_members(raw, f"{base}/{name}", toml, units)
     if "units" in fleet:
-        raise toml.wrong("fleet.units", f"found '{name}', which is not there.", "It is a CSV beside fleet.toml.",
+        raise toml.wrong("fleet.units", f"found '{name}', which is not there.", "It is a CSV next to fleet.toml.",
                          "Correct the name, or delete the line.")  # fmt: skip
     if "units" in toml.tables:
-        raise toml.wrong("units", f"columns of {name}, which is not there.", "It is a CSV beside fleet.toml.",
+        raise toml.wrong("units", f"columns of {name}, which is not there.", "It is a CSV next to fleet.toml.",
                          "Put it there, or delete the table.")  # fmt: skip
     return dict.fromkeys(units, Member())
 
 
 def _common(toml: Toml) -> Toml:
-    """The tables of a rig.toml in it, once they are right in themselves; a unit's own may complete them."""
+    """The tables of a rig.toml in fleet.toml, checked as far as they are complete; a unit's rig.toml may complete
+    them."""
     rig = toml.table("rig", RIG_KEYS)
     if "name" in rig:
-        raise toml.wrong("rig.name", f"found {shown(rig['name'])}.", "In fleet.toml it would be that of every unit.",
+        raise toml.wrong("rig.name", f"found {shown(rig['name'])}.", "In fleet.toml every unit would have this name.",
                          "Write [fleet] name for the fleet's, and [rig] name in a unit's own rig.toml.")  # fmt: skip
     common = Toml(toml.path, toml.source, {name: toml.tables[name] for name in TABLES if name in toml.tables}, (toml,))
     whole = set(TPS_KEYS) <= set(common.table("tps", TPS_KEYS)) or "tps" not in common.tables
@@ -161,7 +162,7 @@ def _common(toml: Toml) -> Toml:
 
 
 def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> dict[str, Member]:
-    """Unit -> its row of units.csv, in the order of the file; `path` is what messages call it.
+    """The row of each unit in units.csv, in the order of the file; messages name the file by `path`.
 
     Raises:
         MeasurementError: a column, a cell or a row is wrong, or rows and folders do not match.
@@ -180,7 +181,7 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
                                    "A unit has one row.", "Delete one; repeats of a part are units of their own, "
                                    "with the same `part`.")  # fmt: skip
         if unit not in units:
-            raise MeasurementError(where, f"unit {unit} has no folder.", "Each row is a folder beside this file.",
+            raise MeasurementError(where, f"unit {unit} has no folder.", "Each row needs a folder next to this file.",
                                    closest(unit, units, "Delete the row, or put its folder there."))  # fmt: skip
         members[unit], lines[unit] = _member(row, columns, where), line
     if missing := [unit for unit in units if unit not in members]:
@@ -190,7 +191,7 @@ def _read_members(raw: bytes, path: str, toml: Toml, units: Sequence[str]) -> di
 
 
 def _rows(text: str, path: str) -> tuple[list[str], dict[int, dict[str, str]]]:
-    """The header, and each row by its line: cells by column, stripped. pandas drops a cell too many without a word."""
+    """The header, and each row by its line: cells by column, stripped. (pandas silently drops surplus cells.)"""
     reader = csv.reader(io.StringIO(text), delimiter=max(",;\t", key=text.partition("\n")[0].count))
     cells = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     rows = [(number, row) for number, row in cells if any(row)]
@@ -199,7 +200,7 @@ def _rows(text: str, path: str) -> tuple[list[str], dict[int, dict[str, str]]]:
                                "Write `unit,serial,date`, or delete the file.")  # fmt: skip
     header = rows[0][1]
     if twice := [name for name in header if header.count(name) > 1]:
-        raise MeasurementError(f"{path}:1", f"column '{twice[0]}' stands there twice.", "A column has one name.",
+        raise MeasurementError(f"{path}:1", f"column '{twice[0]}' appears twice.", "Each column needs its own name.",
                                "Rename or delete one.")  # fmt: skip
     for number, row in rows:
         if len(row) != len(header):
@@ -209,7 +210,7 @@ def _rows(text: str, path: str) -> tuple[list[str], dict[int, dict[str, str]]]:
 
 
 def _columns(toml: Toml, header: list[str], path: str) -> dict[str, str]:
-    """What each column is called here; only those that are there."""
+    """The name of each column in the file, by role; only columns that are there."""
     given: Mapping[str, Any] = toml.table("units", COLUMNS)
     for role, name in given.items():
         if toml.string(f"units.{role}", name) not in header:

@@ -1,15 +1,15 @@
-"""The units of a fleet, fitted: a few from their own readings, all others from where those lie; and what each leaves.
+"""Fits the units of a fleet: a few from their own readings, all others from the median of those; and their results.
 
     chi2(theta) ~ chi2(theta_0) + 2 g^T (theta - theta_0) + (theta - theta_0)^T F (theta - theta_0)
     estimate = theta_0 - F^+ g,    information = F
 
-theta: the free parameters, SI; F = J^T J and g = J^T r of the whitened residual at the optimum, J beside it where it
-lies on a bound. The user's priors are not in it: one that all units share would be counted as often as there are units.
-Nor is what the fit widens its intervals by: of a handful of traces nobody can tell whether they disagree; of the traces
-of many units one can, see `statistics.stack.robust`.
+theta: the free parameters, SI; F = J^T J and g = J^T r of the whitened residual at the optimum, J near it where the
+optimum is on a bound. The user's priors are not included: a prior that all units share would be counted with each unit.
+The widening of the fit's intervals is not included either: from a handful of traces it cannot be estimated whether they
+disagree; from the traces of many units it can, see `statistics.stack.robust`.
 
-Motor and plate turn together: a rig mostly tells N^2 J_m + J_L and N^2 B_m + B_L, and of each sum's parts nothing. The
-sums take the place of the motor's part, so that what is told has a symbol of its own.
+Motor and plate turn together: most rigs determine the sums N^2 J_m + J_L and N^2 B_m + B_L, but not their parts. The
+sums replace the motor's part, so that each determined quantity has a symbol.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ from .folder import address_of, local_copy
 from .settings import EngineSettings
 from .unit import AbstractWork, FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult, digest_of
 
-PILOTS = 6  # units fitted before it is known where the fleet lies
-SOUND = 2.0  # chi2 per degree of freedom up to which a pilot's parameters are a start for others
-OPEN = 1.0  # standard deviation over reach from which on a direction is taken as not told: no quadratic holds so far
+PILOTS = 6  # units fitted from their own readings, whose median is the start of the others
+SOUND = 2.0  # chi2 per degree of freedom up to which the parameters of a pilot serve as a start for others
+OPEN = 1.0  # standard deviation over reach above which a direction counts as not determined: no quadratic holds so far
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What is known of a fleet's units."""
+    """The results of a fleet's units."""
 
     # fitted, failed: in the order of the fleet
     fitted: tuple[UnitResult, ...]
     failed: tuple[FailedUnit, ...]
-    work: FitWork  # how they were fitted
-    remark: str = ""  # what of the results that were stored could not be used, or ""
+    work: FitWork  # the work that fitted them
+    remark: str = ""  # which stored results could not be used, or ""
 
 
 def fit_all(
@@ -71,7 +71,7 @@ def fit_all(
         MeasurementError: not one unit could be fitted.
     """
     units, work = config.units, FitWork(config.location, config.common)
-    # evenly over the order: the first ones of a day may have more in common than with the rest
+    # evenly over the order: the first units of a day may be more alike than the rest
     places = np.unique(np.linspace(0, len(units) - 1, min(PILOTS, len(units))).round().astype(int))
     pilots = [units[k] for k in places.tolist()]
     with Store(parts) as store:
@@ -84,7 +84,7 @@ def fit_all(
     failed = tuple(end for end in known if isinstance(end, FailedUnit))
     if not fitted:
         raise MeasurementError(config.location, f"none of {len(units)} units could be fitted.",
-                               "At least one must be.", f"The first says: {failed[0].why}")  # fmt: skip
+                               "At least one must be.", f"Error of the first: {failed[0].why}")  # fmt: skip
     return Results(fitted, failed, work, store.remark)
 
 
@@ -101,28 +101,28 @@ def _middle(store: Store, units: Sequence[str]) -> dict[str, float] | None:
 
 @dataclass(frozen=True)
 class FitWork(AbstractWork):
-    """The work of a fleet: read a unit where it lies, lay its rig.toml over what is common, fit it."""
+    """The work of a fleet: read a unit in its place, merge its rig.toml over the common tables, fit it."""
 
-    location: str  # of the fleet, as every worker sees it
-    common: Toml  # what their rigs have in common
-    # where the fleet's units lie, SI by symbol, to start from; None where nobody knows yet. It is not in the digest:
-    # where a fit starts is no part of what it finds.
+    location: str  # folder or address of the fleet, as every worker sees it
+    common: Toml  # tables of a rig.toml that hold for all units
+    # start of the fits: medians of the pilots, SI by symbol; None while they are unknown. It is not in the digest,
+    # because the result of a fit does not depend on its start.
     about: Mapping[str, float] | None = None
     settings: FitSettings = FitSettings()  # of the fits
 
     def prepare(self) -> None:
-        """The folder of compiled programs."""
+        """Set the folder of compiled programs."""
         from ..backend import use_compilation_cache
 
         use_compilation_cache()
 
     def digest(self, unit: str) -> str:
-        """Digest of the unit's files, what is common, and the settings."""
+        """Digest of the unit's files, the common tables, and the settings."""
         with local_copy(self.location, unit) as folder:
             return digest_of(digests_of(folder), common=self.common.tables, settings=self.settings)
 
     def fit(self, unit: str) -> UnitResult:
-        """What the unit's fit leaves behind."""
+        """The result of the unit's fit."""
         with local_copy(self.location, unit) as folder:
             left = self.fitted(folder, unit).left
             here, there = str(folder), address_of(self.location, unit)
@@ -136,7 +136,7 @@ class FitWork(AbstractWork):
 
 
 class Fitted(NamedTuple):
-    """A unit's fit in full, and what it leaves behind."""
+    """A unit's full fit, and the result that is stored."""
 
     result: FitResult
     left: UnitResult
@@ -145,10 +145,10 @@ class Fitted(NamedTuple):
 def fit_unit(
     rig: Rig, unit: str, about: Mapping[str, float] | None = None, settings: FitSettings = FitSettings()
 ) -> Fitted:
-    """Fit one unit, from where the fleet's units lie (`about`, SI by symbol) if that is known.
+    """Fit one unit, starting at the medians of the fleet (`about`, SI by symbol) if they are known.
 
     Raises:
-        MeasurementError: nothing to fit, or what rig.toml names does not exist.
+        MeasurementError: there is nothing to fit, or rig.toml names something that does not exist.
     """
     began = time.perf_counter()
     result = fit(rig, settings=settings, about=about)
@@ -181,20 +181,20 @@ def fit_unit(
 
 
 def own_estimate(result: FitResult, unit: str) -> tuple[UnitEstimate, dict[str, float]]:
-    """The unit's data as a quadratic in its free parameters, see the head of this file; and, by symbol, how many times
-    wider the standard error is that the fit states."""
+    """The unit's data as a quadratic in its free parameters, see the head of this file; and, by symbol, the factor by
+    which the standard error that the fit states is wider."""
     layout = result.free_parameters.layout
     every, to_sums = _with_sums(layout, result.rig.config.gear_ratio)
     x = _off_bounds(result, every, to_sums)
     here = result.problem.linearise(result.x, result.weighted)
     there = here if np.array_equal(x, result.x) else result.problem.linearise(x, result.weighted)
     value, slope = layout.numbers(result.x)[0], layout.numbers(x)[1]
-    size = np.abs(to_sums) @ (slope * layout.reach(x))  # by how much each changes where coordinates go their reach
+    size = np.abs(to_sums) @ (slope * layout.reach(x))  # change of each when the coordinates change by their reach
     forth = to_sums * slope / size[:, None]  # from coordinates to parameters over their size
     jacobian = there.jacobian.reshape(-1, x.size) @ np.linalg.inv(forth)
-    told, ways = np.linalg.eigh(jacobian.T @ jacobian)
-    told = np.where(told > OPEN**-2, told, 0.0)
-    information = (ways * told) @ ways.T
+    eigenvalues, ways = np.linalg.eigh(jacobian.T @ jacobian)
+    eigenvalues = np.where(eigenvalues > OPEN**-2, eigenvalues, 0.0)
+    information = (ways * eigenvalues) @ ways.T
     step = np.linalg.pinv(information, rcond=1e-12, hermitian=True) @ (jacobian.T @ here.r.ravel())
     estimate = to_sums @ value - size * step
     told_alone = np.diag(information) > OPEN**-2
@@ -206,9 +206,9 @@ def own_estimate(result: FitResult, unit: str) -> tuple[UnitEstimate, dict[str, 
 
 
 def _off_bounds(result: FitResult, every: list[str], to_sums: np.ndarray) -> Float[np.ndarray, " P"]:
-    """Coordinates at which a change of each changes the model, as near the optimum as may be, shape (P,).
+    """Coordinates off their bounds, so that a change of each changes the model, near the optimum, shape (P,).
 
-    A part that is moved off its bound takes from the other what it gets, so that their sum stays as it was found.
+    Where a part of a sum is moved off its bound, the other part is reduced by as much, so that the sum stays the same.
     """
     layout = result.free_parameters.layout
     x = layout.off_bounds(result.x)
@@ -230,7 +230,7 @@ def _off_bounds(result: FitResult, every: list[str], to_sums: np.ndarray) -> Flo
 
 
 def _widened(result: FitResult, jacobian: np.ndarray, to_sums: np.ndarray) -> Float[np.ndarray, " P"]:
-    """By how much the stated standard errors of the parameters are wider than the plain ones, at least 1, shape (P,);
+    """Factor by which the stated standard errors of the parameters exceed the plain ones, at least 1, shape (P,);
     the Jacobian is that of the coordinates, shape (n, P)."""
     layout, prior_sd = result.problem.layout, np.asarray(result.weighted.prior_sd)
     plain = np.linalg.inv(jacobian.T @ jacobian + prior_information(layout, result.x, prior_sd))
@@ -251,8 +251,8 @@ def _with_sums(layout: Layout, gear_ratio: float) -> tuple[list[str], Float[np.n
 
 
 def _marginal(information: Float[np.ndarray, "P P"], kept: list[int]) -> Float[np.ndarray, "Q Q"]:
-    """Information on some parameters, over their sizes, when nothing is known of the others beyond the same data."""
+    """Information on some parameters, over their sizes, marginalised over the others."""
     left = [k for k in range(len(information)) if k not in kept]
-    told, ways = np.linalg.eigh(information[np.ix_(left, left)])
-    across = information[np.ix_(kept, left)] @ ways[:, told > OPEN**-2]
-    return information[np.ix_(kept, kept)] - across / told[told > OPEN**-2] @ across.T
+    eigenvalues, ways = np.linalg.eigh(information[np.ix_(left, left)])
+    across = information[np.ix_(kept, left)] @ ways[:, eigenvalues > OPEN**-2]
+    return information[np.ix_(kept, kept)] - across / eigenvalues[eigenvalues > OPEN**-2] @ across.T

@@ -1,4 +1,5 @@
-"""Where the units lie: folders of this machine, or of anything that fsspec opens (s3://, memory://, file://)."""
+"""Finds and copies the folders of units: on this machine, or at any address that fsspec opens (s3://, memory://,
+file://)."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ from ..rig.user_text import refuse_foreign_names
 
 
 def is_url(location: str | Path) -> bool:
-    """Whether fsspec must open it."""
+    """Whether a location is an address that fsspec must open."""
     return isinstance(location, str) and "://" in location
 
 
@@ -41,7 +42,7 @@ def units_of(location: str | Path) -> tuple[str, ...]:
 
 
 def text_of(location: str | Path, name: str) -> bytes | None:
-    """The bytes of a file of the fleet itself; None where there is none."""
+    """The bytes of a file in the fleet's own folder; None where there is none."""
     if not is_url(location):
         path = Path(location) / name
         return path.read_bytes() if path.is_file() else None
@@ -54,9 +55,9 @@ def text_of(location: str | Path, name: str) -> bytes | None:
 
 @contextmanager
 def local_copy(location: str | Path, unit: str) -> Iterator[Path]:
-    """A unit's folder as a path of this machine: itself where it lies here, else a copy while the block lasts.
+    """A unit's folder as a path of this machine: the folder itself where it is local, otherwise a temporary copy.
 
-    The copy is called as the unit is, so that a rig without a name has that of its folder.
+    The copy has the name of the unit, because a rig without a name takes that of its folder.
 
     Raises:
         MeasurementError: there is no such folder; or the block's own, with the unit's address for the copy's path.
@@ -82,12 +83,13 @@ def local_copy(location: str | Path, unit: str) -> Iterator[Path]:
 
 
 def address_of(location: str | Path, unit: str) -> str:
-    """Where a unit lies, as the user knows it."""
+    """The path or address of a unit, as the user knows it."""
     return f"{str(location).rstrip('/')}/{unit}"
 
 
 def refuse_inside(location: str | Path, run: Path) -> None:
-    """A UsageError where a run folder lies in the fleet: every folder there is a unit, every file may be a trace."""
+    """Raise a UsageError where a run folder is inside the fleet: every folder there is a unit, every file may be a
+    trace."""
     if is_url(location):
         return
     fleet, target = Path(location).resolve(), run.resolve()
@@ -95,8 +97,8 @@ def refuse_inside(location: str | Path, run: Path) -> None:
         return
     below = target.relative_to(fleet).parts
     if not below or not below[0].startswith("."):
-        raise UsageError(f"{run} lies in the fleet {location}, where every folder is a unit. Name a run folder outside "
-                         f"of it: --out {quote(str(Path('runs') / fleet.name))}.")  # fmt: skip
+        raise UsageError(f"{run} is inside the fleet {location}, where every folder is a unit. Name a run folder "
+                         f"outside it: --out {quote(str(Path('runs') / fleet.name))}.")  # fmt: skip
 
 
 def _folders_at(url: str) -> list[str]:
@@ -110,7 +112,7 @@ def _folders_at(url: str) -> list[str]:
 
 
 def _fetch(url: str, folder: Path) -> None:
-    """The files that a reader may want: those of the folder itself and of the folders in it."""
+    """Fetch the files that a reader may need: those of the folder itself and of the folders in it."""
     system, root = _system(url)
     files = [file for file in system.find(root, maxdepth=2) if not PurePosixPath(file).name.startswith(".")]
     if not files:
@@ -122,7 +124,7 @@ def _fetch(url: str, folder: Path) -> None:
 
 
 def _system(url: str) -> tuple[Any, str]:
-    """The file system behind an address, and the path in it; a UsageError where no library opens such an address."""
+    """The file system of an address, and the path in it; a UsageError where no library opens such an address."""
     require_extra("fleet", url, "fsspec")
     import fsspec
 

@@ -1,6 +1,7 @@
-"""What a production line measures, computed from the fitted models of many units; a new figure is an entry of FIGURES.
+"""Computes the figures that a production line measures from the fitted models of many units; a new figure is an entry
+of FIGURES.
 
-The same where the fleet is hot or cold, on a weak battery or a charged one: `predict`.
+`predict` gives the same figures for a hot or cold fleet, on a weak or a charged battery.
 """
 
 from __future__ import annotations
@@ -29,32 +30,32 @@ from ..model.throttle import Throttle
 
 PerUnit = Float[np.ndarray, " U"]
 
-EARLY, LATE = 0.1, 0.9  # shares of a stroke between which its time is taken: IEEE Std 181-2011
+EARLY, LATE = 0.1, 0.9  # shares of a stroke between which it is timed: IEEE Std 181-2011
 MIDDLE = 0.5  # share of the travel at which the holding current and its hysteresis are given
-RETURNED = 0.05  # distance from its unpowered position at which a plate is back, share of the travel
+RETURNED = 0.05  # distance from the unpowered position within which a plate counts as back, share of the travel
 BENCH_SUPPLY = 12.0  # V
 LOW_SUPPLY, HIGH_SUPPLY = 9.0, 14.0  # V, whose opening times are compared: ISO 16750-2, code C
-STEP, LONGEST = 1e-4, 3.0  # s: of the integration, and that a plate is watched
+STEP, LONGEST = 1e-4, 3.0  # s: step of the integration, and simulated time
 AT_REST = 0.1  # s without any motion after which a plate is at rest
 
 BENCH = 20.0  # temperature at which the units were measured, degrees Celsius
 COPPER = 0.00393  # growth of the winding's resistance, 1/K, about 20 degrees Celsius: IEC 60028
 # growth of the magnets' flux, 1/K, and of K_b and K_m with it: -0.002 for hard ferrite, -0.001 for sintered NdFeB
-# (Modelica Standard Library 4, Magnetic.FluxTubes.Material.HardMagnetic). Which of them a motor has is ASSUMED: small
-# DC motors of throttles have ferrite
+# (Modelica Standard Library 4, Magnetic.FluxTubes.Material.HardMagnetic). ASSUMED: the small DC motors of throttles
+# have ferrite
 MAGNET = -0.002
 HOT, COLD = BENCH + 80.0, -40.0  # degrees Celsius
 SUPPLIES = (9.0, 12.0, 14.0, 16.0)  # V, of the predictions
 
-_ANGLES = 201  # angles between which the unpowered position is looked for
-_HALVINGS = 24  # of what lies between two of them
+_ANGLES = 201  # angles between which the unpowered position is sought
+_HALVINGS = 24  # bisections between two of them
 _SENSOR_ANGLES = 401
 _ENDS = (0.025, 0.975)
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Of all units alike."""
+    """A condition that holds for all units."""
 
     name: str  # such as "hot, 9 V"
     supply: float  # V
@@ -62,12 +63,12 @@ class Condition:
     friction: float = 1.0  # dry friction over that of the bench
 
     def acting_on(self, throttles: Throttle) -> Throttle:
-        """The units there.
+        """The units under this condition.
 
             R = R_a (1 + copper (T - T_bench)),    K_b, K_m times 1 + magnet (T - T_bench),    T_f, ... times friction
 
-        Viscous friction, springs and inductance stay as at the bench; magnets are as warm as the winding, which after
-        a while they nearly are.
+        Viscous friction, springs and inductance stay as at the bench; the magnets are assumed as warm as the winding,
+        which is nearly true after a while.
         """
         warmer = self.winding - BENCH
         magnet = 1.0 + MAGNET * warmer
@@ -80,7 +81,7 @@ AS_MEASURED = Condition("bench", BENCH_SUPPLY, BENCH)
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """U units at one test station of the line, under one condition: what several figures need is simulated once."""
+    """U units at one test station of the line, under one condition; simulations that several figures share are kept."""
 
     model: FleetModel
     condition: Condition = AS_MEASURED
@@ -105,11 +106,12 @@ class Station:
         return self.body.lower + share * (self.body.upper - self.body.lower)
 
     def opening(self, supply: float) -> PerUnit:
-        """s from 10 to 90 % of the travel at a supply (V), from rest at the closed stop; infinite for never."""
+        """Time from 10 to 90 % of the travel at a supply (V), from rest at the closed stop, s; infinite for never."""
         return self._stroke(self.body.lower, supply, Bands(self._marks(), np.full((self.count, 2), np.inf)))
 
     def closing(self, supply: float) -> PerUnit:
-        """s from 90 to 10 % of the travel at the supply's reverse, from rest at the open stop; infinite for never."""
+        """Time from 90 to 10 % of the travel at the reversed supply (V), from rest at the open stop, s; infinite for
+        never."""
         marks = self.body.upper + self.body.lower - self._marks()
         return self._stroke(self.body.upper, -supply, Bands(np.full((self.count, 2), -np.inf), marks))
 
@@ -123,12 +125,12 @@ class Station:
 
     @cached_property
     def cut(self) -> Motion:
-        """Let go from the open stop, terminals open."""
+        """Motion after release from the open stop, terminals open."""
         return self._fall(0.0)
 
     @cached_property
     def shorted(self) -> Motion:
-        """Let go from the open stop, terminals shorted."""
+        """Motion after release from the open stop, terminals shorted."""
         return self._fall(1.0)
 
     def _fall(self, circuit: float) -> Motion:
@@ -137,7 +139,8 @@ class Station:
 
     @cached_property
     def homes(self) -> PerUnit:
-        """Where the springs alone bring the plate, rad: where no current holds it in the middle of its dry friction."""
+        """Position to which the springs alone bring the plate, rad: zero current holds it in the middle of its dry
+        friction there."""
         angles = np.linspace(self.body.lower, self.body.upper, _ANGLES)
         current = np.asarray(_currents(self.slid, angles, self.body))
         crosses = (current[:, :-1] < 0.0) & (current[:, 1:] >= 0.0)
@@ -152,7 +155,7 @@ class Station:
 
     @cached_property
     def slid(self) -> Throttle:
-        """The units with every dry contact sliding: one that yields before (T_z) carries all that it can."""
+        """The units with every dry contact sliding; a contact that yields first (T_z) carries its largest torque."""
         effects = self.throttles.effects
         contacts = [effect for effect in effects if isinstance(effect, PreslidingFriction)]
         if not contacts:
@@ -167,14 +170,14 @@ class Station:
         return replace(self.throttles, effects=tuple(each(effect) for effect in effects))
 
     def held(self, angles: PerUnit, share: float) -> tuple[PerUnit, PerUnit]:
-        """Current (A) and voltage (V) at which each plate, at an angle of its own, is about to open (share 1), about
-        to close (-1), or held in the middle of its dry friction (0)."""
+        """Current (A) and voltage (V) at which each plate, at its own angle, is about to open (share 1), about to close
+        (-1), or held in the middle of its dry friction (0)."""
         current, volts = _held(self.slid, angles, share, self.body)
         return np.asarray(current), np.asarray(volts)
 
     @cached_property
     def middle_currents(self) -> tuple[PerUnit, PerUnit]:
-        """A, of a slow ramp that opens and of one that closes, at mid-travel."""
+        """Currents of a slow opening ramp and of a slow closing ramp at mid-travel, A."""
         angles = np.full(self.count, self.angle(MIDDLE))
         return self.held(angles, 1.0)[0], self.held(angles, -1.0)[0]
 
@@ -198,19 +201,19 @@ class FigureResult(NamedTuple):
     """A figure of every unit."""
 
     value: PerUnit  # SI, shape (U,); NaN where a unit has none
-    why: str = ""  # of the NaN; "" where there is none
+    why: str = ""  # reason for NaN; "" where there is none
 
 
 @dataclass(frozen=True)
 class Figure:
     """One figure of a line: a number a unit, computed from its fitted model."""
 
-    name: str  # what fleet.json and the limits of fleet.toml call it
+    name: str  # its name in fleet.json and in the limits of fleet.toml
     unit: str  # SI
     meaning: str  # one line
     source: str  # of its definition
     values: Callable[[Station], PerUnit]  # of all units at a station, SI, shape (U,); not finite where a unit has none
-    why: str  # a unit has none
+    why: str  # reason why a unit has none
 
     def measure(self, station: Station) -> FigureResult:
         """The figure of every unit at a station."""
@@ -236,7 +239,7 @@ def _sensor_linearity(station: Station) -> PerUnit:
     return np.max(np.abs([np.asarray(bent(State(0.0, theta, 0.0), (), u).position) for theta in angles]), axis=0)
 
 
-# the one registration; tables and pages have this order
+# the registry of figures; tables and pages have this order
 FIGURES: tuple[Figure, ...] = (
     Figure("default_position", "rad", "angle at which the plate rests without a current, let go from open",
            "Deur et al. 2004 (limp-home position); from open, since dry friction keeps a memory of the side",
@@ -249,14 +252,14 @@ FIGURES: tuple[Figure, ...] = (
            "transition duration, IEEE Std 181-2011, of a step of full duty",
            lambda station: station.closing(station.condition.supply), "never reaches 10 % of the travel"),
     Figure("unpowered_return", "s", "time from full open to within 5 % of the unpowered position, terminals open",
-           "control.safety.unpowered: FMVSS 124 asks it of the driver's control",
+           "control.safety.unpowered: FMVSS 124 requires it of the driver's control",
            lambda station: station.cut.stays[:, 0],
            "rests more than 5 % of the travel from where its springs bring it"),
     Figure("unpowered_return_shorted", "s",
            "time from full open to within 5 % of the unpowered position, terminals shorted",
            "control.safety.unpowered",
            lambda station: station.shorted.stays[:, 0],
-           "not back while watched: dry friction or the motor's brake holds it"),
+           f"not back within {LONGEST:g} s: dry friction or the motor's brake holds it"),
     Figure("supply_response", "1", "opening time at 9 V over that at 14 V",
            "this project; 9 to 16 V as of ISO 16750-2, code C",
            _supply_response, "does not open fully at 9 V"),
@@ -291,14 +294,14 @@ def measured(model: FleetModel, condition: Condition = AS_MEASURED) -> dict[str,
 class Spread:
     """A figure over the units of a fleet."""
 
-    # of the units that have it, SI; None where none has
+    # statistics over the units that have the figure, SI; None where no unit has it
     mean: float | None
-    sd: float | None  # None for one unit too
+    sd: float | None  # standard deviation; None for one unit too
     low: float | None  # 2.5 %
     high: float | None  # 97.5 %
     unit: str  # SI
-    told: int  # units that have it
-    why: str  # the others have none
+    told: int  # number of units that have the figure
+    why: str  # why the others have none
 
     @classmethod
     def over_units(cls, figure: FigureResult, unit: str) -> Spread:
@@ -324,8 +327,8 @@ def conditions(supplies: tuple[float, ...] = SUPPLIES, cold_friction: float = 1.
 
     Args:
         supplies: V.
-        cold_friction: dry friction over that of the bench in the cold. 1 leaves it alone: how a grease stiffens no
-            measurement at the bench shows.
+        cold_friction: dry friction in the cold over that of the bench. 1: unchanged, because no measurement at the
+            bench shows how the grease stiffens.
     """
     states = (("bench", BENCH, 1.0), ("hot", HOT, 1.0), ("cold", COLD, cold_friction))
     return tuple(
@@ -338,7 +341,7 @@ CONDITIONS = conditions()
 
 
 def predict(model: FleetModel, under: tuple[Condition, ...] = CONDITIONS) -> tuple[Prediction, ...]:
-    """Mean, 2.5 and 97.5 % of the units, figure by figure, under each condition; one compilation for all."""
+    """Mean, 2.5 and 97.5 % quantile over the units of each figure, under each condition; compiled one time for all."""
     out = []
     for condition in under:
         found = measured(model, condition)

@@ -9,12 +9,12 @@ from ..ranges import check_ranges, real, whole
 
 @dataclass(frozen=True)
 class PopulationSettings:
-    """How the mean and the spread between units are estimated.
+    """Settings of the estimate of mean and spread between units.
 
     Args:
         level: coverage that every interval of the population states.
-        uncorrelated: how many uncorrelated units' worth the prior of the correlations weighs, for each symbol that
-            differs between units; 0 for none, so that a dozen units of a dozen symbols have correlations of +-1.
+        uncorrelated: weight of the prior of the correlations, as a number of uncorrelated units for each symbol that
+            differs between units; 0: no prior, so that a dozen units of a dozen symbols have correlations of +-1.
         wald: relative standard error of a standard deviation above which its interval is profiled.
     """
 
@@ -27,14 +27,15 @@ class PopulationSettings:
 
 @dataclass(frozen=True)
 class FleetSettings:
-    """All that the statistics of a fleet decide by.
+    """Settings of the statistics of a fleet.
 
     Args:
         population: mean and spread between units.
-        odd_rate: of false ones among the odd units found (Benjamini and Hochberg). In a healthy fleet it is the chance
-            of any: so low that tails heavier than the scaled null still leave less than 1 % of the units.
-        effect_rate: of units falsely said to have an effect, among those said to have it.
-        drift_level: p value, multiplicity over symbols and kinds included, up to which a drift is reported.
+        odd_rate: rate of false ones among the odd units found (Benjamini and Hochberg). In a healthy fleet it is the
+            chance of finding any; it is so low that, even with tails heavier than the scaled null, fewer than 1 % of
+            the units are found.
+        effect_rate: rate of units that falsely have an effect, among those reported to have it.
+        drift_level: p value, corrected for the number of symbols and kinds, up to which a drift is reported.
     """
 
     population: PopulationSettings = PopulationSettings()
@@ -50,13 +51,14 @@ DEFAULT = FleetSettings()
 
 @dataclass(frozen=True)
 class EngineSettings:
-    """When a unit is given up, and in which portions units are handed out.
+    """Limits after which a unit is given up, and the portions in which units are handed out.
 
     Args:
-        tries: workers on which a unit is tried whose worker dies, or whose worker has no room left; then it has failed.
-        time_limit: s that one unit may take.
-        grace: s after which a unit that cannot be stopped at its time limit costs its worker process.
-        portion: s of work that one task holds, so that tiny units share the price of a task.
+        tries: number of workers on which a unit is tried where its worker dies or has no memory or disk left; then the
+            unit has failed.
+        time_limit: time that one unit may take, s.
+        grace: time after the limit until a unit that cannot be stopped ends its worker process, s.
+        portion: work in one task, s, so that tiny units share the cost of a task.
     """
 
     tries: int = whole(2, 1, 10)

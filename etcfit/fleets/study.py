@@ -1,4 +1,4 @@
-"""What the units of a fleet tell together: population, odd units, drift, capability, gauge, effects, and the line."""
+"""Studies the results of all units together: population, odd units, drift, capability, gauge, effects, and the line."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .unit import FailedUnit, UnitResult
 
 @dataclass(frozen=True, eq=False)
 class FleetStudy:
-    """Everything that is known of a fleet."""
+    """All results of a fleet."""
 
-    config: FleetConfig  # what is written down about it
+    config: FleetConfig  # content of fleet.toml and units.csv
     # fitted, failed: its units, in order
     fitted: tuple[UnitResult, ...]
     failed: tuple[FailedUnit, ...]
@@ -34,28 +34,27 @@ class FleetStudy:
     population: Population
     shrunk: Shrunk
     odd: tuple[OddUnit, ...]  # units unlike the others, most odd first
-    effects: tuple[EffectInFleet, ...]  # those that the common model names, unit by unit
+    effects: tuple[EffectInFleet, ...]  # effects that the common model names, unit by unit
     charts: Mapping[str, Chart]  # by symbol, of the units whose own data determine it
     drifts: tuple[Drift, ...]  # changes in the order of the fleet; `since` counts in `fitted`
     capability: Mapping[str, Capability]  # by symbol or figure that has limits
     gauge: Mapping[str, Gauge]  # by symbol; empty where no part was measured twice
-    # the units as models, by their shrunk values; None where the common model has a parameter of which no unit has a
-    # value
+    # the units as models, by their shrunk values
     model: FleetModel
-    figures: Mapping[str, FigureResult]  # what a line measures, by name, in the order of `model.units`, odd ones too
+    figures: Mapping[str, FigureResult]  # figures of the line, by name, in the order of `model.units`, odd ones too
     predictions: tuple[Prediction, ...]  # figures of the ordinary units hot and cold, on a weak and a charged battery
-    settings: FleetSettings  # that all of it was decided by
+    settings: FleetSettings  # the settings of the study
 
     @property
     def synthetic(self) -> bool:
-        """Whether any unit says so."""
+        """Whether any unit is declared as synthetic."""
         return any(unit.synthetic for unit in self.fitted)
 
 
 def study(
     config: FleetConfig, rig: RigConfig, results: Results, settings: FleetSettings = FleetSettings()
 ) -> FleetStudy:
-    """Study the units that have a result; the rig is that of one unit, from which the others' differ in name only."""
+    """Study the units that have a result; `rig` is that of one unit, and the others differ from it in name only."""
     units = results.fitted
     stack = stacked(robust(units, MOST_WIDENED))
     found, odd = without_odd(stack, units, config.shared, settings)
@@ -89,8 +88,8 @@ def without_odd(
 ) -> tuple[Population, tuple[OddUnit, ...]]:
     """The population of the ordinary units, and the odd ones.
 
-    A unit whose traces its model does not explain may lie among the others by its parameters, and is still no measure
-    of the design: it is left out, and the population is estimated again, as often as another unit shows.
+    A unit whose model does not explain its traces does not represent the design, even if its parameters are like the
+    others': it is left out, and the population is estimated again until no further unit is found.
     """
     kept = np.ones(len(units), dtype=bool)
     for _ in range(ROUNDS):
@@ -104,11 +103,12 @@ def without_odd(
 
 
 def units_as_models(rig: RigConfig, units: tuple[UnitResult, ...], shrunk: Shrunk) -> FleetModel:
-    """Every unit by its shrunk values; what the fleet does not determine as the unit's own fit has it."""
+    """Every unit by its shrunk values; a parameter that the fleet does not determine has the value of the unit's
+    fit."""
     known = free_parameters(rig)
     own = {symbol: np.array([unit.parameters[symbol].value for unit in units]) for symbol in known.layout.free}
-    told = {symbol: shrunk.estimate[:, k] for k, symbol in enumerate(shrunk.symbols)}
-    values = own | split_sums(told, own, rig.gear_ratio)
+    determined = {symbol: shrunk.estimate[:, k] for k, symbol in enumerate(shrunk.symbols)}
+    values = own | split_sums(determined, own, rig.gear_ratio)
     return fleet_model(rig, known, [unit.unit for unit in units], values, rig.noise.get("position", 0.0))
 
 
@@ -118,25 +118,26 @@ def _charts(stack: Stack, found: Population) -> dict[str, Chart]:
     own = scaled(stack.marginal(found.symbols))
     stderr = np.sqrt(own.variance) * own.scale
     for k, symbol in enumerate(found.symbols):
-        told = own.tells[:, k]
-        if not found.shared[k] and told.sum() >= 2:
-            units = tuple(unit for unit, known in zip(stack.units, told, strict=True) if known)
-            out[symbol] = chart(units, own.stack.estimate[told, k], stderr[told, k])
+        determined = own.tells[:, k]
+        if not found.shared[k] and determined.sum() >= 2:
+            units = tuple(unit for unit, known in zip(stack.units, determined, strict=True) if known)
+            out[symbol] = chart(units, own.stack.estimate[determined, k], stderr[determined, k])
     return out
 
 
 def _in_order(chart: Chart, units: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Value and standard error for every unit, NaN where its own data determine none."""
     value, stderr = np.full(len(units), np.nan), np.full(len(units), np.nan)
-    told = np.isin(units, chart.units)
-    value[told], stderr[told] = chart.value, chart.stderr
+    determined = np.isin(units, chart.units)
+    value[determined], stderr[determined] = chart.value, chart.stderr
     return value, stderr
 
 
 def _capable(
     config: FleetConfig, found: Population, figures: Mapping[str, np.ndarray], settings: FleetSettings
 ) -> dict[str, Capability]:
-    """What has limits, of symbols that differ and of figures of the ordinary units."""
+    """The capability of symbols that differ between units and of figures of the ordinary units, where they have
+    limits."""
     out = {}
     for name, limit in config.limits.items():
         if name in found.symbols and not found.shared[found.symbols.index(name)]:

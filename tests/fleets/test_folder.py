@@ -90,5 +90,5 @@ def test_a_message_about_a_unit_elsewhere_names_its_address_and_no_scratch_folde
 def test_a_run_folder_must_lie_outside_of_the_fleet(tmp_path: Path, out: str, inside: bool) -> None:
     if not inside:
         return refuse_inside(tmp_path / "line", tmp_path / out)
-    with pytest.raises(UsageError, match=r"lies in the fleet .* --out runs/line"):
+    with pytest.raises(UsageError, match=r"is inside the fleet .* --out runs/line"):
         refuse_inside(tmp_path / "line", tmp_path / out)

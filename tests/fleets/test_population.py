@@ -154,7 +154,7 @@ def test_a_healthy_fleet_keeps_its_units() -> None:
     [
         (one_symbol(np.array([1.0]), np.array([1.0])), (), "two or more"),
         (one_symbol(np.array([1.0, 2.0]), np.array([1.0, 1.0])), ("K_b",), "no unit has it"),
-        (Stack(("a", "b"), ("x",), np.ones((2, 1)), np.zeros((2, 1, 1))), (), "no symbol is told"),
+        (Stack(("a", "b"), ("x",), np.ones((2, 1)), np.zeros((2, 1, 1))), (), "the fleet's data determine no symbol"),
     ],
 )
 def test_what_cannot_be_a_population_is_refused(stack: Stack, shared: tuple[str, ...], said: str) -> None:
@@ -166,7 +166,7 @@ def test_what_cannot_be_a_population_is_refused(stack: Stack, shared: tuple[str,
 def test_an_estimate_that_is_not_finite_is_refused(wrong: float) -> None:
     with pytest.raises(ValueError, match=r"u: estimate and information must be finite"):
         stacked([UnitEstimate("u", ("a",), np.array([wrong]), np.eye(1))])
-    with pytest.raises(ValueError, match="twice"):
+    with pytest.raises(ValueError, match="two units"):
         stacked([UnitEstimate("u", ("a",), np.ones(1), np.eye(1))] * 2)
 
 

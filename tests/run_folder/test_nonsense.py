@@ -207,7 +207,7 @@ def test_a_library_that_is_missing_is_said_with_how_to_install_it(
 def test_a_run_folder_in_the_fleet_is_refused(run: Path, out: str) -> None:
     Path("line/u1").mkdir(parents=True)
     shutil.copytree("rig", "line/u2")
-    assert f"{out} lies in the fleet line" in said(["fleet", "line", "--out", out])
+    assert f"{out} is inside the fleet line" in said(["fleet", "line", "--out", out])
     assert sorted(path.name for path in Path("line").iterdir()) == ["u1", "u2"]
 
 

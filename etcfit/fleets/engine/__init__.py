@@ -1,1 +1,1 @@
-"""Many units handed out to workers on Dask, and their results to a store that resumes; knows nothing of throttles."""
+"""Hands out many units to Dask workers and stores their results, so that a run can resume; independent of throttles."""

@@ -1,4 +1,4 @@
-"""Where a fleet is worked on: worker processes of this machine, or whatever an existing Dask scheduler has."""
+"""Starts the workers of a fleet: processes of this machine, or those of an existing Dask scheduler."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT = 2.5  # s to wait for a scheduler's answer
-FIRST_WORKER = 60.0  # s to wait for the first worker of a scheduler, and for one to come back when all have died
+FIRST_WORKER = 60.0  # s to wait for the first worker of a scheduler, and for a new one when all have died
 
-# Dask's own habits that do not fit: a task is given back to us at once when its worker dies, for we know which unit
-# it was; a worker that holds compiled programs must not be paused for their memory, only ended at its limit
+# settings of Dask that are changed here: a task whose worker dies is returned at once, because we know its unit; a
+# worker that holds compiled programs must not be paused for their memory, only ended at its limit
 _DASK = {
     "distributed.scheduler.allowed-failures": 0,
     "distributed.worker.memory.target": False,
@@ -39,13 +39,13 @@ _DASK = {
 class LocalWorkers:
     """Worker processes on this machine, one core each."""
 
-    workers: int  # how many
-    memory: int = 2 * 1024**3  # of each, bytes; a process that grows beyond is ended, and its unit tried once more
+    workers: int  # number of processes
+    memory: int = 2 * 1024**3  # limit of each, bytes; a process that exceeds it is ended, and its unit is tried again
 
 
 @dataclass(frozen=True)
 class ExistingScheduler:
-    """A scheduler that somebody else started, with its workers; its address is "tcp://10.0.0.1:8786", say."""
+    """A scheduler that was started elsewhere, with its workers; its address is, for example, "tcp://10.0.0.1:8786"."""
 
     address: str
 
@@ -54,19 +54,19 @@ class ExistingScheduler:
 class Crew:
     """Workers that wait for work."""
 
-    client: Client  # Dask's
-    local: bool  # whether their processes are ours
-    workers: int = 0  # processes of ours that were asked for
+    client: Client  # Dask's client
+    local: bool  # whether this program started the processes
+    workers: int = 0  # number of processes that this program started
 
     @property
     def address(self) -> str:
-        """What to open to watch them: Dask's dashboard where bokeh is installed, else the scheduler's address."""
+        """Address to watch the workers: Dask's dashboard where bokeh is installed, otherwise that of the scheduler."""
         scheduler: Any = self.client.scheduler_info(n_workers=0)
         page = self.client.dashboard_link if importlib.util.find_spec("bokeh") else None
         return str(page or scheduler["address"])
 
     def renew(self) -> None:
-        """Start as many new workers of ours, where all are gone: Dask's nannies do not always bring theirs back."""
+        """Start new local workers where all have died: Dask's nannies do not always restart them."""
         if self.local:
             cluster: Any = self.client.cluster
             cluster.scale(len(cluster.worker_spec) + self.workers)
@@ -82,7 +82,7 @@ def crew(place: LocalWorkers | ExistingScheduler) -> Iterator[Crew]:
     """
     require_workers()
     import dask.config
-    import distributed  # noqa: F401  its defaults must be in dask.config before ours are laid over them
+    import distributed  # noqa: F401  its defaults must be in dask.config before ours override them
 
     with (
         dask.config.set(_DASK),
@@ -98,7 +98,7 @@ def cores() -> int:
 
 
 def require_workers() -> None:
-    """Dask is here, and what keeps the results of its workers; else a UsageError."""
+    """Raise a UsageError unless Dask and pyarrow, which stores the results, are installed."""
     require_extra("fleet", "A fleet", "distributed", "pyarrow")
 
 
@@ -107,19 +107,19 @@ def _local(place: LocalWorkers) -> Iterator[Crew]:
     from distributed import Client, LocalCluster
 
     if getattr(multiprocessing.current_process(), "_inheriting", False):
-        raise SystemExit(1)  # a worker that runs its client's script from the top: the client says what is wrong
+        raise SystemExit(1)  # a worker that runs its client's script from the top: the client reports the mistake
     try:
         started = LocalCluster(
             n_workers=place.workers,
             threads_per_worker=1,
             processes=True,
             memory_limit=place.memory,
-            dashboard_address="127.0.0.1:0",  # any free port: Dask warns on the terminal where its usual one is taken
+            dashboard_address="127.0.0.1:0",  # any free port: Dask warns on the terminal where its usual port is in use
             silence_logs=logging.CRITICAL,
         )
     except RuntimeError as error:
         raise UsageError("the worker processes do not start. Each of them first imports the script that you started: "
-                         'put what it does under `if __name__ == "__main__":`.') from error  # fmt: skip
+                         'put its statements under `if __name__ == "__main__":`.') from error  # fmt: skip
     with started as cluster, Client(cluster, set_as_default=False) as client:
         yield Crew(client, local=True, workers=place.workers)
 
@@ -142,7 +142,8 @@ def _existing(place: ExistingScheduler) -> Iterator[Crew]:
 
 
 def _must_answer(address: str) -> None:
-    """Refuse an address without a scheduler: Dask's own client waits for ever for one that listens and says nothing."""
+    """Refuse an address without a scheduler: Dask's own client waits for ever where something listens and never
+    answers."""
     from distributed.comm.core import connect
     from distributed.security import Security
 
@@ -154,18 +155,18 @@ def _must_answer(address: str) -> None:
         finally:
             line.abort()
 
-    with ThreadPoolExecutor(1) as aside:  # a notebook's thread has a loop of its own
+    with ThreadPoolExecutor(1) as aside:  # a notebook's thread already runs an event loop
         try:
             aside.submit(asyncio.run, asyncio.wait_for(identity(), CONNECT)).result()
-        except Exception as error:  # whatever the answer of something else makes Dask say
-            why = str(error) or "it says nothing"
+        except Exception as error:  # any error that the answer of another program causes in Dask
+            why = str(error) or "no answer"
             raise UsageError(f"no Dask scheduler answers at {address} within {CONNECT:g} s: {why}. Start one with "
                              "`dask scheduler`, or leave --scheduler out.") from error  # fmt: skip
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Nothing of Dask's log on the terminal: what matters to a person comes as the message of a unit."""
+    """Keep Dask's log off the terminal: the messages of units report what matters to a user."""
     loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
     before = [each.level for each in loggers]
     for each in loggers:

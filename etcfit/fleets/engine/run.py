@@ -1,11 +1,11 @@
-"""Units handed out to workers, and their results to the store; one that fails costs itself alone.
+"""Hands out units to workers and their results to the store; the failure of one unit affects no other.
 
-Each worker has one task at a time: when a worker dies, the unit that it was on is known, and no other is suspected. A
-task is a portion of units, as many as fit into a third of a second; of slow ones it is one. The client holds the names
-that are left, and no results: those go to the store as they come.
+Each worker has one task at a time: when a worker dies, the unit that it was fitting is known. A task is a portion of
+units, as many as fit into a third of a second; for slow units it is one unit. The client holds the names of the units
+that are left but no results: those go to the store as they arrive.
 
-A worker that dies gives its task back through Dask. What Dask itself loses (a worker that never comes back, an answer
-that never arrives) is found here: every other second the client looks where its tasks are.
+Where a worker dies, Dask returns its task. Tasks that Dask itself loses (a worker that never comes back, an answer that
+never arrives) are found here: every other second the client checks where its tasks are.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from ..unit import AbstractWork, FailedUnit, Lost, Order, Portion, Trouble, Unit
 from .cluster import FIRST_WORKER, Crew
 from .store import Store
 
-LOOK = 0.1  # s after which a wait for an answer ends, answer or not
-RECOUNT = 2.0  # s between two looks at the workers and what they do
-MISSING = 10.0  # s after which a task that no worker has, while one is free, is handed out again
+LOOK = 0.1  # s: longest wait for an answer
+RECOUNT = 2.0  # s between two checks of the workers and their tasks
+MISSING = 10.0  # s after which a task that no worker has, while a worker is free, is handed out again
 LARGEST_PORTION = 256  # units in one task
 
 Orders = tuple[Order, ...]
@@ -36,7 +36,7 @@ Ends = list[UnitResult | FailedUnit]
 
 
 class Tally(NamedTuple):
-    """How a run through a fleet went.
+    """Counts of a run through a fleet.
 
     Args:
         fitted, failed: units with a new result, and without one.
@@ -59,16 +59,16 @@ def run_units(
     """Work on every unit whose stored result no longer holds.
 
     Args:
-        units: in the order in which they are handed out.
-        work: sent to every worker once.
+        units: names, in the order in which they are handed out.
+        work: the work, sent to each worker one time.
         crew: the workers, see `cluster.crew`.
-        store: takes the results; open. What workers of our own print goes to workers.log in its folder.
-        report: gets what is done, and which share of it.
-        settings: when a unit is given up.
+        store: an open store for the results. The output of local workers goes to workers.log in its folder.
+        report: called with the current step in words and the share done.
+        settings: limits after which a unit is given up.
     Raises:
         UsageError: the workers have another version of etcfit, or none is left.
         OSError: the store cannot be written.
-        KeyboardInterrupt: as it comes; what has come back is kept.
+        KeyboardInterrupt: from the user; results that have come back are kept.
     """
     from .worker import FleetWorkerPlugin, version
 
@@ -85,7 +85,7 @@ def run_units(
         return _work_off(agenda, Tasks(name, crew, settings), store, report)
     finally:
         store.flush()
-        with suppress(Exception):  # that the workers are gone already is no matter
+        with suppress(Exception):  # the workers may be gone already
             crew.client.unregister_worker_plugin(name)
 
 
@@ -94,7 +94,7 @@ def _work_off(agenda: Agenda, tasks: Tasks, store: Store, report: Callable[[str,
     try:
         while agenda.waiting or tasks.out:
             tasks.hand_out(agenda)
-            # an answer lies with its worker until it is fetched, and goes with it if the next unit kills that
+            # an answer stays with its worker until it is fetched, and is lost if the next unit kills the worker
             answers = [(task.orders, tasks.answer(task)) for task in tasks.ended()]
             tasks.hand_out(agenda)
             for orders, answer in answers:
@@ -111,11 +111,11 @@ def _work_off(agenda: Agenda, tasks: Tasks, store: Store, report: Callable[[str,
 
 
 class Agenda:
-    """Orders that wait, in order, and what each unit has been through; knows nothing of Dask.
+    """Orders that wait, in order, and the history of each unit; independent of Dask.
 
         units of a portion = time of a portion / time of a unit, the mean over the last ones
 
-    The settings say when a unit is given up, and how long a portion takes.
+    The settings state when a unit is given up, and how long a portion takes.
     """
 
     def __init__(self, orders: Iterable[Order], settings: EngineSettings) -> None:
@@ -127,11 +127,11 @@ class Agenda:
 
     @property
     def waiting(self) -> int:
-        """How many orders."""
+        """Number of orders that wait."""
         return len(self._orders)
 
     def next_portion(self, workers: int) -> Orders:
-        """The next orders; a unit whose portion died goes alone, and the last ones are shared out evenly."""
+        """The next orders; a unit whose portion was lost goes alone, and the last units are shared evenly."""
         fair = -(-len(self._orders) // max(workers, 1))
         fitting = int(self._settings.portion / max(self._seconds_a_unit, 1e-9))
         most = max(1, min(fair, fitting, LARGEST_PORTION))
@@ -145,9 +145,9 @@ class Agenda:
         return self._refused.get(orders[0].unit) if len(orders) == 1 else None
 
     def take_back(self, orders: Orders, answer: Portion | Lost) -> tuple[Ends, int]:
-        """Results and units given up of some orders, and how many units were unchanged.
+        """The results and given-up units of some orders, and the number of unchanged units.
 
-        Where nothing came back of several units each goes alone, to see which it was.
+        Where no result came back for several units, each goes alone next, to find the one that caused it.
         """
         if isinstance(answer, Lost):
             if len(orders) == 1:
@@ -167,7 +167,7 @@ class Agenda:
         return ends, answer.ends.count(None)
 
     def _try_again(self, order: Order, why: str, worker: str | None, tries: int = 1) -> Ends:
-        """The unit waits once more, for another worker; it has failed where it was tried often enough."""
+        """Put the unit back for another worker; it has failed where it was tried often enough."""
         unit = order.unit
         self._tried[unit] = self._tried.get(unit, 0) + tries
         if self._tried[unit] >= self._settings.tries:
@@ -181,22 +181,22 @@ class Agenda:
 
 @dataclass
 class Task:
-    """One that is out."""
+    """A task in progress."""
 
-    future: Any  # Dask's
-    orders: Orders  # what it is on
-    seen: float  # s, when it was last known to be on its way
+    future: Any  # Dask's future
+    orders: Orders  # its orders
+    seen: float  # s, when it was last known to be in progress
     begun: float | None = None  # s, when it was first seen on a worker; None before
-    worker: str | None = None  # that it was last seen on
+    worker: str | None = None  # the worker on which it was last seen
 
 
 class Tasks:
-    """The tasks that are out, one for each worker; none of them is waited for without end.
+    """The tasks in progress, one for each worker; each wait for a task has a limit.
 
     Args:
-        name: of the run, by which workers find its work.
+        name: name of the run, by which workers find its work.
         crew: the workers.
-        settings: when a task is given up; workers get them with each.
+        settings: limits after which a task is given up; workers get them with each task.
     """
 
     def __init__(self, name: str, crew: Crew, settings: EngineSettings) -> None:
@@ -207,10 +207,10 @@ class Tasks:
         self._staffed = self._renewed = time.monotonic()
 
     def hand_out(self, agenda: Agenda) -> None:
-        """A portion for every worker that has none.
+        """Hand out a portion to every worker that has none.
 
         Raises:
-            UsageError: there has been no worker for as long as one waits for the first.
+            UsageError: there has been no worker for `FIRST_WORKER` seconds.
         """
         from .worker import do_portion
 
@@ -220,7 +220,7 @@ class Tasks:
             orders = agenda.next_portion(places)
             refused = agenda.refused(orders)
             others = [worker for worker in self._threads if worker != refused] if refused else []
-            # strictly: where others are only preferred, Dask lets an idle worker steal the unit it just failed
+            # strict: with a mere preference for other workers, Dask lets an idle worker steal the unit it just failed
             key = f"units-{uuid.uuid4().hex}"
             future = self._client.submit(
                 do_portion, self._name, orders, self._settings, key=key, pure=False, workers=others or None
@@ -228,7 +228,7 @@ class Tasks:
             self.out[key] = Task(future, orders, time.monotonic())
 
     def ended(self) -> list[Task]:
-        """Tasks that ended, or that nobody works on any more; none after a tenth of a second without one."""
+        """Tasks that ended, or that no worker has any more; empty after a tenth of a second without one."""
         from distributed import wait
 
         if not any(task.future.done() for task in self.out.values()):
@@ -239,24 +239,24 @@ class Tasks:
         return [self.out.pop(key) for key in over]
 
     def answer(self, task: Task) -> Portion | Lost:
-        """What the orders of a task that ended came to."""
+        """The result of a task that ended."""
         from distributed import KilledWorker
 
         unit, future = task.orders[0].unit, task.future
         try:
             return future.result(timeout=FIRST_WORKER) if future.done() else self._abandon(task)
         except KilledWorker as error:
-            self._counted = -RECOUNT  # one less, for a while
-            why = (f"{unit}: its worker process ended while it was on this unit: killed, "
-                   "or grown beyond the memory it may have.")  # fmt: skip
+            self._counted = -RECOUNT  # there is one worker less for a while
+            why = (f"{unit}: its worker process ended while it fitted this unit: it was killed, "
+                   "or exceeded its memory limit.")  # fmt: skip
             return Lost(why, error.allowed_failures + 1)
-        except Exception as error:  # whatever of the way there and back: it costs no other unit
+        except Exception as error:  # any error of the transport: it affects no other unit
             return Lost(f"{unit}: {type(error).__name__}: {error}.")
         finally:
             future.release()
 
     def cancel(self) -> None:
-        """Take back all that is out."""
+        """Cancel all tasks in progress."""
         self._client.cancel([task.future for task in self.out.values()], force=True)
         self.out.clear()
 
@@ -265,7 +265,7 @@ class Tasks:
         return dict(found)
 
     def _look(self) -> None:
-        """How many workers there are, and what they are on. A task may wait, but not while one has nothing to do."""
+        """Update the number of workers and their tasks. A task may wait, but not while a worker is idle."""
         if time.monotonic() - self._counted < RECOUNT:
             return
         self._threads = self._workers()
@@ -282,22 +282,22 @@ class Tasks:
         if self._threads:
             self._staffed = self._renewed = now
         elif now - self._staffed > FIRST_WORKER:
-            raise UsageError(f"no worker process has been left for {FIRST_WORKER:g} s. What was done is kept: give the "
-                             "workers more memory, or take fewer of them, and start again.")  # fmt: skip
+            raise UsageError(f"there has been no worker process for {FIRST_WORKER:g} s. Results are kept: give the "
+                             "workers more memory, or start fewer of them, and run again.")  # fmt: skip
         elif now - self._renewed > MISSING:
             self._crew.renew()
             self._renewed = now
 
     def _given_up(self, task: Task, now: float) -> bool:
-        """Whether it is nowhere, or on a worker for longer than any unit may take."""
+        """Whether no worker has the task, or one has it for longer than any unit may take."""
         limits = self._settings
         most = limits.portion + limits.time_limit + limits.grace + FIRST_WORKER  # the last: to prepare the work
         return now - task.seen > MISSING or (task.begun is not None and now - task.begun > most)
 
     def _abandon(self, task: Task) -> Lost:
-        """Taken back, and a worker of ours started anew, so that nobody can be on its units any more."""
+        """Cancel the task, and restart its worker where it is local, so that no process fits its units any more."""
         self._client.cancel([task.future], force=True)
         if self._crew.local and task.worker is not None and task.worker in self._workers():
             self._client.restart_workers([task.worker], timeout=MISSING, raise_for_error=False)
         self._counted = -RECOUNT
-        return Lost(f"{task.orders[0].unit}: its worker took it and was not heard of again.")
+        return Lost(f"{task.orders[0].unit}: its worker took it and never answered.")

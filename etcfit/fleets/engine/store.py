@@ -1,12 +1,12 @@
-"""RUN/parts/ends.log: what is known of each unit so far, in blocks that are appended and never changed.
+"""RUN/parts/ends.log: the result of each unit so far, in blocks that are appended and never changed.
 
     block    length and CRC-32 of what follows, 32 bit each, big-endian; then by zlib two lines of JSON:
              [[unit, digest], ...]
              [row, ...]
 
-Whatever comes later counts. A killed client loses what came back in the last second. Memory holds the digests, what
-came back in the last second and one block. A failed unit has a `why` and no data; matrices lie in a row as the list of
-their numbers. JSON has the shortest text of each number, so all of them come back bit for bit.
+A later row of a unit replaces an earlier one. A killed client loses the results of the last second. Memory holds the
+digests, the results of the last second and one block. A failed unit has a `why` and no data; a matrix is stored as the
+list of its numbers. JSON has the shortest text of each number that restores it bit for bit.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _HEAD = struct.Struct(">II")  # of a block
 class Store:
     """with Store(folder) as store: every result added is on disk a second later, and when the block ends.
 
-    One process at a time can write; reading needs no `with`. A file with a damaged block, or whose last block is cut
-    off, is put aside when the block begins and the sound ones stay: `remark` says so, and the units of the others are
-    worked on again.
+    One process at a time can write; reading needs no `with`. A file with a damaged block, or with a last block that is
+    cut off, is moved aside on entry and its sound blocks are kept: `remark` says so, and the units of the other blocks
+    are fitted again.
 
     Args:
-        folder: made where it is not there.
-        flush: s after which what came back is on disk, so that a killed client loses no more.
+        folder: created where it is missing.
+        flush: s after which results are on disk: a killed client loses no more than that.
     """
 
     remark: str = ""
@@ -74,10 +74,10 @@ class Store:
             self._hold.close()
 
     def add(self, ends: Iterable[UnitResult | FailedUnit]) -> None:
-        """Keep these; what was known of their units before no longer counts.
+        """Keep these; they replace earlier results of their units.
 
         Raises:
-            OSError: what was added before could not be written.
+            OSError: earlier additions could not be written.
         """
         if self._error is not None:
             raise self._error
@@ -85,7 +85,7 @@ class Store:
             self._waiting.extend(ends)
 
     def flush(self) -> None:
-        """Write what has been added and is not on disk yet.
+        """Write the additions that are not on disk yet.
 
         Raises:
             OSError: it cannot be written.
@@ -102,11 +102,11 @@ class Store:
                 raise
 
     def digests(self) -> dict[str, str]:
-        """Unit -> digest of what is known of it; "" for one that must be tried again."""
+        """Unit -> digest of its result; "" for a unit that must be tried again."""
         return dict(pair for index, _ in self._read() for pair in index)
 
     def ends(self, units: Sequence[str] | None = None) -> Iterator[UnitResult | FailedUnit]:
-        """What is known last of each of these units, or of all, in the order in which it became known."""
+        """The latest result of each of these units, or of all, in the order of arrival."""
         self.flush()
         wanted = None if units is None else set(units)
         newest = {unit: (k, n) for k, (index, _) in enumerate(self._read()) for n, (unit, _) in enumerate(index)}
@@ -125,7 +125,7 @@ class Store:
                 return
 
     def _append(self, block: bytes) -> None:
-        """All of it, or nothing."""
+        """Append the whole block, or nothing."""
         with named(self.path, self.folder):
             handle = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             try:
@@ -145,8 +145,8 @@ class Store:
         aside = put_aside(self.path)
         with whole(self.path) as draft, draft.open("wb") as file:
             file.writelines(block for block in _blocks(aside) if block)
-        self.remark = (f"{self.path} is damaged and was moved to {aside}: units that cannot be read from it are worked "
-                       "on again.")  # fmt: skip
+        self.remark = (f"{self.path} is damaged and was moved to {aside}: units that cannot be read from it are fitted "
+                       "again.")  # fmt: skip
 
     def _read(self) -> Iterator[tuple[list[tuple[str, str]], bytes]]:
         """Units and digests of each sound block, and its rows as JSON."""
@@ -157,7 +157,7 @@ class Store:
 
 
 def _blocks(path: Path) -> Iterator[bytes]:
-    """Each block of a file, its head too; b"" for one that is damaged or cut off."""
+    """Each block of a file with its head; b"" for a block that is damaged or cut off."""
     size = path.stat().st_size if path.exists() else 0
     with path.open("rb") if size else BytesIO() as file:
         while head := file.read(_HEAD.size):
@@ -193,7 +193,7 @@ def _row(end: UnitResult | FailedUnit) -> dict[str, Any]:
 
 
 def _end(row: Mapping[str, Any]) -> UnitResult | FailedUnit:
-    """What `_row` made a row of."""
+    """The inverse of `_row`."""
     if "why" in row:
         return FailedUnit(**row)
     estimate = np.array(row["estimate"], dtype=float)

@@ -1,6 +1,6 @@
-"""What runs in a worker process: a portion of units, each of which can fail by itself.
+"""The code of a worker process: it fits a portion of units, each of which can fail by itself.
 
-Loaded in every worker, and by Dask before anything else of the package: it imports neither JAX nor pandas.
+Dask loads it in every worker before the rest of the package, so it imports neither JAX nor pandas.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ from ..unit import AbstractWork, FailedUnit, Order, Portion, Trouble, UnitResult
 
 # a worker is a process for one core: more threads would only take time from its neighbours. PJRT_NPROC is XLA's own
 ONE_CORE = {"ETCFIT_CORES": "1", "PJRT_NPROC": "1"}
-# so that the client, which hands out the work, never waits for a core behind those that do it
+# so that the client, which hands out the work, never waits for a core that a worker uses
 _BEHIND = 3
 _TICK = 0.1  # s between two looks at the clock of a time limit
 
 
 class FleetWorkerPlugin(WorkerPlugin):
-    """The fleet's work, as it lies in a worker process: sent once, also to a worker that comes or comes back later.
+    """The fleet's work in a worker process; Dask sends it to each worker, also to one that joins or restarts later.
 
     Args:
-        name: of this run.
-        work: what to do.
-        log: of a process of our own: file that takes what it prints; None where somebody else started it.
+        name: name of this run.
+        work: the work.
+        log: file for the output of a local process; None where the process was started elsewhere.
     """
 
     def __init__(self, name: str, work: AbstractWork, log: Path | None) -> None:
         self.name, self.log = name, log
-        self._packed = pickle.dumps(work)  # opened after `setup`: what it imports reads the environment
+        self._packed = pickle.dumps(work)  # unpacked after `setup`, because its imports read the environment
 
     def setup(self, worker: Any) -> None:
         """Called by Dask when the worker has this object."""
@@ -84,7 +84,7 @@ def do_portion(name: str, orders: Sequence[Order], settings: EngineSettings) -> 
 
 
 def _end(work: AbstractWork, order: Order, settings: EngineSettings) -> UnitResult | FailedUnit | Trouble | None:
-    """One unit's end; None where nothing has changed."""
+    """The result of one unit; None where its stored result still holds."""
     unit, digest = order.unit, ""
     try:
         with TimeLimit(settings.time_limit, settings.grace):
@@ -95,7 +95,7 @@ def _end(work: AbstractWork, order: Order, settings: EngineSettings) -> UnitResu
                           "Allow more time, or shorten its traces.")  # fmt: skip
     except MeasurementError as error:
         return FailedUnit(unit, str(error), digest)
-    except (OSError, MemoryError) as error:  # of this machine, perhaps, and not of the unit: no digest, no verdict
+    except (OSError, MemoryError) as error:  # the cause may be this machine, not the unit: no digest is stored
         return Trouble(f"{unit}: {_said(error)}.")
     except Exception as error:
         frame = traceback.extract_tb(error.__traceback__)[-1]
@@ -109,12 +109,12 @@ def _said(error: BaseException) -> str:
 
 @cache
 def _step_behind() -> None:
-    """Once in a process, however many runs it serves."""
+    """Lower the priority of the process, one time however many runs it serves."""
     os.nice(_BEHIND)
 
 
 def _print_into(log: Path) -> None:
-    """What this process prints from now on, and what libraries write past Python, goes to the end of a file."""
+    """Append all later output of this process to a file, including what libraries write past Python."""
     handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     for stream in (1, 2):
         os.dup2(handle, stream)
@@ -122,18 +122,18 @@ def _print_into(log: Path) -> None:
 
 
 class TimeLimitExceeded(BaseException):
-    """Raised in the thread that took too long; a BaseException, so that no `except Exception` on its way keeps it."""
+    """Raised in the thread that took too long; a BaseException, so that no `except Exception` catches it."""
 
 
 class TimeLimit:
-    """with TimeLimit(seconds, grace): raises TimeLimitExceeded in this thread once it took longer.
+    """with TimeLimit(seconds, grace): raises TimeLimitExceeded in this thread when the block takes longer.
 
-    Python raises it between two of its own instructions. Compiled code that does not come back within the grace is
-    ended with its process, for nothing else can stop it; the engine then tries the unit once more.
+    Python raises it between two of its own instructions. Where compiled code does not return within the grace, the
+    process is ended, because nothing else can stop the code; the engine then tries the unit again.
 
     Args:
-        seconds: that the block may take.
-        grace: s it has after that to come back to Python.
+        seconds: time that the block may take.
+        grace: further time for compiled code to return to Python, s.
     """
 
     def __init__(self, seconds: float, grace: float) -> None:
@@ -148,7 +148,7 @@ class TimeLimit:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
         with _LOCK:
             _WATCHED.discard(self)
-            _set_async(self._thread, None)  # one that was set and has not been raised yet
+            _set_async(self._thread, None)  # withdraws an exception that was set but not raised yet
 
     def look(self, now: float) -> None:
         """Called by the watching thread, which holds the lock."""
@@ -159,7 +159,7 @@ class TimeLimit:
             _set_async(self._thread, TimeLimitExceeded)
 
 
-# one thread looks after all limits of the process, for a thread a limit would cost more than a tiny unit
+# one thread watches all limits of the process, because one thread for each limit would cost more than a tiny unit
 _LOCK = threading.Lock()
 _WATCHED: set[TimeLimit] = set()
 _WATCHMEN: list[threading.Thread] = []

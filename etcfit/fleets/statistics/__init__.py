@@ -1,1 +1,1 @@
-"""What the estimates of many units tell together: no model, no files, no pictures."""
+"""Statistics of the estimates of many units: no model, no files, no pictures."""

@@ -1,12 +1,12 @@
-"""How much room a line leaves within its specification, and how much of what differs is the measuring.
+"""Capability of a line within its specification, and gauge R and R: the share of the measurement in the scatter.
 
     Cp = (high - low) / (6 sd),   Cpk = min(high - mean, mean - low) / (3 sd)
     outside = Phi((low - mean) / sd) + Phi((mean - high) / sd)
 
-sd is that between units, their own uncertainty taken off: a rig that measures badly does not make a line incapable.
-With one limit Cp is none and Cpk is towards that limit. The intervals come from the confidence distributions of mean
-(Student's t) and sd (log-normal on either side of its interval, which need not be symmetric), taken as independent as
-they are for the normal, and integrated on a grid of their quantiles: no random numbers.
+sd is the standard deviation between units without their own uncertainty: an inexact rig does not make a line incapable.
+With one limit there is no Cp, and Cpk is towards that limit. The intervals come from the confidence distributions of
+mean (Student's t) and sd (log-normal on either side of its interval, which need not be symmetric), taken as independent
+as they are for the normal, and integrated on a grid of their quantiles: no random numbers.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from .population import Population, population
 from .stack import Stack
 
 GRID = 401  # quantiles of each distribution
-LEAST_RATIO = 1e-6  # of a variance to that of a single measurement; below it counts as none
+LEAST_RATIO = 1e-6  # ratio of a variance to that of a single measurement, below which it counts as 0
 
 Names = Sequence[str | None]
 
 
 @dataclass(frozen=True)
 class Line:
-    """What is known of one quantity over the units, SI."""
+    """Mean and spread of one quantity over the units, SI."""
 
-    # mean, stderr, degrees: of the mean and of freedom
+    # mean, stderr, degrees: the mean, its standard error and its degrees of freedom
     mean: float
     stderr: float
     degrees: float
@@ -62,12 +62,12 @@ class Line:
 
 @dataclass(frozen=True)
 class Capability:
-    """Of one quantity; None where there is none.
+    """The capability of one quantity; None for an index that does not exist.
 
     Args:
         low, high: the specification, SI; infinite where a side is open.
         mean, sd: of the line, SI.
-        cp, cpk: indices; infinite where units are not seen to differ.
+        cp, cpk: indices; infinite where the data show no difference of units.
         outside: share of units expected outside.
         cp_ci95, cpk_ci95, outside_ci95: lower and upper bound of each, at the level of the settings.
     """
@@ -85,7 +85,7 @@ class Capability:
 
 
 def capability(line: Line, low: float, high: float, level: float = DEFAULT.population.level) -> Capability:
-    """Judge a line by its limits, SI, -inf and inf where a side is open; the level is that of the intervals.
+    """Compare a line with its limits, SI, -inf and inf where a side is open; `level` is that of the intervals.
 
     Raises:
         ValueError: the line's symbol is shared, or its mean or spread has no interval.
@@ -121,9 +121,10 @@ def _outside(mean: np.ndarray, sd: np.ndarray, low: float, high: float) -> np.nd
 
 
 def _sd_quantiles(line: Line, q: np.ndarray, level: float) -> np.ndarray:
-    """Of the confidence distribution of sd: its interval's ends at theirs, the estimate in the middle.
+    """Quantiles of the confidence distribution of sd, which has the ends of its interval and the estimate as the
+    median.
 
-    Logarithmic towards an end above nought; a lower end at nought, or an estimate there, is approached straight.
+    Logarithmic towards an end above 0, linear towards a lower end, or an estimate, of 0.
     """
     z = stats.norm.ppf(q) / stats.norm.ppf(0.5 + 0.5 * level)
     low, high = line.sd_interval
@@ -141,31 +142,31 @@ def _central(value: np.ndarray, level: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Gauge:
-    """Standard deviations of one symbol, SI; None where the measurements cannot tell."""
+    """Standard deviations of one symbol, SI; None where the measurements do not determine it."""
 
-    repeatability: float  # of the same part, rig and operator
-    # rig, operator: between them
+    repeatability: float  # for the same part, rig and operator
+    # rig, operator: between rigs, and between operators
     rig: float | None
     operator: float | None
-    reproducibility: float | None  # both together
+    reproducibility: float | None  # of rig and operator together
     part: float  # between parts
     total: float  # of all
     rr_percent: float  # 100 R&R / total
     ndc: int  # number of distinct categories
-    # parts, measurements: how many were used
+    # parts, measurements: numbers used
     parts: int
     measurements: int
-    untold: tuple[str, ...]  # what cannot be told apart, each a sentence
+    untold: tuple[str, ...]  # a sentence for each source that the measurements do not determine
 
 
 def gauge(value: Float[np.ndarray, " N"], parts: Names, rigs: Names, operators: Names) -> Gauge | None:
     """Gauge R and R of one symbol; None where no part was measured twice, or all measurements are of one part.
 
-        y_m = mu + part + rig + operator + e,   each of its own variance, by restricted likelihood, unbalanced or not
+        y_m = mu + part + rig + operator + e,   each with a variance, by restricted likelihood, balanced or not
 
-    The same throttle measured again shows what measuring alone does. Repeatability is the scatter e of measurements of
-    one part, by one rig and operator; reproducibility sqrt(rig^2 + operator^2). A unit's stated standard error is not
-    taken off e: it is part of the measuring, and e says whether it was stated right.
+    Repeated measurements of one throttle show the scatter of the measurement alone. Repeatability is the scatter e of
+    measurements of one part, by one rig and operator; reproducibility is sqrt(rig^2 + operator^2). A unit's stated
+    standard error is not subtracted from e: it belongs to the measurement, and e shows whether it was stated right.
 
         R&R = sqrt(repeatability^2 + reproducibility^2),   %R&R = 100 R&R / total,   ndc = floor(1.41 part / R&R)
 
@@ -173,14 +174,14 @@ def gauge(value: Float[np.ndarray, " N"], parts: Names, rigs: Names, operators: 
     Differs from source: REML instead of ANOVA, so that a part may be measured any number of times; no interaction.
 
     Args:
-        value: SI, shape (N,); what is not finite is left out.
-        parts, rigs, operators: of each of N measurements; None where it is not said.
+        value: SI, shape (N,); values that are not finite are left out.
+        parts, rigs, operators: names for each of N measurements; None where it is unknown.
     """
     used = [m for m, part in enumerate(parts) if part is not None and np.isfinite(value[m])]
     part = _columns([parts[m] for m in used])
     if len(used) < 3 or part.shape[1] < 2 or part.shape[1] == len(used):
         return None
-    sources, untold = _sources(part, [rigs[m] for m in used], [operators[m] for m in used])
+    sources, undetermined = _sources(part, [rigs[m] for m in used], [operators[m] for m in used])
     y = np.asarray(value, dtype=float)[used]
     found = _components((y - y.mean()) / (y.std() or 1.0), [part, *sources.values()]) * (y.std() ** 2)
     sd = dict(zip(("e", "part", *sources), map(float, np.sqrt(found)), strict=True))
@@ -198,40 +199,40 @@ def gauge(value: Float[np.ndarray, " N"], parts: Names, rigs: Names, operators: 
         ndc=int(min(1.41 * sd["part"] / measuring, 1e6)) if measuring else 1_000_000,
         parts=part.shape[1],
         measurements=len(used),
-        untold=untold,
+        untold=undetermined,
     )
 
 
 def _columns(names: Names) -> np.ndarray:
-    """One column a level, shape (N, L); a missing name is a level of nobody, zero."""
+    """One column for each level, shape (N, L); a missing name is a row of zeros."""
     levels = sorted({n for n in names if n is not None})
     return np.array([[n == level for level in levels] for n in names], dtype=float).reshape(len(names), len(levels))
 
 
 def _sources(part: np.ndarray, rigs: Names, operators: Names) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """The sources whose levels differ within a part, and why others are not among them."""
+    """The sources whose levels differ within a part, and a sentence for each of the others on why it is left out."""
     sources: dict[str, np.ndarray] = {}
-    untold, known = [], part
+    undetermined, known = [], part
     for source, names in (("rig", rigs), ("operator", operators)):
         columns = _columns(names)
         if columns.shape[1] < 2:
             one = (
                 f"only one {source} ({next(n for n in names if n is not None)})" if columns.shape[1] else f"no {source}"
             )
-            untold.append(f"{one} is named: what differs between {source}s cannot be told")
+            undetermined.append(f"{one} is named: the difference between {source}s is unknown")
         elif _gain(part, columns) == 0:
-            untold.append(f"each part was measured by one {source} only: {source} and part cannot be told apart")
+            undetermined.append(f"each part was measured by one {source} only: {source} and part cannot be told apart")
         elif _gain(known, columns) == 0:
-            untold.append(f"{source} and rig change together: what is said of the rig may be the {source}'s")
+            undetermined.append(f"{source} and rig change together: the scatter of the rig may be that of the {source}")
         else:
             sources[source], known = columns, np.hstack([known, columns])
     if _gain(known, np.eye(len(part))) == 0:
-        untold.append("nothing was measured twice alike: repeatability cannot be told from the other sources")
-    return sources, tuple(untold)
+        undetermined.append("no part was measured twice by one rig and operator: repeatability cannot be separated")
+    return sources, tuple(undetermined)
 
 
 def _gain(known: np.ndarray, more: np.ndarray) -> int:
-    """Contrasts of `more` that `known` does not hold."""
+    """Number of contrasts of `more` that `known` does not contain."""
     return int(np.linalg.matrix_rank(np.hstack([known, more])) - np.linalg.matrix_rank(known))
 
 

@@ -6,7 +6,7 @@
     CUSUM: z_u = (x_u - centre) / sqrt(sd^2 + stderr_u^2),   high_u = max(0, high_u-1 + z_u - k),
            low_u = max(0, low_u-1 - z_u - k),   alarm where either exceeds h
 
-sd is the short-term one, from neighbours: the spread of all units would grow with a drift and so hide it.
+sd is the short-term standard deviation, from neighbours: the spread of all units would grow with a drift and hide it.
 The centre is the median of the units, each weighed by its precision.
 
     median over u of (x_u+1 - x_u)^2 / (2 sd^2 + stderr_u^2 + stderr_u+1^2) = 0.4549
@@ -15,7 +15,7 @@ Average run length until a false alarm of the two-sided CUSUM, Siegmund 1985: wi
 (exp(2 k b) - 2 k b - 1) / (4 k^2): 469 units at k = 0.5, h = 5.
 
 Source: Montgomery, Introduction to Statistical Quality Control, 6th ed., secs. 6.4 and 9.1. Differs from source: limits
-by unit, neighbours' median instead of the mean moving range, so that one odd unit widens nothing.
+by unit, neighbours' median instead of the mean moving range, so that one odd unit does not widen the limits.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from .stack import sd_between
 WIDTH = 3.0  # w: of the control limits, standard deviations on either side
 ALLOWANCE = 0.5  # k of the CUSUM, standard deviations: half the shift that it is to find
 DECISION = 5.0  # h of the CUSUM, standard deviations: with k = 0.5 a false alarm every 470 units
-CLIP = 3.0  # scores are clipped to so many standard deviations before a change is sought: odd units are no drift
-FEWEST = 8  # units without which no drift is sought
+CLIP = 3.0  # standard deviations to which scores are clipped before a drift is sought: odd units are no drift
+FEWEST = 8  # least number of units for which a drift is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +44,11 @@ class Chart:
     """The control chart of one parameter, N units in order, SI."""
 
     units: tuple[str, ...]  # their names
-    # value, stderr: their own, shape (N,)
+    # value, stderr: the units' own estimates and standard errors, shape (N,)
     value: Float[np.ndarray, " N"]
     stderr: Float[np.ndarray, " N"]
     centre: float  # weighed median
-    sd: float  # short-term, between units, own uncertainty taken off
+    sd: float  # short-term standard deviation between units, without their own uncertainty
     # lower, upper: limits of each unit, shape (N,)
     lower: Float[np.ndarray, " N"]
     upper: Float[np.ndarray, " N"]
@@ -74,7 +74,7 @@ def chart(units: tuple[str, ...], value: Float[np.ndarray, " N"], stderr: Float[
 
 
 def short_term_sd(value: Float[np.ndarray, " N"], stderr: Float[np.ndarray, " N"]) -> float:
-    """Standard deviation between neighbours, their own uncertainty taken off; 0 where it explains all."""
+    """Standard deviation between neighbours without their own uncertainty; 0 where that explains all differences."""
     return sd_between(0.5 * np.diff(value) ** 2, 0.5 * (stderr[1:] ** 2 + stderr[:-1] ** 2))
 
 
@@ -86,7 +86,7 @@ def weighed_median(value: Float[np.ndarray, " N"], weight: Float[np.ndarray, " N
 
 
 def run_length(k: float = ALLOWANCE, h: float = DECISION) -> float:
-    """Units until a false alarm of the two-sided CUSUM, on average: see above."""
+    """Average number of units until a false alarm of the two-sided CUSUM: see above."""
     b = 2.0 * k * (h + 1.166)
     return float((np.exp(b) - b - 1.0) / (4.0 * k**2))
 
@@ -102,10 +102,10 @@ class Drift:
     """A change of the line in one parameter."""
 
     symbol: str  # its name
-    since: int  # place in the order of the first unit after the change; of a trend the first unit of all
-    size: float  # SI: after less before; of a trend over all units
+    since: int  # place in the order of the first unit after the change; for a trend the first unit of all
+    size: float  # SI: after less before; for a trend over all units
     size_sd: float  # the same in short-term standard deviations between units; infinite where units do not differ
-    p: float  # of no change, for all symbols at once
+    p: float  # p value of no change, for all symbols together
     kind: str  # "step" or "trend"
 
 
@@ -119,14 +119,14 @@ class _Change(NamedTuple):
 def drifts(
     series: Mapping[str, tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]], level: float = DEFAULT.drift_level
 ) -> tuple[Drift, ...]:
-    """Whether a line changed: by a step since one unit, or by a trend over all of them.
+    """Test whether a line changed: by a step at one unit, or by a trend over all of them.
 
         step:  T_k^2 = (n - 2) B_k / (S - B_k) of the best k,   trend: t of the slope over the units' order
 
-    on scores weighed by 1 / (sd^2 + stderr_u^2), S their sum of squares about the mean and B_k what two means explain
-    of it. Scores beyond some standard deviations are clipped: an odd unit is no drift. The chance that the largest of
-    all |T_k| is as large without any change is that of an Ornstein-Uhlenbeck process to be as far out at any of its
-    instants,
+    on scores weighed by 1 / (sd^2 + stderr_u^2), S their sum of squares about the mean and B_k the part of it that two
+    means explain. Scores are clipped to `CLIP` standard deviations: an odd unit is no drift. Without a change, the
+    probability that the largest of all |T_k| is as large is that of an Ornstein-Uhlenbeck process to be as far out at
+    any instant,
 
         P = 2 sum_k b phi(b) D_k nu(b sqrt(2 D_k)) + 2 Phi(-b),   D_k = n / (2 k (n - k)),   nu(x) = exp(-0.583 x)
 
@@ -136,7 +136,7 @@ def drifts(
     T is made normal through Student's t, so that few units do not raise false alarms.
 
     Args:
-        series: value and standard error by symbol, SI, units in order; a place without a finite value is passed over.
+        series: value and standard error by symbol, SI, units in order; a unit without a finite value is skipped.
         level: p up to which a change is reported.
     Returns:
         surest first.
@@ -180,7 +180,7 @@ def _step(x: np.ndarray, w: np.ndarray, whole: float) -> _Change:
     before, sums = np.cumsum(w)[:-1], np.cumsum(w * x)[:-1]
     after = np.sum(w) - before
     explained = sums**2 * (1.0 / before + 1.0 / after)
-    # the best step at all, and at least two units on either side: one is an odd unit
+    # the best step, with at least two units on either side: one unit would be an odd unit
     k = 1 + int(np.argmax(explained[1:-1])) if n > 4 else int(np.argmax(explained))
     t = np.sqrt((n - 2) * explained[k] / max(whole - explained[k], 1e-14 * whole))
     b = float(stats.norm.isf(max(stats.t.sf(t, n - 2), 1e-300)))

@@ -1,13 +1,16 @@
-"""How well a covariance between units agrees with their estimates, their own uncertainty taken into account.
+"""The restricted likelihood of a covariance between units, given their estimates with uncertainties, and its maximum.
+
+`population` estimates the covariance with it, `intervals` its intervals; `distances` uses its weights.
 
     estimate_u = theta_u + e_u,   theta_u ~ N(mu, Omega),   e_u ~ N(0, F_u^-1),   F_u = H_u^T H_u
     M_u = I + H_u Omega H_u^T,   W_u = H_u^T M_u^-1 H_u  (= (F_u^-1 + Omega)^-1 where F_u is regular)
     mu = (sum W_u)^-1 sum W_u x_u
     -2 log L = sum log|M_u| + sum e_u^T M_u^-1 e_u + log|sum W_u|,   e_u = H_u (x_u - mu)
 
-The last term makes it restricted (REML): the spread is not estimated low because the mean was taken from the same few
-units. A prior of nu uncorrelated units' worth, -nu log|R| of the correlation matrix R, keeps correlations off +-1 where
-units are few, and is lost in the data where they are many. `View` says how far it moves standard deviations.
+The last term makes it restricted (REML): it removes the bias that the spread would have because the mean is estimated
+from the same units. A prior with the weight of nu uncorrelated units, -nu log|R| of the correlation matrix R, keeps
+correlations off +-1 where units are few, and is negligible where they are many. `View` explains its effect on standard
+deviations.
 
 Source: Laird and Ware 1982 (Biometrics 38), eqs. 3.2-3.5; Harville 1977 (JASA 72). Differs from source: information
 instead of design matrices; the prior is that of Lewandowski, Kurowicka and Joe 2009; Fisher scoring instead of EM,
@@ -31,24 +34,24 @@ from scipy.special import ndtr
 from ..settings import PopulationSettings
 from .stack import Scaled
 
-ENOUGH = 4.0  # units for each symbol that differs from which on all standard deviations are estimated together
-STEPS = 200  # quasi-Newton steps at most
-TOLERANCE = 1e-6  # fall of minus twice the log likelihood still promised that ends them
+ENOUGH = 4.0  # units for each symbol that differs, from which on all standard deviations are estimated together
+STEPS = 200  # most quasi-Newton steps
+TOLERANCE = 1e-6  # promised fall of minus twice the log likelihood below which they end
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """A covariance between units as numbers that may take any value: standard deviations and correlations.
+    """A covariance between units in unconstrained coordinates: standard deviations and correlations.
 
         Omega = D C C^T D,   D = diag(d),   row j of C = (a_j1, ..., a_j,j-1, 1, 0, ...) / norm
 
-    |d_j| is a standard deviation and C C^T the correlation matrix, whatever a is: no bound is ever hit, d_j = 0 is an
+    |d_j| is a standard deviation and C C^T is a correlation matrix for every a: there are no bounds, d_j = 0 is an
     ordinary point, and a profile over one standard deviation is an ordinary fit with d_j held. Shared symbols have no
     d.
     """
 
     own: Bool[np.ndarray, " P"]  # whether a symbol differs between units
-    d: Float[np.ndarray, " Q"]  # of those Q that do
+    d: Float[np.ndarray, " Q"]  # standard deviations, with sign, of the Q symbols that do
     a: Float[np.ndarray, " A"]  # the strictly lower triangle, row by row, Q (Q - 1) / 2 entries
 
     @property
@@ -62,7 +65,7 @@ class Spread:
 
     @property
     def uncorrelated(self) -> Spread:
-        """With the same standard deviations."""
+        """The spread with the same standard deviations and no correlations."""
         return Spread(self.own, self.d, np.zeros_like(self.a))
 
     @cached_property
@@ -74,7 +77,7 @@ class Spread:
 
     @property
     def squared_lengths(self) -> Float[np.ndarray, " A"]:
-        """Squared length of the row of each entry of a before scaling, when its last entry was 1."""
+        """Squared length, before scaling, of the row of each entry of a (its last entry is then 1)."""
         row, _ = np.tril_indices(len(self.d), -1)
         return np.diag(self.rows)[row] ** -2
 
@@ -109,7 +112,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Units under one covariance between them."""
+    """The likelihood and the mean of the units under one covariance between them."""
 
     value: float  # -2 log L, restricted, prior included
     mean: Float[np.ndarray, " P"]  # mu
@@ -119,21 +122,21 @@ class Weighed:
 
 
 def weights(data: Scaled, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """M (N, P, P) and M^-1 H (N, P, P): for W and distances."""
+    """M (N, P, P) and M^-1 H (N, P, P), which W and the distances need."""
     m = np.eye(data.x.shape[1]) + data.root @ covariance @ np.swapaxes(data.root, 1, 2)
     return m, np.linalg.solve(m, data.root)
 
 
 def weigh(data: Scaled, spread: Spread, prior: float) -> Weighed:
-    """Everything about one covariance but its slope."""
+    """The likelihood, the mean and the weights under one covariance."""
     m, solved = weights(data, spread.covariance)
     y = np.einsum("ujk,uk->uj", data.root, data.x)
     weight = np.swapaxes(data.root, 1, 2) @ solved
     total = weight.sum(axis=0)
     inverse = np.linalg.inv(total)
     # M is symmetric: (M^-1 H)^T y = H^T M^-1 y
-    drawn = np.einsum("ukj,uk->uj", solved, y)
-    mean = inverse @ drawn.sum(axis=0)
+    weighed = np.einsum("ukj,uk->uj", solved, y)
+    mean = inverse @ weighed.sum(axis=0)
     error = y - data.root @ mean
     pull = np.einsum("ukj,uk->uj", solved, error)
     squares = float(np.sum(error * np.linalg.solve(m, error[:, :, None])[:, :, 0]))
@@ -147,8 +150,8 @@ def gradient(at: Weighed, spread: Spread, prior: float) -> Float[np.ndarray, " K
     own, size = spread.own, int(spread.own.sum())
     all_symbols = at.pull.shape[1]
     lifted = at.weight @ at.mean_covariance
-    beside = np.swapaxes(lifted, 0, 1).reshape(all_symbols, -1)  # (i, u j)
-    doubled = beside @ at.weight.reshape(-1, all_symbols)  # sum W C W
+    rows = np.swapaxes(lifted, 0, 1).reshape(all_symbols, -1)  # (i, u j)
+    doubled = rows @ at.weight.reshape(-1, all_symbols)  # sum W C W
     g = at.weight.sum(axis=0) - at.pull.T @ at.pull - doubled
     out = np.einsum("kij,ij->k", spread.slopes, 0.5 * (g + g.T)[np.ix_(own, own)])
     out[size:] += 2.0 * prior * spread.a / spread.squared_lengths
@@ -175,9 +178,9 @@ def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: 
 
     Args:
         data: units.
-        start: with d > 0 in what shall move: at nought the slope is always nought.
-        held: entries of (d, a) that stay.
-        prior: of the correlations, units' worth.
+        start: start of the search, with d > 0 where d is free: at 0 the slope is always 0.
+        held: entries of (d, a) that stay fixed.
+        prior: weight of the prior of the correlations, in units.
     """
     if np.all(held):
         return start
@@ -199,50 +202,51 @@ def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: 
     nearly = float(np.sqrt(2.0 * TOLERANCE / len(free)))
     options = {"gtol": nearly, "maxiter": STEPS}
     found = spread(minimize(value, np.zeros(len(free)), jac=True, method="BFGS", options=options).x)
-    # the same covariance with no d below nought: a pair of signs is a correlation's sign
+    # the same covariance with no d below 0: the product of two signs is the sign of a correlation
     sign = np.where(found.d < 0.0, -1.0, 1.0)
     row, column = np.tril_indices(len(found.d), -1)
     return Spread(found.own, np.abs(found.d), found.a * sign[row] * sign[column])
 
 
 class View(NamedTuple):
-    """What standard deviations between units are estimated from: all symbols together, or each for itself.
+    """The data from which the standard deviations between units are estimated: all symbols together, or one by one.
 
-    Together they are told best: a unit's errors are correlated, and so are the units. But of P symbols P (P - 1) / 2
-    correlations are to be told besides. Few units tell none, and a prior that keeps them off +-1 draws the standard
-    deviations with it: where units are fewer than `ENOUGH` a symbol each symbol is taken for itself, with its marginal
-    errors. Where they are more, one unit's worth of prior will do, and draws by a unit's share.
+    The joint estimate is the most accurate, because the errors of a unit are correlated, and so are the units. But it
+    needs P (P - 1) / 2 correlations of P symbols. Few units do not determine them, and a prior that keeps them off +-1
+    biases the standard deviations too. So where there are fewer than `ENOUGH` units for each symbol, each symbol is
+    estimated alone, with its marginal errors. Where there are more, a prior with the weight of one unit is enough, and
+    its bias is small.
     """
 
-    data: Scaled  # units as they are looked at
+    data: Scaled  # the units, joint or marginal
     start: Spread  # where the search starts
     held: Bool[np.ndarray, " K"]  # entries of (d, a) that it leaves alone
-    prior: float  # of the correlations, units' worth
+    prior: float  # weight of the prior of the correlations, in units
 
 
 def spread_view(data: Scaled, start: Spread, settings: PopulationSettings) -> View:
-    """How to look at these units, from a spread."""
+    """The view of these units for a search that starts at a spread."""
     correlations = np.arange(len(start.vector)) >= len(start.d)
     if len(data.x) >= ENOUGH * len(start.d) or np.any(data.tells.sum(axis=0) < 2):
         return View(data, start, np.zeros_like(correlations), settings.uncorrelated)
     return View(data.marginal, start.uncorrelated, correlations, 0.0)
 
 
-ALONE = 1e-8  # 1 - T below: the direction is told by this unit alone, its scatter is not seen
-FAR = 1e4  # times its estimate, or the scale: a bound beyond is none
+ALONE = 1e-8  # least 1 - T: below it this unit alone determines the direction, and its scatter is unknown
+FAR = 1e4  # times the estimate, or the scale: a bound beyond counts as infinite
 
 
 def mean_intervals(
     at: Weighed, level: float
 ) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, " P"], Float[np.ndarray, "P 2"]]:
-    """Standard errors (P,), degrees of freedom (P,) and intervals (P, 2) of the mean; NaN where no scatter is seen.
+    """Standard errors (P,), degrees of freedom (P,) and intervals (P, 2) of the mean; NaN where the scatter is unknown.
 
         g_u = G (I - T_u)^-1/2 G^T r_u,   T_u = G^T W_u G,   G G^T = C = (sum W)^-1,   r_u = W_u (x_u - mu)
         stderr_j^2 = sum_u g_uj^2,   degrees of freedom by Satterthwaite
 
-    C itself takes the spread for known. The scatter of the units about the mean says the same without a model, and
-    right even if all stated covariances are too small. (I - T)^-1/2 undoes that each unit pulled the mean towards
-    itself: the sum is then exactly unbiased where the model does hold. A shared symbol has its interval by the same
+    C itself assumes that the spread is known. The scatter of the units about the mean gives the same without a model,
+    and it is right even if all stated covariances are too small. (I - T)^-1/2 corrects for the pull of each unit on the
+    mean: the sum is then exactly unbiased where the model holds. The interval of a shared symbol follows from the same
     formula.
 
     Source: Bell and McCaffrey 2002 (CR2); Tipton 2015 (Psychological Methods 20) for few clusters. Differs from source:
@@ -283,12 +287,12 @@ def spread_intervals(data: Scaled, best: Spread, settings: PopulationSettings) -
 
         { d : min over all else of -2 log L(d) <= its least value + cut(d) }
 
-    A profile of the restricted likelihood: lop-sided as it must be for few units, with 0 inside where the data do not
-    show that units differ at all. Far from 0 the cut is the quantile of chi2, 3.84. Near 0 the least value is held at 0
-    half of the time, the likelihood ratio is smaller, and 3.84 would hold 97.5 % and more; there the cut is that of a
-    normal variance with a bound (2.71 at 0), as Feldman and Cousins 1998 (Phys. Rev. D 57, sec. IV B) order it. Where a
-    standard deviation is known to a few percent the curvature says the same: d exp(+- z stderr / d). Symbols are
-    looked at as where the standard deviations themselves are estimated (`spread_view`).
+    A profile of the restricted likelihood: asymmetric for few units, and containing 0 where the data do not show that
+    units differ. Far from 0 the cut is the quantile of chi2, 3.84. Near 0 the optimum is at the bound in half of the
+    cases, the likelihood ratio is smaller, and 3.84 would cover 97.5 % and more; there the cut is that of a normal
+    variable with a bound (2.71 at 0), by the ordering of Feldman and Cousins 1998 (Phys. Rev. D 57, sec. IV B). Where a
+    standard deviation is known to a few per cent the curvature gives the same interval: d exp(+- z stderr / d). The
+    symbols are taken together or one by one as for the standard deviations themselves (`spread_view`).
     """
     size = len(best.d)
     if not size:
@@ -350,7 +354,7 @@ class _Profile:
         return low, self.root(inner, outer)
 
     def root(self, low: float, high: float) -> float:
-        """Where the profile crosses its quantile."""
+        """Standard deviation at which the profile crosses its quantile."""
         return root_scalar(self, bracket=(low, high), method="brentq", xtol=1e-4 * high, rtol=1e-3).root
 
 

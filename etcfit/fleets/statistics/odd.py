@@ -1,11 +1,11 @@
-"""Which units are unlike the others, by what, and how sure that is; and which have an effect that the model declares.
+"""Finds odd units, their causes and their p values, and the units that have an effect of the common model.
 
-Two grounds that know nothing of each other: the unit's parameters are far from the population (`distances`), or its
-model leaves more of its traces unexplained than the others' do (`misfits`). A unit's p is twice the smaller of the two
-(Bonferroni: they may depend on each other); over all units Benjamini and Hochberg.
+There are two criteria: the unit's parameters are far from the population (`distances`), or its model explains its
+traces worse than those of the other units do (`misfits`). A unit's p is twice the smaller of the two (Bonferroni: they
+may depend on each other); over all units Benjamini and Hochberg.
 
-What makes a unit far is said in two ways. `scores` are marginal: the symbol's own distance, own uncertainty included.
-`drives` share d^2 out among the symbols so that the squares add up to it, correlations taken off:
+Two numbers for each symbol explain a large distance. `scores` are marginal: the symbol's own distance, own uncertainty
+included. `drives` divide d^2 among the symbols, without correlations, so that their squares add up to it:
 
     z_j = x_j / sqrt(V_jj),   drives = (D V D)^-1/2 D x,   D = diag(V)^-1/2,   V = F^-1 + Omega
 
@@ -31,14 +31,14 @@ from .population import LEAST, MANY, TAIL, Population, distances, rejected
 from .stack import Scaled, Stack, scaled
 
 NAMED = 3.0  # score of a symbol or trace, standard deviations, from which on it is named
-SHOWN = 3  # symbols and traces that the one line names at most
-LEAST_SCATTER = 0.03  # of misfits, standard deviation of their logarithm: what differs by less is alike
-COMMON = 0.5  # share of the units that must have a file for its name to be the line's
+SHOWN = 3  # most symbols, and most traces, that the line `why` names
+LEAST_SCATTER = 0.03  # least scale of the logarithm of misfits: smaller differences are ignored
+COMMON = 0.5  # share of the units that must have a file of one name for these files to be compared
 
 
 @dataclass(frozen=True)
 class TraceScore:
-    """A trace against those like it."""
+    """The misfit of a trace compared with the same trace of the other units."""
 
     file: str  # below the unit's folder
     misfit: float  # root mean square of its whitened residual
@@ -47,32 +47,32 @@ class TraceScore:
 
 @dataclass(frozen=True)
 class OddUnit:
-    """One of them."""
+    """One odd unit."""
 
     unit: str  # its name
     distance: float  # Mahalanobis distance from the population, d, in the null's standard deviations
-    rank: int  # directions in which that is measured: an ordinary unit has d near sqrt(rank)
-    p: float  # that an ordinary unit is as odd, on either ground
-    rate: float  # the least rate of false ones at which it would still be called odd
-    symbols: tuple[str, ...]  # that make it odd, worst first; none where only its traces do
+    rank: int  # number of directions of that distance: an ordinary unit has d near sqrt(rank)
+    p: float  # probability that an ordinary unit is as odd, by either criterion
+    rate: float  # least rate of false ones at which it is still called odd
+    symbols: tuple[str, ...]  # symbols that make it odd, worst first; empty where only its traces do
     scores: Mapping[str, float]  # z of every symbol that its data determine
     drives: Mapping[str, float]  # share of each in the distance, signed
-    misfit: float  # z of its chi2 per degree of freedom among the fleet's; 0 where none is known
-    traces: tuple[TraceScore, ...]  # that make it odd, worst first
+    misfit: float  # z of its chi2 per degree of freedom among the fleet's; 0 where it is unknown
+    traces: tuple[TraceScore, ...]  # traces that make it odd, worst first
     why: str  # one line
 
 
 def odd_units(
     stack: Stack, of: Population, results: Sequence[UnitResult] = (), rate: float = DEFAULT.odd_rate
 ) -> tuple[OddUnit, ...]:
-    """The odd units, most odd first.
+    """The odd units, the most odd first.
 
     Args:
         stack, of: units, and their population.
-        results: in the order of the stack, for misfits; none, and only parameters are judged.
-        rate: of false ones among those found.
+        results: results in the order of the stack, for misfits; where empty, only parameters are compared.
+        rate: rate of false ones among those found.
     Raises:
-        ValueError: results of other units than the stack's.
+        ValueError: the results are not of the units of the stack.
     """
     if results and tuple(each.unit for each in results) != stack.units:
         raise ValueError("results: the same units in the same order as in the stack are needed.")
@@ -105,11 +105,11 @@ def odd_units(
 
 def _scores(data: Scaled, mean: np.ndarray, between: np.ndarray, u: int, scale: float) -> tuple[np.ndarray, np.ndarray]:
     """z and drives of the symbols that unit u's data determine."""
-    told = np.flatnonzero(data.tells[u])
+    determined = np.flatnonzero(data.tells[u])
     root = data.root[u]
     own = np.linalg.pinv(root.T @ root, rcond=1e-13, hermitian=True)
-    v = (own + between)[np.ix_(told, told)]
-    x = (data.x[u] - mean)[told]
+    v = (own + between)[np.ix_(determined, determined)]
+    x = (data.x[u] - mean)[determined]
     z = x / np.sqrt(np.diag(v))
     value, vector = np.linalg.eigh(v / np.sqrt(np.outer(np.diag(v), np.diag(v))))
     drives = vector @ ((vector.T @ z) / np.sqrt(np.maximum(value, 1e-12)))
@@ -121,7 +121,7 @@ def _why(
     traces: tuple[TraceScore, ...],
 ) -> str:  # fmt: skip
     parts = []
-    if symbols:  # by itself, or, where that is no more than usual, given what its other parameters are
+    if symbols:  # the marginal score where it is large, otherwise the score given the other parameters
         said = [f"{s} {scores[s]:+.1f} sd" if abs(scores[s]) >= NAMED
                 else f"{s} {drives[s]:+.1f} sd for its other parameters" for s in symbols]  # fmt: skip
         parts.append(f"{first_names(said, SHOWN)} from the fleet")
@@ -139,18 +139,18 @@ class Misfits:
 
     whole: Float[np.ndarray, " N"]  # z of chi2 per degree of freedom
     traces: tuple[tuple[TraceScore, ...], ...]  # of each unit, worst first
-    p: Float[np.ndarray, " N"]  # that an ordinary unit is as badly explained
+    p: Float[np.ndarray, " N"]  # probability that an ordinary unit has as large a misfit
 
 
 def misfits(results: Sequence[UnitResult]) -> Misfits:
-    """Units whose own model does not explain their own traces as well as the other units' models explain theirs.
+    """The misfit of each unit's own model compared with those of the other units' models.
 
         z = (log m_u - median log m) / (1.4826 MAD),   m: chi2 per degree of freedom, or the misfit of one trace
 
-    A ground of its own: it needs no covariance, and a defect that no parameter can imitate moves no estimate but the
-    misfit. Traces are compared with those of the same file name, or of the same rig test where names are a unit's own.
-    Only the high side counts: better explained than others is not odd. The two p values of a unit (the whole, the worst
-    trace) are made one by Bonferroni.
+    This criterion needs no covariance: a defect that no parameter can imitate increases the misfit without moving an
+    estimate. Traces are compared with those of the same file name, or of the same rig test where units have different
+    names. Only a large misfit counts. The two p values of a unit (all traces, the worst trace) are combined by
+    Bonferroni.
     """
     whole = _robust_scores(np.array([each.chi2_per_dof for each in results]))
     traces = _trace_scores(results)
@@ -161,7 +161,7 @@ def misfits(results: Sequence[UnitResult]) -> Misfits:
 
 
 def _robust_scores(value: np.ndarray) -> np.ndarray:
-    """(log value - median) / scale; the scale is the widest of MAD, upper tail, and the least that means anything."""
+    """(log value - median) / scale; the scale is the largest of MAD, upper tail and `LEAST_SCATTER`."""
     log = np.log(np.maximum(value, 1e-300))
     middle = float(np.median(log))
     scale = max(1.4826 * float(np.median(np.abs(log - middle))), LEAST_SCATTER)
@@ -193,25 +193,27 @@ class EffectInFleet:
     """One effect."""
 
     effect: str  # its name
-    symbol: str  # the amplitude that stands for its strength
-    units: tuple[str, ...]  # that have it
-    of: int  # units whose data tell
-    median: float  # of the strength over these, SI
-    strength: Mapping[str, float]  # by unit, SI: as estimated, below nought too
-    p: Mapping[str, float]  # by unit, of its being absent
+    symbol: str  # the amplitude that measures its strength
+    units: tuple[str, ...]  # units that have it
+    of: int  # number of units whose data determine it
+    median: float  # median of the strength over these, SI
+    strength: Mapping[str, float]  # by unit, SI: as estimated, also below 0
+    p: Mapping[str, float]  # by unit, p value of its absence
 
 
 def effects_in(stack: Stack, names: Sequence[str], rate: float = DEFAULT.effect_rate) -> tuple[EffectInFleet, ...]:
-    """Which units have an effect that the model of the line declares, and how strong it is in each.
+    """The units that have an effect of the common model, and its strength in each.
 
         w_u = (s_u - off)^T V_u^-1 (s_u - off) ~ chi2 with as many degrees of freedom as amplitudes, if it is absent
 
-    V_u is the block of the unit's own covariance: no other unit makes an effect present. Over the units Benjamini and
-    Hochberg. A unit whose data do not tell the amplitudes is not counted among those judged.
+    V_u is the block of the unit's own covariance, so the result does not depend on other units. Over the units
+    Benjamini and Hochberg. A unit whose data do not determine the amplitudes is not counted.
 
     Args:
-        stack: units. names: of effects, as in rig.toml; one without an off value, or whose amplitude no unit's data
-        tell, is left out. rate: of units falsely said to have it.
+        stack: units.
+        names: of effects, as in rig.toml; an effect without an off value, or whose amplitude no unit's data determine,
+            is left out.
+        rate: rate of units that falsely have it, among those reported.
     Raises:
         ValueError: no effect has such a name.
     """

@@ -1,25 +1,26 @@
-"""What a design is and by how much its units differ, from every unit's own estimate: two-stage empirical Bayes.
+"""Estimates a design and the spread of its units from every unit's own estimate: two-stage empirical Bayes.
 
     estimate_u ~ N(theta_u, information_u^-1),   theta_u ~ N(mu, Omega)
 
-Units' own uncertainty is taken off the spread: a fleet whose units scatter no more than their stated errors has a
-spread of nought, and is said to have. What no unit's data tell (a gear's two inertias, of which only a sum acts) is
-not in the population but named in `uninformed`; the rest is estimated with nothing assumed of it.
+The units' own uncertainty is subtracted from the spread: a fleet whose units scatter no more than their stated errors
+has the spread 0. Symbols that no unit's data determine (the two inertias of a gear, of which only a sum acts) are not
+in the population but named in `uninformed`; nothing is assumed of them.
 
-A few odd units must not widen the spread. They are found by their distance from a first, robust look (medians symbol by
-symbol, each unit's own variance taken off), left out, and the population is estimated again; then each is judged anew,
-those inside and those outside, until the set stays as it is. Leaving out was chosen over t-weights: weights estimate
-the scatter of a heavy-tailed fleet, which is biased low for the ordinary one and needs a guess of the tail, while an
-odd unit of a line is a different thing, to be named and looked at. As only what is far beyond chance is left out
-(`FleetSettings.odd_rate`), a healthy fleet keeps all its units and its estimate is the efficient one.
+A few odd units must not widen the spread. They are found by their distance from a first, robust estimate (medians
+symbol by symbol, without each unit's own variance) and left out, and the population is estimated again; then each unit,
+inside or outside, is tested again, until the set no longer changes. Units are left out rather than weighed by
+t-weights, because weights estimate the scatter of a heavy-tailed fleet, which is biased low for the ordinary units and
+needs an assumption on the tail, and because an odd unit has a cause of its own and should be named and inspected. Only
+units far beyond chance are left out (`FleetSettings.odd_rate`), so a healthy fleet keeps all its units and its estimate
+is efficient.
 
-The distance of a unit, and how sure it is:
+The distance of a unit from the population and its degrees of freedom:
 
     d_u^2 = (x_u - mu)^T (F_u^-1 + Omega + C_u)^-1 (x_u - mu),   degrees of freedom: the rank of F_u
 
-C_u is the covariance of the mean for a unit that took no part in it, else nothing. The spread is known from n units
-only, so d^2 / k is compared with F(k, n) instead of chi2: exact for none, right to first order for few units. A unit
-that is far in one symbol alone is better seen there, see `single_symbol_p`; p is twice the smaller of both.
+C_u is the covariance of the mean for a unit that took no part in it, otherwise 0. The spread is known from n units
+only, so d^2 / k is compared with F(k, n) instead of chi2, which is right to first order for few units. A unit that is
+far in one symbol alone is easier to see in that symbol, see `single_symbol_p`; p is twice the smaller of both.
 """
 
 from __future__ import annotations
@@ -35,36 +36,36 @@ from ..settings import DEFAULT, FleetSettings, PopulationSettings
 from .likelihood import Spread, maximised, mean_intervals, spread_intervals, spread_view, weigh, weights
 from .stack import NULL, Scaled, Stack, scaled
 
-ROUNDS = 10  # times at most that units are left out or taken back, and the population is estimated again
-LEAST_SHARE = 0.7  # of the units that stays in the population, whatever the others are like
+ROUNDS = 10  # most rounds in which units are left out or taken back and the population is estimated again
+LEAST_SHARE = 0.7  # least share of the units that stays in the population
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
     """The design and its spread, SI."""
 
-    symbols: tuple[str, ...]  # that the fleet's data determine, P of them
+    symbols: tuple[str, ...]  # the P symbols that the fleet's data determine
     mean: Float[np.ndarray, " P"]  # mu
     covariance: Float[np.ndarray, "P P"]  # Omega, zero for shared symbols
-    mean_covariance: Float[np.ndarray, "P P"]  # of mu if Omega were known
+    mean_covariance: Float[np.ndarray, "P P"]  # covariance of mu for a known Omega
     mean_stderr: Float[np.ndarray, " P"]  # by the scatter of the units; NaN where one unit alone determines the symbol
-    degrees: Float[np.ndarray, " P"]  # of freedom of `mean_stderr`
+    degrees: Float[np.ndarray, " P"]  # degrees of freedom of `mean_stderr`
     mean_interval: Float[np.ndarray, "P 2"]  # lower and upper bound; NaN where there is none
     sd_interval: Float[np.ndarray, "P 2"]  # of the standard deviation between units; NaN for shared symbols
     shared: Bool[np.ndarray, " P"]  # whether one value holds for all units
     informed: Int[np.ndarray, " P"]  # number of units whose own data alone determine it
     uninformed: tuple[str, ...]  # symbols that the fleet's data do not determine
-    units: tuple[str, ...]  # that the population is estimated from
-    left_out: tuple[str, ...]  # those too far from it
+    units: tuple[str, ...]  # units from which the population is estimated
+    left_out: tuple[str, ...]  # units that are too far from it
 
     @property
     def sd(self) -> Float[np.ndarray, " P"]:
-        """Standard deviation between units, shape (P,); 0 for shared symbols and where units are not seen to differ."""
+        """Standard deviation between units, shape (P,); 0 for shared symbols and where the data show no difference."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
     def correlation(self) -> Float[np.ndarray, "P P"]:
-        """Between units; 0 beside a symbol without spread, 1 on the diagonal."""
+        """Correlation between symbols over the units; 0 for a symbol without spread, 1 on the diagonal."""
         scale = np.where(self.sd > 0.0, self.sd, 1.0)
         out = self.covariance / scale[:, None] / scale[None, :]
         np.fill_diagonal(out, 1.0)
@@ -72,10 +73,10 @@ class Population:
 
 
 def population(stack: Stack, shared: Sequence[str] = (), settings: FleetSettings = DEFAULT) -> Population:
-    """Estimate it, with one value for all units of the shared symbols.
+    """Estimate the population, with one value for all units of the shared symbols.
 
     Raises:
-        ValueError: fewer than two units, a shared symbol that no unit has, or nothing told at all.
+        ValueError: fewer than two units, a shared symbol that no unit has, or no symbol is determined.
     """
     if len(stack.units) < 2:
         raise ValueError(f"{len(stack.units)} unit: a population needs two or more.")
@@ -83,7 +84,7 @@ def population(stack: Stack, shared: Sequence[str] = (), settings: FleetSettings
         raise ValueError(f"shared = {unknown}: no unit has it. They have: {', '.join(stack.symbols)}.")
     left = identifiable_symbols(stack, shared)
     if not left.symbols:
-        raise ValueError("no symbol is told by the fleet's data: nothing to make a population of.")
+        raise ValueError("the fleet's data determine no symbol: there is no population to estimate.")
     data, own = scaled(left), np.array([s not in shared for s in left.symbols])
     alone, spread, kept = _without_odd(data, own, settings)
     part, scale = data.only(kept), data.scale
@@ -125,8 +126,8 @@ def identifiable_symbols(stack: Stack, shared: Sequence[str]) -> Stack:
 
 
 def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tuple[Spread, Spread, np.ndarray]:
-    """The spread among the ordinary units, as its standard deviations and as its correlations were estimated, and which
-    units they are."""
+    """The spread among the ordinary units, by the estimate of the standard deviations and by that of the correlations,
+    and a mask of the ordinary units."""
     all_units = np.ones(len(data.x), dtype=bool)
     size = int(own.sum())
     robust = np.where(own, data.spread, 0.0)
@@ -146,7 +147,7 @@ def _without_odd(data: Scaled, own: np.ndarray, settings: FleetSettings) -> tupl
 
 
 def _ordinary(far: Distances, rate: float) -> np.ndarray:
-    """Units that stay: none of those found odd, but never fewer than the share that must, and all of a few."""
+    """Units that stay: those not found odd, at least `LEAST_SHARE` of all, and all units of a very small fleet."""
     count = len(far.p)
     if count < FEWEST:
         return np.ones(count, dtype=bool)
@@ -159,10 +160,10 @@ def _ordinary(far: Distances, rate: float) -> np.ndarray:
 
 
 def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> tuple[Spread, Spread]:
-    """Standard deviations with next to no prior of the correlations, then the correlations with these held.
+    """Estimate the standard deviations with a weak prior of the correlations, then the correlations with these held.
 
-    Both at once would let the prior of the correlations, which draws them towards nought, draw on the standard
-    deviations too: 20 units of 8 symbols came out with 9 % less spread than they were drawn with.
+    In one joint step the prior of the correlations, which pulls them towards 0, would reduce the standard deviations
+    too: 20 simulated units of 8 symbols came out with 9 % less spread than was simulated.
     """
     view = spread_view(data, start, settings)
     alone = maximised(view.data, view.start, view.held, view.prior)
@@ -182,31 +183,31 @@ def _estimated(data: Scaled, start: Spread, settings: PopulationSettings) -> tup
 
 @dataclass(frozen=True, eq=False)
 class Shrunk:
-    """N units, P symbols of the population, SI."""
+    """The shrunk estimates of N units, P symbols of the population, SI."""
 
     units: tuple[str, ...]  # their names
     symbols: tuple[str, ...]  # of the population
     estimate: Float[np.ndarray, "N P"]  # posterior means
-    covariance: Float[np.ndarray, "N P P"]  # given the population
-    stderr: Float[np.ndarray, "N P"]  # that of the population's mean included
+    covariance: Float[np.ndarray, "N P P"]  # posterior covariance given the population
+    stderr: Float[np.ndarray, "N P"]  # standard errors, including that of the population's mean
 
 
 def shrink(stack: Stack, of: Population) -> Shrunk:
-    """Each unit's posterior, the population being its prior: what a unit with few traces is worth.
+    """Each unit's posterior with the population as its prior.
 
         mean_u = (F_u + Omega^-1)^-1 (F_u estimate_u + Omega^-1 mu) = mu + Omega W_u (estimate_u - mu)
         covariance_u = (F_u + Omega^-1)^-1 = Omega - Omega W_u Omega,   W_u = H_u^T (I + H_u Omega H_u^T)^-1 H_u
 
-    The right-hand forms need no Omega^-1: a shared symbol, Omega = 0 there, takes the common value. That mu itself is
-    estimated adds A C A^T with A = I - Omega W_u, C the covariance of mu: all the uncertainty that a shared symbol has.
+    The right-hand forms need no Omega^-1: a shared symbol, with Omega = 0, takes the common value. Because mu itself is
+    estimated, A C A^T is added with A = I - Omega W_u, C the covariance of mu: the whole uncertainty of a shared
+    symbol.
 
-    An odd unit is none of the population: its shrunk values are pulled to where it does not belong, and its own are
-    those to use.
+    An odd unit does not belong to the population: its shrunk values are pulled to a wrong mean; use its own values.
 
     Source: Efron and Morris 1973 (JASA 68), eq. 2.1; Lindley and Smith 1972 (JRSS B 34), eq. 12. Differs from source:
     no.
 
-    The units may be others than those of the population, too.
+    The units may be different from those of the population.
 
     Raises:
         ValueError: the units lack a symbol of the population.
@@ -229,9 +230,9 @@ def shrink(stack: Stack, of: Population) -> Shrunk:
 
 
 LEAST = 1e-300  # smaller p values count as this one
-MANY = 100  # scores without which a quantile of the tail is noise
-TAIL = 0.9  # quantile of the fleet's own scores that, beside the median, sets the scale of the null
-FEWEST = 4  # units whose data determine a symbol; of fewer none can be called far
+MANY = 100  # least number of scores for a quantile of the tail
+TAIL = 0.9  # quantile of the fleet's own scores that sets the scale of the null together with the median
+FEWEST = 4  # least number of units whose data determine a symbol, for a unit to be called far in it
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,15 +241,16 @@ class Distances:
 
     squared: Float[np.ndarray, " N"]  # d^2
     rank: Float[np.ndarray, " N"]  # directions the unit informs
-    scale: float  # of the null, see `null_scale`
-    # chance that an ordinary unit is as far, in all symbols or in any one, shape (N,); 1 where a unit informs nothing
+    scale: float  # scale of the null, see `null_scale`
+    # probability that an ordinary unit is as far, in all symbols or in any one, shape (N,); 1 for a unit without
+    # information
     p: Float[np.ndarray, " N"]
 
 
 def distances(
     data: Scaled, mean: np.ndarray, covariance: np.ndarray, of_mean: np.ndarray, inside: Bool[np.ndarray, " N"]
 ) -> Distances:
-    """Every unit's, by mu, Omega and C, scaled; `inside`: whether a unit took part in these."""
+    """The distance of every unit, by mu, Omega and C, scaled; `inside`: whether a unit took part in these."""
     squared = np.zeros(len(data.x))
     for group, spread in ((inside, covariance), (~inside, covariance + of_mean)):
         if np.any(group):
@@ -259,9 +261,9 @@ def distances(
     k = np.maximum(data.rank, 1.0)
     p = np.where(data.rank > 0.0, stats.f.sf(squared / k, k, float(inside.sum())), 1.0)
     score = stats.norm.isf(0.5 * np.clip(p, LEAST, 1.0))
-    told = data.rank > 0.0
-    scale = null_scale(score[told]) if np.any(told) else 1.0
-    together = np.where(told, 2.0 * stats.norm.sf(score / scale), 1.0)
+    determined = data.rank > 0.0
+    scale = null_scale(score[determined]) if np.any(determined) else 1.0
+    together = np.where(determined, 2.0 * stats.norm.sf(score / scale), 1.0)
     apart = single_symbol_p(data, mean, np.diag(covariance), inside)
     return Distances(squared, data.rank, scale, np.minimum(1.0, 2.0 * np.minimum(together, apart)))
 
@@ -269,25 +271,27 @@ def distances(
 def single_symbol_p(
     data: Scaled, mean: Float[np.ndarray, " P"], between: Float[np.ndarray, " P"], inside: Bool[np.ndarray, " N"]
 ) -> Float[np.ndarray, " N"]:
-    """Probability that an ordinary unit is as far in any of its symbols, judged by a scatter it has no part in, (N,).
+    """Probability that an ordinary unit is as far in any of its symbols, by the scatter of the other units, (N,).
 
         z_us = (x_us - mu_s) / sqrt(1/F_us + Omega_ss),  r = z / (s_z sqrt(1 - 1/n)),  t = r sqrt((n - 2)/(n - 1 - r^2))
 
-    t has n - 2 degrees of freedom. Among a dozen units one that is far off in one symbol widens the very spread that it
-    is measured by: its z cannot exceed (n - 1) / sqrt(n), and its distance over all symbols is diluted by those in
-    which it is like the others. t is what z would be had the unit been left out. A unit that took no part is compared
-    with the n that did, t = z / (s_z sqrt(1 + 1/n)), n - 1 degrees of freedom. s_z, near 1, takes up what stated errors
-    are wrong by.
+    t has n - 2 degrees of freedom. Among a dozen units, a unit that is far off in one symbol widens the spread with
+    which it is compared: its z cannot exceed (n - 1) / sqrt(n), and its distance over all symbols is diluted by those
+    in
+        which
+    it is ordinary. t is the z that the unit has when it is left out of the spread. A unit that took no part is compared
+    with the n that did, t = z / (s_z sqrt(1 + 1/n)), n - 1 degrees of freedom. s_z, near 1, corrects wrong stated
+    errors.
 
     Source: Cook and Weisberg 1982, Residuals and Influence in Regression, section 2.2 (externally studentised
-    residuals). Differs from source: units weigh as they are known, for which n is first order.
+    residuals). Differs from source: units are weighed by their precision, for which n is a first-order approximation.
     """
     p = np.ones(data.x.shape)
     for s in range(data.x.shape[1]):
-        told = data.tells[:, s]
-        if (told & inside).sum() >= FEWEST:
-            z = (data.x[told, s] - mean[s]) / np.sqrt(data.variance[told, s] + between[s])
-            p[told, s] = _studentised(z, inside[told])
+        determined = data.tells[:, s]
+        if (determined & inside).sum() >= FEWEST:
+            z = (data.x[determined, s] - mean[s]) / np.sqrt(data.variance[determined, s] + between[s])
+            p[determined, s] = _studentised(z, inside[determined])
     return np.minimum(1.0, np.maximum(data.tells.sum(axis=1), 1) * p.min(axis=1))
 
 
@@ -304,17 +308,17 @@ def _studentised(z: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def null_scale(score: Float[np.ndarray, " N"], tail: float = TAIL) -> float:
-    """How much wider than N(0, 1) the scores of the ordinary units are, at least 1.
+    """Scale of the scores of the ordinary units relative to N(0, 1), at least 1.
 
         max(1, median |z| / 0.6745, quantile_tail |z| / the normal's)
 
-    Covariances of fits are not exact and errors have tails. Most units are ordinary, so the fleet's own middle says how
-    scores are distributed where nothing is odd: the median for the scale, a higher quantile for the tail. Never below
-    1: where the stated covariances are too wide, nothing is made odd by that.
+    Covariances of fits are not exact and errors have tails. Most units are ordinary, so the middle of the fleet shows
+    how the scores of ordinary units are distributed: the median gives the scale, a higher quantile the tail. The scale
+    is never below 1, so that too wide stated covariances make no unit odd.
 
     Args:
-        score: standard normal if all were as in the book, either sign; at least one.
-        tail: quantile of |score|; used for 100 scores or more, as a few odd ones reach into that of a dozen.
+        score: scores, standard normal under ideal conditions; at least one.
+        tail: quantile of |score|, used for 100 scores or more; in a dozen scores a few odd ones would change it.
     """
     size = np.abs(score)
     wide = float(np.median(size)) / stats.norm.ppf(0.75)
@@ -324,12 +328,12 @@ def null_scale(score: Float[np.ndarray, " N"], tail: float = TAIL) -> float:
 
 
 def rejected(p: Float[np.ndarray, " N"], rate: float) -> Bool[np.ndarray, " N"]:
-    """Hypotheses rejected so that a share `rate` of them is false, as expected: Benjamini and Hochberg 1995."""
+    """Hypotheses rejected with an expected share `rate` of false ones: Benjamini and Hochberg 1995."""
     return stats.false_discovery_control(p) <= rate
 
 
 def holm(p: Float[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-    """p values that hold for all N at once, under any dependence: Holm 1979."""
+    """p values that hold for all N together, under any dependence: Holm 1979."""
     order = np.argsort(p)
     out = np.empty(len(p))
     out[order] = np.minimum(1.0, np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)))

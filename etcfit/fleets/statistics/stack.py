@@ -1,4 +1,4 @@
-"""The units of a fleet as arrays, one axis of units and one of symbols: in SI, made robust, and scaled."""
+"""The units of a fleet as arrays with an axis of units and one of symbols: in SI, with robust errors, and scaled."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from jaxtyping import Bool, Float
 
 from ..unit import UnitEstimate, UnitResult
 
-MEDIAN_CHI2 = 0.4549364231195724  # of one degree of freedom
-NULL = 1e-11  # share of a unit's largest eigenvalue of information (scaled) below which a direction has none
-# Largest widening of a unit's standard errors by its own traces, over that of the median unit: 3 where the unit
-# informs the population, which a unit with too small errors distorts; 2 where the population informs the unit, which
-# is pulled to the mean when its errors are too large
+MEDIAN_CHI2 = 0.4549364231195724  # median of chi2 with one degree of freedom
+NULL = 1e-11  # share of a unit's largest eigenvalue of information (scaled) below which a direction counts as unknown
+# Largest widening of a unit's standard errors by its own traces, over that of the median unit: 3 for the estimate of
+# the population, which a unit with too small errors distorts; 2 for the estimate of the unit, which is pulled to the
+# mean when its errors are too large
 MOST_WIDENED, MOST_WIDENED_TO_SHRINK = 3.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """Estimates of N units in the union of their symbols; what a unit does not have is without information."""
+    """Estimates of N units in the union of their symbols; a symbol that a unit does not have has no information."""
 
     units: tuple[str, ...]  # their names
-    symbols: tuple[str, ...]  # in the order in which the units bring them
+    symbols: tuple[str, ...]  # in the order of their first appearance
     estimate: Float[np.ndarray, "N P"]  # SI
     information: Float[np.ndarray, "N P P"]  # 1/SI^2
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Stack:
-        """Those units alone."""
+        """The stack of these units alone."""
         names = tuple(unit for unit, keep in zip(self.units, kept, strict=True) if keep)
         return Stack(names, self.symbols, self.estimate[kept], self.information[kept])
 
     def marginal(self, symbols: Sequence[str]) -> Stack:
-        """F_kk - F_kd F_dd^+ F_dk: what the data say of some symbols when nothing is known of the others."""
+        """F_kk - F_kd F_dd^+ F_dk: the information on some symbols, marginalised over the others."""
         keep = [self.symbols.index(s) for s in symbols]
         drop = [p for p in range(len(self.symbols)) if p not in keep]
         kk, estimate = self.information[:, keep][:, :, keep], self.estimate[:, keep]
@@ -48,22 +48,22 @@ class Stack:
 
 
 def stacked(estimates: Sequence[UnitEstimate]) -> Stack:
-    """All units side by side.
+    """The stack of all units.
 
     Raises:
         ValueError: no unit, a name twice, or an entry that is not finite.
     """
     if not estimates:
-        raise ValueError("a fleet without a unit: at least one must have a result.")
+        raise ValueError("the fleet has no unit with a result: at least one is required.")
     names = tuple(each.unit for each in estimates)
     if len(set(names)) < len(names):
-        raise ValueError(f"{next(n for n in names if names.count(n) > 1)}: a unit's name stands twice in the fleet.")
+        raise ValueError(f"{next(n for n in names if names.count(n) > 1)}: two units of the fleet have this name.")
     symbols = tuple(dict.fromkeys(s for each in estimates for s in each.symbols))
     place = {s: p for p, s in enumerate(symbols)}
     x, f = np.zeros((len(names), len(symbols))), np.zeros((len(names), len(symbols), len(symbols)))
     for u, each in enumerate(estimates):
         if not (np.all(np.isfinite(each.estimate)) and np.all(np.isfinite(each.information))):
-            raise ValueError(f"{each.unit}: estimate and information must be finite; what is not told has zero.")
+            raise ValueError(f"{each.unit}: estimate and information must be finite; an unknown direction has zero.")
         at = np.array([place[s] for s in each.symbols], dtype=int)
         x[u, at] = each.estimate
         f[u, at[:, None], at[None, :]] = 0.5 * (each.information + each.information.T)
@@ -71,15 +71,15 @@ def stacked(estimates: Sequence[UnitEstimate]) -> Stack:
 
 
 def robust(units: Sequence[UnitResult], most: float) -> list[UnitEstimate]:
-    """Each unit's own estimate, with an information that holds although the model is not exact.
+    """Each unit's own estimate, with an information that is valid although the model is not exact.
 
         information_u = S_u^-1 F_u S_u^-1,   S_u = diag(min(max(w_us, m_s), most m_s)),   m_s = median over u of w_us
 
-    w_us is by how much the unit's own fit widens the standard error of symbol s, where residuals are correlated or
-    where traces disagree by more than their noise. What the model lacks it lacks in every unit of a design, and m_s
-    says by how much; no unit is surer than that. Of a handful of traces, on the other hand, nobody can tell by how much
-    they disagree: sound units are widened up to a hundred times, and would count for nothing. So no unit is widened by
-    more than `most` times what the others are. One that is worse than that is not uncertain but odd.
+    w_us is the factor by which the unit's own fit widens the standard error of symbol s, where residuals are correlated
+    or traces disagree by more than their noise. The error of the model is the same in every unit of a design, and m_s
+    measures it; no unit is more certain than that. But the disagreement of a handful of traces is hard to estimate:
+    sound units are widened up to a hundred times and would have almost no weight. So no unit is widened by more than
+    `most` times the widening of the others. A unit that is worse than that is not uncertain but odd.
     """
     symbols = {symbol for unit in units for symbol in unit.own.symbols}
     middle = {s: float(np.median([u.widening.get(s, 1.0) for u in units if s in u.own.symbols])) for s in symbols}
@@ -92,37 +92,40 @@ def robust(units: Sequence[UnitResult], most: float) -> list[UnitEstimate]:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """N units and P symbols without units of measure: each symbol less its centre, over its scale.
+    """N units and P symbols, dimensionless: each symbol less its centre, over its scale.
 
         F_u = S^-1 H_u^T H_u S^-1,   x_u = S^-1 (estimate_u - centre)
 
-    H_u has a zero row for every direction that the unit does not inform. All statistics are written with H and x, so
-    that a direction without information takes part with weight nought, and a strong one loses no digits.
+    H_u has a zero row for every direction that the unit does not inform. All statistics use H and x, so that a
+    direction without information has weight 0, and one with much information loses no digits.
     """
 
-    stack: Stack  # what it is made from
+    stack: Stack  # the units in SI
     centre: Float[np.ndarray, " P"]  # robust, SI
     scale: Float[np.ndarray, " P"]  # SI
     root: Float[np.ndarray, "N P P"]  # H
     x: Float[np.ndarray, "N P"]
     rank: Float[np.ndarray, " N"]  # directions that each unit informs
     tells: Bool[np.ndarray, "N P"]  # whether a unit's data alone determine a symbol
-    variance: Float[np.ndarray, "N P"]  # of the unit's own estimate, marginal; infinite where its data say nothing
+    variance: Float[
+        np.ndarray, "N P"
+    ]  # of the unit's own estimate, marginal; infinite where its data determine nothing
     spread: Float[np.ndarray, " P"]  # robust standard deviation between units, symbol by symbol
 
     def only(self, kept: Bool[np.ndarray, " N"]) -> Scaled:
-        """Those units alone, in the same scale."""
+        """These units alone, with the same centre and scale."""
         arrays = (self.root[kept], self.x[kept], self.rank[kept], self.tells[kept], self.variance[kept])
         return Scaled(self.stack.only(kept), self.centre, self.scale, *arrays, self.spread)
 
     @property
     def marginal(self) -> Scaled:
-        """Each symbol of each unit for itself, known to its variance when nothing is known of the others."""
+        """Each symbol of each unit alone, with its marginal variance."""
         return replace(self, root=np.eye(self.x.shape[1]) / np.sqrt(self.variance)[:, None, :])
 
 
 def scaled(stack: Stack) -> Scaled:
-    """Centre and scale are medians over the units whose data determine a symbol: no odd unit moves them."""
+    """Scale a stack. Centre and scale are medians over the units whose data determine a symbol: odd units do not move
+    them."""
     diagonal = np.einsum("upp->up", stack.information)
     own = np.array([1.0 / np.sqrt(np.median(d[d > 0.0])) if np.any(d > 0.0) else 1.0 for d in diagonal.T])
     root, rank, tells, variance = _roots(stack.information * own[:, None] * own[None, :])
@@ -134,7 +137,7 @@ def scaled(stack: Stack) -> Scaled:
             continue
         value = stack.estimate[seen, p]
         noise = own[p] ** 2 * np.where(tells[seen, p], variance[seen, p], 1.0)
-        # the half whose own estimates are best says where the middle is
+        # the centre is that of the half with the most precise estimates
         centre[p] = np.median(value[noise <= np.median(noise)])
         spread[p] = sd_between((value - np.median(value)) ** 2, noise)
         wide[p] = np.hypot(spread[p], np.sqrt(np.median(noise)))
@@ -146,7 +149,7 @@ def scaled(stack: Stack) -> Scaled:
 def _roots(f: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """H, rank, determined symbols and marginal variance, of information (N, P, P) with diagonals near one."""
     d = np.einsum("upp->up", f)
-    s = np.sqrt(np.where(d > 0.0, d, 1.0))  # each unit by its own diagonal, that one good symbol hides no weak one
+    s = np.sqrt(np.where(d > 0.0, d, 1.0))  # each unit by its own diagonal, so that a precise symbol hides no other one
     value, vector = np.linalg.eigh(f / (s[:, :, None] * s[:, None, :]))
     good = value > NULL * np.maximum(value[:, -1:], 1e-300)
     root = np.sqrt(np.where(good, value, 0.0))[:, :, None] * np.swapaxes(vector, 1, 2) * s[:, None, :]
@@ -158,7 +161,8 @@ def _roots(f: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarra
 
 
 def sd_between(square: Float[np.ndarray, " n"], noise: Float[np.ndarray, " n"]) -> float:
-    """The sd for which median(square / (sd^2 + noise)) is that of chi2 with one degree of freedom; 0 where below."""
+    """The sd at which median(square / (sd^2 + noise)) is that of chi2 with one degree of freedom; 0 where it is below
+    that at sd = 0."""
     low, high = 0.0, 10.0 * float(np.sqrt(np.max(square))) + 1e-300
     with np.errstate(divide="ignore", invalid="ignore"):
         if not np.median(np.where(square > 0.0, square / noise, 0.0)) > MEDIAN_CHI2:
