@@ -568,7 +568,7 @@ class DesignOptions:
     )
     present: str | None = _option(None, "Gains that the ECU has now, in its own numbers, as 60,80,120.", "P,I,D")
     swings_at: float | None = _option(
-        None, "The P, in the ECU's own number, at which P alone makes the plate swing on.", min=0.0
+        None, "The P, in the ECU's own number, at which P alone makes the plate oscillate.", min=0.0
     )
     sensor_noise: str | None = _option(
         None,

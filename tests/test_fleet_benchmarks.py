@@ -99,7 +99,13 @@ def test_coverage_counts_what_intervals_hold_and_how_far_units_are_off() -> None
 def test_an_interval_that_is_not_stated_is_not_counted() -> None:
     said = {"mean": None, "sd": None, "mean_ci95": None, "sd_ci95": [None, 1.0]}
     each = coverage.symbol("L_a", said, [], truth(2))
-    assert (each.mean_held, each.sd_held, each.mean_score, each.sd_ratio, each.without_error) == (None, None, None, None, 2)
+    assert (each.mean_held, each.sd_held, each.mean_score, each.sd_ratio, each.without_error) == (
+        None,
+        None,
+        None,
+        None,
+        2,
+    )
     record = {"units": 2, "failed": 0, "not_converged": 0, "odd": 0, "seconds": 1.0, "symbols": {"L_a": asdict(each)}}
     assert "| L_a | - | - | - | - | - | 0 | 2 |" in coverage.table([record])
 

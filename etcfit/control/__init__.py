@@ -5,6 +5,6 @@ Parts:
 
     pid/           tuning rules, the loop with its ECU, margins, scenarios and conditions
     frequency/     sines: measured response, order of lag
-    safety/        what the gains do where something fails
-    design         one design; `fleet`: gains for many units, or for one unit's model, a fleet being its kind
+    safety/        behaviour of the gains when a part fails
+    design         one design; `fleet`: gains for many units, or for one unit with the scatter of its fleet
 """

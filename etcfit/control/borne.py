@@ -1,18 +1,19 @@
-"""Whether a loop bears what its model misses, as measured on motion that was not fitted.
+"""Robust stability of a loop against the error of its model, measured on motion that was not fitted.
 
     Delta(w) = |E(w)| / |Y(w)|,        borne where |Delta(w) T(w)| < 1 for all w,        T = L/(1 + L)
 
 E is the spectrum of measured - predicted (free running) less that of the sensor's noise, Y that of the predicted
-position, L the loop of the new gains on the nominal model. Where the present ECU was in the model the log is one of a
-closed loop, whose errors feedback made smaller: there Delta is divided by |1/(1 + L)| of the present gains. Delta
-counts all that differs as an error of the plant, dry friction's included: it is too large rather than too small.
+position, L the loop of the new gains on the nominal model. Where the present ECU is in the model, the log is of a
+closed loop, whose feedback reduced the errors: there Delta is divided by |1/(1 + L)| of the present gains. Delta counts
+every difference as an error of the plant, also that of dry friction: it is too large rather than too small.
 
-chi2 asks another thing: whether the parameters are estimates. A sensor that is good to 0.04 % of the travel shows that
-a model is wrong long before a loop with a margin feels it.
+chi2 answers a different question: whether the parameters are estimates. A sensor that is good to 0.04 % of the travel
+shows that a model is wrong long before this matters for a loop with a margin.
 
 Source: Skogestad and Postlethwaite 2005, Multivariable Feedback Control, sections 7.4 and 7.5 (multiplicative
 uncertainty; robust stability). Differs from source: Delta is estimated from one log by Welch's method, not bounded
-beforehand; of the 1 half is kept for what the log does not show (supply, heat, wear), as a gain margin of 6 dB does.
+beforehand; the limit is 0.5 instead of 1, as with a gain margin of 6 dB, for changes that the log does not show
+(supply, heat, wear).
 """
 
 from __future__ import annotations
@@ -27,28 +28,29 @@ from ..model.linear import TransferFunction
 from .pid import Gains
 from .pid.linear_loop import OpenLoop, controller
 
-MOST = 0.5  # of |Delta T|
-_SEGMENT = 1.0  # s, of one periodogram
-_NEAR = 3.0  # times below and above the crossover, where gain and phase decide on stability
-_AT = 1.5  # times below or above it, where the log must show Delta
-_ROWS = 4.0  # a second, over a frequency, that a log needs at least to show it
-_SEEN = 4.0  # times the noise's power that the motion must have for Delta to be known there
+MOST = 0.5  # limit of |Delta T|
+_SEGMENT = 1.0  # s: length of one periodogram
+_NEAR = 3.0  # factor below and above the crossover within which gain and phase decide on stability
+_AT = 1.5  # factor below and above it within which the log must show Delta
+_ROWS = 4.0  # least sample rate of a log over a frequency that it shows
+_SEEN = 4.0  # power of the motion over that of the noise from which on Delta is known
 
 
 def is_borne(worst: float | None) -> bool:
-    """Whether a loop bears a largest |Delta T|; False where the log does not show it (NaN, in tune.json null)."""
+    """Whether the largest |Delta T| is within the limit; False where the log does not show it (NaN, in tune.json
+    null)."""
     return worst is not None and worst <= MOST
 
 
 @dataclass(frozen=True)
 class Borne:
-    """What the loop of one set of gains bears."""
+    """Robust stability of the loop of one set of gains."""
 
     worst: float  # the largest |Delta T| within a factor of 3 of the crossover; NaN where the log does not show it
     missed: float  # Delta there, a share of the plant's response
-    hertz: float  # where
+    hertz: float  # frequency of that largest value, Hz
     crossover: float  # of the loop, Hz
-    rows: float = np.inf  # of the fastest trace, a second
+    rows: float = np.inf  # sample rate of the fastest trace, 1/s
 
     @property
     def enough(self) -> bool:
@@ -60,14 +62,14 @@ class Borne:
         """A sentence."""
         if not np.isfinite(self.worst):
             if (needed := _ROWS * self.crossover) > self.rows:
-                return (f"{self.rows:.3g} rows a second tell nothing near {self.crossover:.2g} Hz, where the new loop "
-                        f"is decided on: log at {needed:.0f} Hz or faster.")  # fmt: skip
-            return (f"The log has no motion near {self.crossover:.2g} Hz, where the new loop is decided on: record ten "
+                return (f"{self.rows:.3g} rows a second are too few near the crossover of the new loop, "
+                        f"{self.crossover:.2g} Hz: log at {needed:.0f} Hz or faster.")  # fmt: skip
+            return (f"The log has no motion near the crossover of the new loop, {self.crossover:.2g} Hz: record ten "
                     "quick steps of 20 to 60 % of the travel.")  # fmt: skip
         if self.worst == 0.0:
-            return f"Near {self.crossover:.2g} Hz the model misses nothing that is above the sensor's noise."
-        found = (f"At {self.hertz:.2g} Hz the model misses {100.0 * self.missed:.2g} % of the plate's response; "
-                 f"the loop bears {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
+            return f"Near {self.crossover:.2g} Hz the error of the model is below the sensor's noise."
+        found = (f"At {self.hertz:.2g} Hz the error of the model is {100.0 * self.missed:.2g} % of the plate's "
+                 f"response; the loop tolerates {100.0 * self.missed / self.worst * MOST:.2g} %")  # fmt: skip
         if self.enough:
             return f"{found}."
         return (f"{found} (|Delta T| {self.worst:.2g}, at most {MOST:g}). Log at each tick of the ECU if it can, and "
@@ -78,14 +80,14 @@ def borne(
     parts: Iterable[tuple[np.ndarray, np.ndarray, np.ndarray]], noise: float, plant: TransferFunction, ecu: Ecu,
     gains: Gains, present: Gains | None = None,
 ) -> Borne:  # fmt: skip
-    """Of gains, by the motion measured and predicted.
+    """The robust stability of gains, from the measured and the predicted motion.
 
     Args:
         parts: instants (s), measured and predicted position (rad) of each trace, shape (n,) each; NaN where none is.
         noise: standard deviation of one sample, rad.
         plant, ecu: the nominal loop.
-        gains: to be judged.
-        present: of the ECU that was in the model; None where the logged duty drove it.
+        gains: the gains to be judged.
+        present: gains of the ECU in the model; None where the logged duty drove it.
     """
     under = OpenLoop.of_plants(plants=plant, ecu=ecu)
     omega = np.angle(under.z[:-1]) / ecu.period

@@ -38,7 +38,7 @@ DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
 PAPERS = Requirements()  # section 4.1
 BEST = "optimal"
 NOTHING: Mapping[str, float] = MappingProxyType({})
-_OF_BEST = 0.8  # of the time that all rules take, about
+_OF_BEST = 0.8  # share of the time of all rules that `optimal` takes, approximately
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,21 +47,21 @@ class Design:
 
     Args:
         fitted: the model.
-        task: what the rules were given.
-        chosen: the rule whose gains are proposed.
-        tuned: every rule, by name.
-        draws: how many models judged them, the nominal one among them.
-        origin: "posterior", "laplace" or "fleet": where the draws came from; the last are units.
+        task: the input of the rules.
+        chosen: the result of the rule whose gains are proposed.
+        tuned: the result of every rule, by name.
+        draws: number of models on which they were judged, including the nominal one.
+        origin: "posterior", "laplace" or "fleet": origin of the draws; those of a fleet are its units.
         bias: the voltage that holds each position, for an ECU that has such a curve.
-        sliding: what dry friction, back-EMF and drag take of a moving plate, for an ECU that can put it ahead.
+        sliding: voltage for dry friction, back-EMF and drag of a moving plate, for an ECU with such a feed-forward.
         robust: the chosen gains under the conditions of a car.
-        supply_table: they as a table over the supply, and what it is worth there.
+        supply_table: the chosen gains as a table over the supply, and its benefit.
         front: the least tracking error within each limit of the duty's activity.
-        safety: what the chosen gains do where something fails.
-        limits: where the chosen gains miss a requirement, what keeps any gains from meeting it.
-        fleet: how they fare unit by unit, where the models are the units of a fleet; else None.
-        parts: how every rule fares on the parts of a design, where a fleet tells them; else None.
-        anyway: gains are to be given even where the model behind them is no estimate.
+        safety: the behaviour of the chosen gains when a part fails.
+        limits: where the chosen gains miss a requirement, the limits that keep any gains from meeting it.
+        fleet: the result on each unit, where the models are the units of a fleet; otherwise None.
+        parts: the result of every rule on the parts of a design, where a fleet is given; otherwise None.
+        anyway: gains are given even where the model behind them is no estimate.
     """
 
     fitted: Fitted
@@ -83,17 +83,17 @@ class Design:
 
     @property
     def withheld(self) -> bool:
-        """Nothing may be typed into an ECU: the model behind the gains is no estimate, and `anyway` is not set."""
+        """Whether the gains are withheld: the model behind them is no estimate, and `anyway` is not set."""
         return bool(self.fitted.state.cautions) and not self.anyway
 
     @property
     def setpoint(self) -> Setpoint:
-        """Scenarios on which gains were judged."""
+        """The scenarios on which gains were judged."""
         return self.task.setpoint
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Terms of feed-forward with which the gains were found."""
+        """The terms of feed-forward with which the gains were found."""
         return self.task.terms
 
     @property
@@ -104,20 +104,21 @@ class Design:
 
     @property
     def settings(self) -> DesignSettings:
-        """What it was decided by."""
+        """The settings of the design."""
         return self.task.settings
 
     def written(self, gains: Gains, notation: Notation) -> Terms:
-        """Gains as the ECU that they were sought for would write them."""
+        """Gains in the notation of the ECU for which they were sought."""
         body = self.task.loop.body
         return notation.written(gains, self.task.ecu, body.upper - body.lower)
 
 
 def ecu_of(fitted: Fitted, **given: float) -> Ecu:
-    """The ECU that gains are sought for: as given, the rest as [ecu] of rig.toml describes the one that drove the logs.
+    """The ECU for which gains are sought: the given fields, and the rest as in [ecu] of rig.toml, which describes the
+    ECU that drove the logs.
 
-    Without [ecu] the rest is by default, the supply rig.toml's and the derivative's filter two periods. Its sensor has
-    the noise that the rig's has.
+    Without [ecu] the rest has defaults, with the supply of rig.toml and a derivative filter of two periods. Its sensor
+    has the noise of the rig's.
     """
     given = {"noise": fitted.position_noise} | given
     described = fitted.config.ecu
@@ -130,18 +131,19 @@ def ecu_of(fitted: Fitted, **given: float) -> Ecu:
 def gains_as_found(
     fitted: Fitted, unit: Terms | None = None, present: Mapping[str, float] = NOTHING
 ) -> Gains | Refusal:
-    """Those of the ECU that [ecu] of rig.toml describes, known or fitted; one that the fit called not known is none.
+    """The gains of the ECU that [ecu] of rig.toml describes, known or fitted; a refusal where the fit did not determine
+    one of them.
 
     Args:
-        unit: one of each gain in SI, of an ECU whose unit is known.
-        present: P, I and D of that ECU in its own unit, which then count; see `control.own_numbers`.
+        unit: one of each gain in SI, for an ECU whose unit is known.
+        present: P, I and D of that ECU in its own unit, which take precedence; see `control.own_numbers`.
     """
     if unit is not None and all(name in present for name in Terms._fields):
         return Gains(*(present[name] * one for name, one in zip(Terms._fields, unit, strict=True)))
     if fitted.config.ecu is None:
         return Refusal("rig.toml describes no ECU, see [ecu]")
     if lost := [symbol for symbol in GAINS.values() if fitted.doubt(symbol) > fitted.identifiability.unknown]:
-        return Refusal(f"the data do not tell {', '.join(lost)}")
+        return Refusal(f"the data do not determine {', '.join(lost)}")
     return Gains(*(fitted.values[symbol] for symbol in GAINS.values()))
 
 
@@ -156,16 +158,16 @@ def task_of(
     log: Series | None = None,
     present: Mapping[str, float] = NOTHING,
 ) -> Task:
-    """What the rules are given.
+    """The input of the rules.
 
     Args:
-        drawn: coordinates of further models, shape (D, P); from the Laplace approximation where there are none.
+        drawn: coordinates of further models, shape (D, P); None: they are drawn from the Laplace approximation.
         feed_forward: terms ahead of the PID, see `model.feed_forward`: True for the curve of holding voltages alone.
-        settings: how many draws, and the budgets of simulation and rules.
+        settings: number of draws, and the budgets of simulation and rules.
         log: setpoint of a log from the car, per cent of the travel; None for none.
         present: gains that the ECU has now, in its own numbers, see `control.own_numbers`.
     Raises:
-        UsageError: a term of feed-forward that there is not, or that the ECU cannot have.
+        UsageError: a term of feed-forward that does not exist, or that the ECU cannot have.
     """
     terms = terms_of(feed_forward)
     if profile is not None:
@@ -191,12 +193,12 @@ def _refuse_others(terms: tuple[Term, ...], profile: EcuProfile) -> None:
         raise UsageError(f"{profile.title} has no table of feed-forward. Leave --feed-forward out.")
     if others := [term for term in terms if term not in profile.terms]:
         able = ", ".join(each.name for each in PROFILES if set(others) <= set(each.terms))
-        raise UsageError(f"{profile.title} cannot put {' and '.join(listed(others))} ahead: it takes no code of yours. "
-                         f"Leave --feed-forward-terms out, or design for one that does: {able}.")  # fmt: skip
+        raise UsageError(f"{profile.title} has no feed-forward of {' and '.join(listed(others))}: it runs no user "
+                         f"code. Leave --feed-forward-terms out, or design for an ECU that does: {able}.")  # fmt: skip
 
 
 def _curve(throttle: Throttle, body: Body, profile: EcuProfile | None) -> Bias:
-    """The holding voltages as the ECU's own table can name them."""
+    """The holding voltages at points that the ECU's table can have."""
     table = None if profile is None else profile.bias
     return bias_of(throttle, *body) if table is None else bias_of(throttle, *body, table.points, table.positions)
 
@@ -220,8 +222,8 @@ def design(
 
     Args:
         fitted, ecu, requirements, drawn, feed_forward, settings, profile, log, present: see `task_of`.
-        parts: of the design that the model is one of. `optimal` is then sought over units drawn from their population
-            in place of draws of the one model (`best_for_parts`), and every rule is judged on the parts too.
+        parts: parts of the design to which the model belongs. `optimal` is then sought over units drawn from their
+            population instead of draws of the one model (`best_for_parts`), and every rule is judged on the parts too.
     Raises:
         UsageError: no such rule, a model without an electrical side, a rule that has no gains for this plant, or parts
             of another design.
@@ -250,7 +252,7 @@ def design_for_fleet(
     feed_forward: Asked = False,
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
-    asked: FleetDesignSettings = EVERY_UNIT,
+    fleet_settings: FleetDesignSettings = EVERY_UNIT,
     profile: EcuProfile | None = None,
     log: Series | None = None,
     rules: Mapping[str, Rule] = RULES,
@@ -258,39 +260,39 @@ def design_for_fleet(
 ) -> Design:
     """Tune by every rule, and propose gains that meet the requirements on nearly all units of a fleet.
 
-    The nominal model is the mean unit. `optimal` is sought over extreme and random units and, where too few of all
-    units meet everything with its gains, anew with those that fail among them; of the gains so found the first that
-    enough units meet everything with, else those that most do.
+    The nominal model is the mean unit. `optimal` is sought over extreme and random units. Where too few of all units
+    meet every requirement with its gains, the search is repeated with failing units included. The result is the first
+    gains with which enough units meet every requirement, otherwise the gains with which most units do.
 
     Args:
         model: the units, by their shrunk values.
         ecu, requirements, feed_forward, settings, profile, log, present: see `task_of`.
-        future: units drawn from the population (`future_units`), which are judged apart from the fleet's own.
+        future: units drawn from the population (`future_units`), which are judged separately from those of the fleet.
     Raises:
         UsageError: no such rule, or a rule that has no gains for this plant.
     """
     _must_be_known(rule, rules)
     fitted, everyone = model.nominal, model.coordinates
     seen = everyone
-    if future is not None and len(everyone) < settings.draws - 1:  # too few to stand for those that will come
+    if future is not None and len(everyone) < settings.draws - 1:  # too few to represent future units
         seen = np.vstack((everyone, future.coordinates))
-    known = representatives(seen, settings.draws - 1, asked)
-    optimum = replace(settings.optimum, certain=asked.share, few=min(asked.few, len(known) + 1))
+    known = representatives(seen, settings.draws - 1, fleet_settings)
+    optimum = replace(settings.optimum, certain=fleet_settings.share, few=min(fleet_settings.few, len(known) + 1))
     settings = replace(settings, optimum=optimum)
     task = task_of(fitted, ecu, requirements, seen[known], feed_forward, settings, profile, log, present)
     plants = fitted.throttles(everyone)
-    search = SearchOverUnits(plants, model.units, asked)
+    search = SearchOverUnits(plants, model.units, fleet_settings)
     found = propose(fitted, task, rule, _with_best(rules, search), "fleet", report)
     report("judging every unit", 0.97)
     own, ahead = one_by_one(task, plants, model.units, found.proposed), None
     if future is not None:
         fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
         ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, found.proposed).share
-    return replace(found, fleet=FleetVerdict(asked, own, ahead, max(1, search.made)))
+    return replace(found, fleet=FleetVerdict(fleet_settings, own, ahead, max(1, search.made)))
 
 
 def _with_best(rules: Mapping[str, Rule], search: Rule) -> Mapping[str, Rule]:
-    """The rules with another search in place of `optimal`, where it is among them."""
+    """The rules with another search in place of `optimal`, if they include it."""
     return {**rules, BEST: search} if BEST in rules else rules
 
 
@@ -305,7 +307,7 @@ def propose(
     """Tune a task by some rules, and propose the gains of one of them.
 
     Args:
-        origin: where the draws came from, see `Design`.
+        origin: origin of the draws, see `Design`.
     Raises:
         UsageError: the rule has no gains for this plant.
     """
@@ -322,13 +324,13 @@ def propose(
     chosen = tuned[rule]
     limits: tuple[str, ...] = ()
     if not chosen.meets_all:
-        report("looking for what binds", 0.85)
+        report("finding the limits that bind", 0.85)
         limits = binding(task)
     report("tracking against effort", 0.9)
     assert chosen.gains is not None, "a rule that refused is not proposed"
     robust, points = outside_the_bench(task, chosen.gains), front(task, chosen.gains)
     table = supply_table(task, chosen.gains)
-    report("where something fails", 0.95)
+    report("simulating failures", 0.95)
     safe = safety_of(task, chosen.gains)
     bias = task.loop.bias or _curve(fitted.throttle, task.loop.body, task.profile)
     sliding = sliding_of(fitted.throttle, *task.loop.body, task.settings.sliding)
@@ -336,13 +338,13 @@ def propose(
                   limits)  # fmt: skip
 
 
-_EASED_SUPPLY = 4.0  # factor on the supply voltage when it is tried whether the supply is what binds
-_EASED_PERIOD = 5e-4  # s, of the ECU when it is tried whether its clock is
-_EASED_MARGIN = 1e-3  # dB and degrees, the margins required when it is tried whether they are
+_EASED_SUPPLY = 4.0  # factor on the supply voltage in the test whether the supply binds
+_EASED_PERIOD = 5e-4  # s: period of the ECU in the test whether its clock binds
+_EASED_MARGIN = 1e-3  # dB and degrees: required margins in the test whether they bind
 _EASED: dict[str, Callable[[Task], Task]] = {
     "the supply voltage": lambda task: _with_ecu(task, supply=_EASED_SUPPLY * task.ecu.supply),
     "the ECU's period and delay": lambda task: _with_ecu(task, period=min(task.ecu.period, _EASED_PERIOD), delay=0.0),
-    "the stability margins asked for": lambda task: replace(
+    "the required stability margins": lambda task: replace(
         task,
         requirements=replace(
             task.requirements,
@@ -358,13 +360,13 @@ _EASED: dict[str, Callable[[Task], Task]] = {
 
 
 def binding(task: Task) -> tuple[str, ...]:
-    """What, eased alone, would let our optimum meet every requirement on the nominal model."""
+    """The limits each of which, relaxed alone, lets the rule `optimal` meet every requirement on the nominal model."""
     eased = (name for name, ease in _EASED.items() if _meets(ease(task)))
     return tuple(eased) or ("no limit alone: several bind together, or the setpoint itself is too fast",)
 
 
 def _meets(task: Task) -> bool:
-    optimum = task.settings.optimum  # whether anything does is asked, not what does best
+    optimum = task.settings.optimum  # a short search is enough: any gains that meet everything will do
     settings = replace(task.settings, optimum=replace(optimum, searches=1, starts=1, spares=optimum.spares[:1]))
     gains = RULES[BEST](replace(task, loop=task.loop.first(1), settings=settings))
     if isinstance(gains, Refusal):
@@ -379,7 +381,7 @@ def _with_ecu(task: Task, **changes: float) -> Task:
 
 
 def _sliding_freely(loop: Loop) -> Loop:
-    """Without dry friction, and without what is put ahead for it."""
+    """The loop without dry friction and without its feed-forward."""
     sliding = None if loop.sliding is None else loop.sliding.frictionless()
     return replace(loop, throttles=frictionless(loop.throttles), sliding=sliding)
 

@@ -1,4 +1,4 @@
-"""A fleet as a source of plants: the search over its units, and the parts of a design for one unit's model."""
+"""Designs gains for the units of a fleet, and for one unit's model with the other parts of its design."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from .pid.conditions import Conditions, corners, scattered, under
 from .pid.optimal import best_over_draws, optimal
 from .settings import FleetDesignSettings
 
-FEWEST_UNITS = 5  # from which on their scatter is believed
+FEWEST_UNITS = 5  # least number of units from which a population is drawn
 EVERY_UNIT = FleetDesignSettings()
 AT_ONCE = 200  # units whose responses are in memory together
-DIRECTIONS = 6  # principal ones of the units' scatter, each of which gives its two extreme units
-REFINEMENTS = 3  # searches made anew with the units that failed among the few, where too many do
+DIRECTIONS = 6  # principal directions of the units' scatter, each of which gives its two extreme units
+REFINEMENTS = 3  # most repeated searches with failing units added, where too many fail
 
 
 @dataclass(eq=False)
 class SearchOverUnits:
-    """The rule `optimal` over units: searched anew with those that fail until enough of all meet everything."""
+    """The rule `optimal` over units: repeated with failing units added until enough units meet every requirement."""
 
     plants: Throttle  # all units, parameters of shape (U,)
     units: tuple[str, ...]  # their names
-    asked: FleetDesignSettings  # of them
-    made: int = field(default=0)  # searches so far
+    settings: FleetDesignSettings  # settings of the search
+    made: int = field(default=0)  # number of searches so far
 
     def __call__(self, task: Task) -> Gains | Refusal:
-        """min mean RMSE, subject to requirements met by enough units; else the gains that most units meet them with."""
-        rng = np.random.default_rng(self.asked.seed)
+        """min mean RMSE, subject to requirements met by enough units; otherwise the gains with which most units do."""
+        rng = np.random.default_rng(self.settings.seed)
         gains, self.made = optimal(task), 1
         if isinstance(gains, Refusal):
             return gains
         best, found = gains, one_by_one(task, self.plants, self.units, gains)
         latest = found
         for _ in range(REFINEMENTS):
-            if found.met.mean() >= self.asked.share:
+            if found.met.mean() >= self.settings.share:
                 break
-            task = self._with(task, latest.worst_first[: max(1, self.asked.few // 3)])
+            task = self._with(task, latest.worst_first[: max(1, self.settings.few // 3)])
             gains = best_over_draws(task, np.log([best, gains]), rng)
             latest = one_by_one(task, self.plants, self.units, gains)
             self.made += 1
@@ -53,7 +53,7 @@ class SearchOverUnits:
         return best
 
     def _with(self, task: Task, worst: np.ndarray) -> Task:
-        """The task with some units inserted behind the nominal one, ahead of those that the search saw before."""
+        """The task with some units inserted after the nominal one, before those that the search used so far."""
         loop = task.loop
         failing = replace(loop, throttles=self.plants, drive=None, ceiling=None).taking(worst).throttles
         before = loop.taking(np.arange(1, loop.draws - worst.size)).throttles
@@ -68,7 +68,7 @@ def united(*throttles: Throttle) -> Throttle:
 
 
 def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gains, at_once: int = AT_ONCE) -> OneByOne:
-    """One set of gains on every unit, so many at once.
+    """The results of one set of gains on every unit, computed in groups.
 
     Args:
         plants: the units, parameters of shape (U,).
@@ -78,8 +78,8 @@ def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gain
     return unit_by_unit(task, replace(task.loop, throttles=plants), units, one, at_once)[0]
 
 
-def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np.ndarray:
-    """Numbers of so many units at most, those that the search sees first: extremes, then random ones.
+def representatives(x: np.ndarray, count: int, settings: FleetDesignSettings) -> np.ndarray:
+    """Numbers of the units that the search uses first, `count` at most: extremes, then random ones.
 
     The extremes are the two ends of each of the first principal directions of the units' scatter.
 
@@ -90,15 +90,15 @@ def representatives(x: np.ndarray, count: int, asked: FleetDesignSettings) -> np
     _, _, directions = np.linalg.svd(off, full_matrices=False)
     along = off @ directions[:DIRECTIONS].T
     extreme = np.stack((np.argmin(along, axis=0), np.argmax(along, axis=0)), axis=1).ravel()
-    random = np.random.default_rng(asked.seed).permutation(len(x))
+    random = np.random.default_rng(settings.seed).permutation(len(x))
     return np.array(list(dict.fromkeys([*extreme.tolist(), *random.tolist()])), dtype=int)[:count]
 
 
-def future_units(model: FleetModel, asked: FleetDesignSettings = EVERY_UNIT) -> FleetModel | None:
-    """Units not made yet, drawn from the population; None where there are too few units to say how they scatter."""
+def future_units(model: FleetModel, settings: FleetDesignSettings = EVERY_UNIT) -> FleetModel | None:
+    """Future units, drawn from the population; None where there are too few units to estimate their scatter."""
     if model.law.units < FEWEST_UNITS:
         return None
-    return model.future(asked.future, np.random.default_rng(asked.seed + 1))
+    return model.future(settings.future, np.random.default_rng(settings.seed + 1))
 
 
 _ALIKE = 1e-3  # relative, within which two gear ratios are the same
@@ -106,26 +106,27 @@ _ALIKE = 1e-3  # relative, within which two gear ratios are the same
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The parts of one design, as a fleet found them: measured units, and the population that they are from."""
+    """The parts of one design, from a fleet: measured units, and their population."""
 
     where: str  # run folder of the fleet
     name: str  # of the fleet
-    model: FleetModel  # the measured units that can be trusted, with the law of their population
-    left_out: Mapping[str, str]  # the others, by name, with why
+    model: FleetModel  # the ordinary measured units, with the distribution of their population
+    left_out: Mapping[str, str]  # the other units, by name, with the reason
 
     def of_run(self, fitted: Fitted) -> tuple[str, ...]:
-        """Parameters of a model that the fleet does not tell."""
+        """Parameters of a model that the fleet does not determine."""
         return tuple(symbol for symbol in fitted.values if symbol not in self.model.identifiable_symbols)
 
     def measured(self, fitted: Fitted) -> Throttle:
-        """Each unit as a plant of a model, whose own values stand for what the fleet does not tell."""
+        """Each unit as a plant of a model; parameters that the fleet does not determine have the model's values."""
         return self._plants(fitted, self.model, np.tile(fitted.x, (len(self.model.units), 1)))
 
     def drawn(self, fitted: Fitted, rest: np.ndarray, seed: int) -> Throttle:
-        """Units not made yet as plants of a model.
+        """Future units as plants of a model.
 
         Args:
-            rest: its coordinates, a row a unit, for what the fleet does not tell, shape (D, P).
+            rest: coordinates of the model, a row for each unit, for parameters that the fleet does not determine, shape
+                (D, P).
         """
         return self._plants(fitted, self.model.future(len(rest), np.random.default_rng(seed)), rest)
 
@@ -134,7 +135,7 @@ class Parts:
         return Throttle.build(fitted.free_parameters.layout.types, fitted.values_at(rest) | told)
 
     def must_be_of(self, fitted: Fitted) -> None:
-        """Refuse a model of something else: its parameters would mean something else too.
+        """Refuse a model of another design, because its parameters have another meaning.
 
         Raises:
             UsageError: other effects, or another gear.
@@ -144,13 +145,13 @@ class Parts:
         if any(alone):
             found = " and ".join(f"{who} alone {names}" for who, names in
                                  zip(("the run has", "the fleet has"), alone, strict=True) if names)  # fmt: skip
-            raise UsageError(f"{self.where}: {found}. Both must have the same effects, for a parameter means something "
-                             "else beside another effect. Name them in [model] effects of fleet.toml or rig.toml, and "
+            raise UsageError(f"{self.where}: {found}. Both must have the same effects, because the meaning of a "
+                             "parameter depends on them. Name them in [model] effects of fleet.toml or rig.toml, and "
                              "run `etcfit fleet` or `etcfit fit` again.")  # fmt: skip
         gears = self.model.config.gear_ratio, fitted.config.gear_ratio
         if abs(gears[0] - gears[1]) > _ALIKE * abs(gears[1]):
-            raise UsageError(f"{self.where}: gear_ratio is {gears[0]:g} in the fleet and {gears[1]:g} in the run. They "
-                             "are no parts of one design: give the fleet of this throttle.")  # fmt: skip
+            raise UsageError(f"{self.where}: gear_ratio is {gears[0]:g} in the fleet and {gears[1]:g} in the run, so "
+                             "they are of different designs: give the fleet of this throttle.")  # fmt: skip
 
 
 def _names(have: tuple[type, ...], lack: tuple[type, ...]) -> str:
@@ -158,14 +159,14 @@ def _names(have: tuple[type, ...], lack: tuple[type, ...]) -> str:
 
 
 def best_for_parts(task: Task, plants: Throttle) -> Gains | Refusal:
-    """The rule `optimal` over drawn units, anew with those that fail until the share `certain` meets everything.
+    """The rule `optimal` over drawn units, repeated with failing ones until the share `certain` meets everything.
 
     Args:
         plants: drawn units, parameters of shape (D,).
     """
     optimum, names = task.settings.optimum, _drawn(task.loop.draws - 1)
-    asked = FleetDesignSettings(share=optimum.certain, few=optimum.few)
-    return SearchOverUnits(plants, names, asked)(sought_over(task, plants))
+    settings = FleetDesignSettings(share=optimum.certain, few=optimum.few)
+    return SearchOverUnits(plants, names, settings)(sought_over(task, plants))
 
 
 def _drawn(count: int) -> tuple[str, ...]:
@@ -173,14 +174,15 @@ def _drawn(count: int) -> tuple[str, ...]:
 
 
 def sought_over(task: Task, plants: Throttle) -> Task:
-    """The task with some plants, of shape (D,), behind the nominal one in place of those that it had."""
+    """The task with these plants, of shape (D,), after the nominal one in place of its own."""
     return replace(task, loop=replace(task.loop, throttles=united(task.loop.first(1).throttles, plants)))
 
 
 def fare_on_parts(
     task: Task, fitted: Fitted, tuned: Mapping[str, Tuned], proposed: Gains, parts: Parts, future: Throttle
 ) -> PartsVerdict:
-    """The gains of every rule on measured and drawn units (`future`), the proposed ones outside the bench too."""
+    """The results of every rule's gains on measured and drawn units (`future`), and of the proposed gains under the
+    conditions of a car."""
     units, ranges = parts.model.units, task.settings.conditions
     loop = replace(task.loop, throttles=united(parts.measured(fitted), future))
     count, at_once = len(units), task.loop.draws

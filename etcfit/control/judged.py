@@ -1,4 +1,4 @@
-"""How the gains of each rule fare: on the linear plant, on the nonlinear one, under the conditions of a car."""
+"""Evaluates the gains of each rule: on the linear plant, on the nonlinear one, and under the conditions of a car."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ PAPERS_SETPOINT = trapezoid()
 
 @dataclass(frozen=True, eq=False)
 class Robust:
-    """How gains fare where supply, winding and friction are not those of the bench.
+    """Results of gains where supply, winding and friction differ from those of the bench.
 
     Args:
-        worst: of the nominal model at the corners of the conditions, each figure at its worst.
-        corner: where what is asked for is missed by most, or met most narrowly.
-        met: by requirement, at every corner.
-        stable: at every corner.
-        probability_met: share of the draws, each under conditions drawn for it, that meet every requirement.
+        worst: figures of the nominal model, each at its worst over the corners of the conditions.
+        corner: the corner at which a requirement is missed by most, or met most narrowly.
+        met: by requirement, whether it is met at every corner.
+        stable: whether the loop is stable at every corner.
+        probability_met: share of the draws, each under randomly drawn conditions, that meet every requirement.
     """
 
     worst: LoopFigures
@@ -39,26 +39,26 @@ class Robust:
 
     @property
     def meets_all(self) -> bool:
-        """Every requirement at every corner, by stable loops."""
+        """Whether stable loops meet every requirement at every corner."""
         return self.stable and all(self.met.values())
 
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
-    """What one rule came to.
+    """The result of one rule.
 
     Args:
         rule: its name.
         gains: SI, or None where the rule refused.
-        why: of a refusal.
+        why: reason of a refusal.
         linear: figures of the linear plant on the paper's trapezoid.
-        nonlinear: of the nominal model, the worst of all scenarios.
-        scenarios: of the nominal model, by scenario.
-        met: by requirement, on the nominal nonlinear model in every scenario.
-        met_linear: by requirement of the paper, on the linear plant.
-        probability_met: share of the draws whose nonlinear response meets every requirement, by a stable loop, under
-            noise that no search has heard: a plate that sticks slips or does not, as the noise has it.
-        probability_stable: share of them whose gain and phase margins are what was asked for.
+        nonlinear: figures of the nominal model, the worst of all scenarios.
+        scenarios: figures of the nominal model, by scenario.
+        met: by requirement, whether the nominal nonlinear model meets it in every scenario.
+        met_linear: by requirement of the paper, whether the linear plant meets it.
+        probability_met: share of the draws whose nonlinear response meets every requirement with a stable loop, under
+            a noise sequence that no search used, because the noise decides whether a sticking plate slips.
+        probability_stable: share of them whose gain and phase margins meet the requirements.
         band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
     """
 
@@ -76,12 +76,12 @@ class Tuned:
 
     @property
     def stable(self) -> bool:
-        """Whether the nominal linear loop is; friction and clamps may hide for one response that it is not."""
+        """Whether the nominal linear loop is stable; in one response friction and clamps may hide that it is not."""
         return self.linear is not None and bool(self.linear.gain_margin_db > 0.0)
 
     @property
     def meets_all(self) -> bool:
-        """Every requirement, on the nominal nonlinear model, by a loop that is stable."""
+        """Whether the nominal nonlinear model meets every requirement with a stable loop."""
         return self.stable and all(self.met.values())
 
 
@@ -101,31 +101,32 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
 
 
 def outside_the_bench(task: Task, gains: Gains) -> Robust:
-    """Gains at the corners of the conditions, and over draws of models and conditions together."""
-    asked, ranges = task.requirements, task.settings.conditions
+    """Results of gains at the corners of the conditions, and over joint draws of models and conditions."""
+    requirements, ranges = task.requirements, task.settings.conditions
     conditions = scattered(ranges, task.loop.draws, np.random.default_rng(ranges.seed))
     loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
     one = Gains.stacked(gains)
     there, anywhere = (over_models(task, loop, one).of_rule(0) for loop in loops)
     worst = there.figures.worst()
-    met = {symbol: bool(met) for symbol, met in asked.met(worst).items()}
-    k = int(np.argmax(np.max(list(asked.strain(there.figures).values()), axis=0)))
+    met = {symbol: bool(met) for symbol, met in requirements.met(worst).items()}
+    k = int(np.argmax(np.max(list(requirements.strain(there.figures).values()), axis=0)))
     corner = Conditions(*(float(ends[k]) for ends in corners(ranges)))
-    return Robust(worst, corner, met, worst.gain_margin_db > 0.0, float(np.mean(anywhere.met(asked))))
+    return Robust(worst, corner, met, worst.gain_margin_db > 0.0, float(np.mean(anywhere.met(requirements))))
 
 
 def over_models(task: Task, loop: Loop, gains: Gains) -> OverDraws:
-    """Gains of shape (G,) on every model of a loop."""
+    """Results of gains of shape (G,) on every model of a loop."""
     share, figures = loop.tried(gains, task.setpoint)
     safe = margins(gains, loop.linear(), task.ecu)
     return OverDraws(replace(figures, gain_margin_db=safe.gain_db, phase_margin_deg=safe.phase_deg), share)
 
 
 def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, at_once: int) -> tuple[OneByOne, ...]:
-    """Gains of shape (G,) on every model of a loop, by name, so many at once; one of the result for each of them.
+    """Results on every model of a loop, by name, for each of the gains of shape (G,); computed in groups.
 
     Args:
-        at_once: models whose responses are in memory together; the last ones are filled up, so that all compile once.
+        at_once: models whose responses are in memory together; the last group is padded, so that one compiled program
+            serves all groups.
     """
     count = len(units)
     room = min(at_once, count + count % 2)
@@ -141,30 +142,32 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
 
 
 class OverDraws(NamedTuple):
-    """How gains fare over models; of one rule's gains without the axis G."""
+    """Results of gains over models; for one rule's gains without the axis G."""
 
     figures: LoopFigures  # of the responses, and margins of the linear loops, shape (D, G) each
     share: np.ndarray  # position at each tick, share of the travel, shape (D, G, K)
 
     def of_rule(self, k: int) -> OverDraws:
-        """Figures of one rule's gains."""
+        """Results of one rule's gains."""
         return OverDraws(self.figures.each(lambda figure: figure[:, k]), self.share[:, k])
 
-    def met(self, asked: Requirements) -> np.ndarray:
-        """Every requirement, by a stable loop, shape (D,)."""
-        return np.all(list(asked.met(self.figures).values()), axis=0) & (self.figures.gain_margin_db > 0.0)
+    def met(self, requirements: Requirements) -> np.ndarray:
+        """Whether each model meets every requirement with a stable loop, shape (D,)."""
+        return np.all(list(requirements.met(self.figures).values()), axis=0) & (self.figures.gain_margin_db > 0.0)
 
 
 def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: OverDraws) -> Tuned:
-    """What one rule came to, with the noise that it may have been sought under and with other noise."""
+    """The result of one rule, under the noise of the search (`over_draws`) and under other noise (`anew`)."""
     figures, share = over_draws
-    asked, time = task.requirements, task.setpoint.instants(task.ecu.period)
+    requirements, time = task.requirements, task.setpoint.instants(task.ecu.period)
     gain, phase = (float(m) for m in margins(gains, task.plant, task.ecu))
     straight = respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
     follows = judge(PAPERS_SETPOINT, PAPERS_SETPOINT.instants(task.ecu.period), straight)
     linear = replace(follows.each(float), gain_margin_db=gain, phase_margin_deg=phase)
     nonlinear = replace(figures.each(lambda of: float(of[0])), gain_margin_db=gain, phase_margin_deg=phase)
-    stable = (figures.gain_margin_db >= asked.gain_margin_db) & (figures.phase_margin_deg >= asked.phase_margin_deg)
+    stable = (figures.gain_margin_db >= requirements.gain_margin_db) & (
+        figures.phase_margin_deg >= requirements.phase_margin_deg
+    )
     each = judge_each(task.setpoint, time, share[0])
     return Tuned(
         rule=name,
@@ -173,9 +176,9 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
         linear=linear,
         nonlinear=nonlinear,
         scenarios={scenario: figures.each(float) for scenario, figures in each.items()},
-        met={symbol: bool(met) for symbol, met in asked.met(nonlinear).items()},
-        met_linear={symbol: bool(met) for symbol, met in asked.met(linear, OF_THE_PAPER).items()},
-        probability_met=float(np.mean(anew.met(asked))),
+        met={symbol: bool(met) for symbol, met in requirements.met(nonlinear).items()},
+        met_linear={symbol: bool(met) for symbol, met in requirements.met(linear, OF_THE_PAPER).items()},
+        probability_met=float(np.mean(anew.met(requirements))),
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
     )

@@ -1,6 +1,6 @@
-"""From a fitted model to the third-order transfer function that the paper tunes by, with standard errors.
+"""Linearises a fitted model to the third-order transfer function that the paper uses for tuning, with standard errors.
 
-What comes out follows from Eqs. 1-2; the paper's own Eq. 8 does not follow from its Table 2 (`linear.PAPER_EQ_8`).
+The result follows from Eqs. 1-2; the paper's own Eq. 8 does not follow from its Table 2 (`linear.PAPER_EQ_8`).
 """
 
 from __future__ import annotations
@@ -28,46 +28,46 @@ OUTPUTS = ("rad", "deg", "%")
 class Reduction:
     """The linear plant of a fitted model."""
 
-    plant: TransferFunction  # transfer function, with delay and sensor lag beside it
+    plant: TransferFunction  # transfer function, with delay and sensor lag as separate numbers
     stderr: np.ndarray  # of b0, a2, a1, a0, shape (4,)
     covariance: np.ndarray  # of b0, a2, a1, a0, shape (4, 4)
     input_unit: str  # "V" or "%" (of duty)
     output_unit: str  # "rad", "deg" or "%" (of travel)
     theta: float  # operating point, rad
-    # current, volts: that hold the plate there in the middle of its dry friction
+    # current, volts: they hold the plate there in the middle of its dry friction
     current: float
     volts: float
     share: float  # of the travel at the operating point
-    constants: MotorConstants | None = None  # kS, kV and kA beside it; None where nobody asked for them
+    constants: MotorConstants | None = None  # kS, kV and kA; None where they were not requested
 
     def to_control(self, pade_order: int = 0) -> Any:
-        """A python-control TransferFunction; with delay and sensor lag where a Pade order is given."""
+        """The plant as a python-control TransferFunction; with delay and sensor lag where a Pade order is given."""
         return self.plant.to_control(pade_order)
 
 
 def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", share: float = MIDDLE) -> Reduction:
     """Linearise a fitted model about a plate held at a share of its travel.
 
-    The standard errors are the delta method's, sqrt(g C g) with g the gradient in coordinates.
+    The standard errors are those of the delta method, sqrt(g C g) with g the gradient in coordinates.
 
     Args:
         input_unit, output_unit: see `INPUTS` and `OUTPUTS`.
-        share: of the travel; without stops, of a quarter turn.
+        share: share of the travel; without stops, of a quarter turn.
     Raises:
-        UsageError: a unit that is not known, or duty asked for where rig.toml gives no supply.
+        UsageError: an unknown unit, or duty as the input where rig.toml gives no supply.
     """
     factor = _factor(fitted, input_unit, output_unit)
     lower, upper = fitted.config.stops
     theta, n = lower + share * (upper - lower), fitted.config.gear_ratio
     types = fitted.free_parameters.layout.types
 
-    def of(values: Any) -> Any:
+    def coefficients_at(values: Any) -> Any:
         return coefficients(Throttle.build(types, values), theta, n, lower, upper)
 
     scale = np.array([factor, 1.0, 1.0, 1.0])
     row, (current, volts) = _about(fitted.throttle, theta, n, lower, upper)
     b0, a2, a1, a0 = (scale * np.asarray(row) + 0.0).tolist()  # no spring: 0, not -0
-    gradient = scale[:, None] * fitted.gradient(of)
+    gradient = scale[:, None] * fitted.gradient(coefficients_at)
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
     delay = float(np.asarray(fitted.throttle.delays().input))
     plant = TransferFunction(b0, a2, a1, a0, delay, float(np.asarray(sensor_lag(fitted.throttle))))
@@ -77,13 +77,13 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
 
 @jax.jit
 def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, upper: float) -> Any:
-    """Coefficients, and what holds the plate."""
+    """Coefficients, and current and voltage that hold the plate."""
     body = (gear_ratio, lower, upper)
     return coefficients(throttle, theta, *body), holding(throttle, theta, *body)
 
 
 def _factor(fitted: Fitted, input_unit: str, output_unit: str) -> float:
-    """From rad/V to output over input."""
+    """Factor from rad/V to output over input."""
     if input_unit not in INPUTS:
         raise UsageError(f"input in {input_unit!r} is not known. It must be V or % (of duty).")
     if output_unit not in OUTPUTS:
@@ -91,7 +91,7 @@ def _factor(fitted: Fitted, input_unit: str, output_unit: str) -> float:
     lower, upper = fitted.config.stops
     supply = fitted.config.supply_V
     if input_unit == "%" and supply is None:
-        raise UsageError("input in % of duty needs supply_V in [rig] of rig.toml. Add it, or ask for V.")
+        raise UsageError("input in % of duty needs supply_V in [rig] of rig.toml. Add it, or choose V.")
     per_input = (supply or 0.0) / 100.0 if input_unit == "%" else 1.0
     return per_input * {"rad": 1.0, "deg": 180.0 / math.pi, "%": 100.0 / (upper - lower)}[output_unit]
 
@@ -104,12 +104,12 @@ UNITS = ("V", "V s/rad", "V s^2/rad")
 class MotorConstants:
     """v = kS sgn(w) + kV w + kA dw/dt, w the speed of the shaft whose angle was logged.
 
-    Of Eqs. 1-2 without their inductance:
+    From Eqs. 1-2 without their inductance:
 
         kS = R_a T_f / (N K_m),    kV = N K_b + R_a (N^2 B_m + B_L) / (N K_m),    kA = R_a (N^2 J_m + J_L) / (N K_m)
 
-    Springs and preload have no place in it. Source: WPILib, SimpleMotorFeedforward and its characterization by SysId.
-    Differs from source: read off a model whose parameters were fitted, not off a regression of these three.
+    Springs and preload are not included. Source: WPILib, SimpleMotorFeedforward and its characterization by SysId.
+    Differs from source: computed from a fitted model, not by a regression of these three.
     """
 
     values: np.ndarray  # kS (V), kV (V s/rad), kA (V s^2/rad), shape (3,)
@@ -119,15 +119,15 @@ class MotorConstants:
 def motor_constants(
     fitted: Fitted, lower: float, upper: float, share: float = MIDDLE, settings: SlidingSettings = SlidingSettings()
 ) -> MotorConstants:
-    """The constants of a model with any effects: kS and kV as `pid.feedforward.sliding_of` has friction and rate, mean
-    of both ways over the travel; kA = R_a / (L_a b0) about a share of it.
+    """The constants of a model with any effects: kS and kV from friction and rate as in `pid.feedforward.sliding_of`,
+    the mean of both directions over the travel; kA = R_a / (L_a b0) about a share of it.
     """
     types, gear = fitted.free_parameters.layout.types, fitted.config.gear_ratio
     travel = upper - lower
     angles = lower + travel * (np.arange(SLIDING_PLACES) + 0.5) / SLIDING_PLACES
     speed = settings.rate * travel
 
-    def of(values: Any) -> Any:
+    def constants(values: Any) -> Any:
         throttle = Throttle.build(types, values)
 
         def volts(way: float, friction: float) -> Any:
@@ -139,7 +139,7 @@ def motor_constants(
         return jnp.stack([0.5 * (opens - up + down - closes), (up - down) / (2.0 * speed),
                           values["R_a"] / (values["L_a"] * b0)])  # fmt: skip
 
-    gradient = fitted.gradient(of)
+    gradient = fitted.gradient(constants)
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
-    at = np.asarray(jax.jit(of)({symbol: jnp.asarray(value) for symbol, value in fitted.values.items()}))
+    at = np.asarray(jax.jit(constants)({symbol: jnp.asarray(value) for symbol, value in fitted.values.items()}))
     return MotorConstants(at, np.sqrt(np.maximum(np.diag(covariance), 0.0)))

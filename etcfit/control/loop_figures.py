@@ -1,5 +1,5 @@
-"""The figures of a loop: their formulas (the paper's sections 4.1 and 4.3, Eq. 9), each declared once, computed of a
-response; and what they must stay below.
+"""The figures of a loop and their limits: their formulas (the paper's sections 4.1 and 4.3, Eq. 9) for a response, each
+declared in one place.
 
 A new figure is one line of `LoopFigures`: JSON and its schema, terminal, page, DataFrame and reference follow.
 """
@@ -30,11 +30,11 @@ from .setpoint import Level, Setpoint, Stretch
 
 
 class AtLevel(NamedTuple):
-    """A response from a change of the setpoint to the next one."""
+    """A response between two changes of the setpoint."""
 
     size: float  # of the change, share of the travel
     since: np.ndarray  # s since the change began, shape (K,)
-    # how far the position lies beyond the new level, in the direction of the change, shares of the travel, shape (...,
+    # distance of the position beyond the new level, in the direction of the change, shares of the travel, shape (...,
     # K)
     beyond: np.ndarray
     tail: int  # number of the first tick of the level's last quarter
@@ -55,7 +55,7 @@ class AtLevel(NamedTuple):
 class Run(NamedTuple):
     """A whole response."""
 
-    setpoint: Setpoint  # that it follows
+    setpoint: Setpoint  # the setpoint that it follows
     time: np.ndarray  # s, shape (K,)
     duty: np.ndarray  # share of the supply, shape (..., K)
     current: np.ndarray  # A, shape (..., K)
@@ -112,7 +112,7 @@ Same = TypeVar("Same", bound="LoopFigures")
 
 
 class By(Enum):
-    """What a figure is computed of."""
+    """The data from which a figure is computed."""
 
     LEVEL = "the response at each level, the worst of them: AtLevel -> (...)"
     STRETCH = "the response over each stretch, the worst of them: Setpoint, Stretch, time, share -> (...)"
@@ -123,7 +123,7 @@ class By(Enum):
 
 @dataclass(frozen=True)
 class LoopFigures:
-    """How well a loop follows its setpoint, and what that costs; each a number, or an array over gains and models."""
+    """The figures of tracking and of effort of a loop; each is a number, or an array over gains and models."""
 
     overshoot_pct: Any = figure(
         "%", "overshoot", "Largest excess beyond a new level, of the change of the setpoint, or of 1 % of the travel "
@@ -158,18 +158,18 @@ class LoopFigures:
         by=By.HEAT, formula=lambda current, winding, bridge: bridge * current**2)  # fmt: skip
 
     def known(self) -> dict[str, Any]:
-        """The figures that there are, by symbol."""
+        """The figures that are not None, by symbol."""
         return {symbol: value for symbol in FIGURES if (value := getattr(self, symbol)) is not None}
 
     def each(self: Same, function: Callable[[Any], Any]) -> Same:
-        """A function of each figure that there is."""
+        """The figures with a function applied to each that is not None."""
         return replace(self, **{symbol: function(value) for symbol, value in self.known().items()})
 
     def worst(self, of: Any = slice(None)) -> LoopFigures:
-        """Each figure at its worst: the largest, of a margin the least.
+        """Each figure at its worst: the largest, for a margin the least.
 
         Args:
-            of: which entries of the figures, arrays of shape (N,), count.
+            of: the entries of the figures (arrays of shape (N,)) that are included.
         """
         return LoopFigures(**{symbol: float((np.min if symbol in MARGINS else np.max)(value[of]))
                               for symbol, value in self.known().items()})  # fmt: skip
@@ -192,11 +192,11 @@ OF_THE_PAPER = symbols_by(By.LEVEL)
 
 @dataclass(frozen=True)
 class Requirements(LoopFigures):
-    """What the figures of a response must stay below; inf: no limit. By default the paper's limits (section 4.1), and
-    a duty activity below 5 %. The margins are the least that the rule `optimal` looks for; the paper has none.
+    """Upper limits of the figures of a response; inf: no limit. The defaults are the paper's limits (section 4.1), and
+    a duty activity below 5 %. The margins are lower limits for the rule `optimal`; the paper has none.
 
     Args:
-        as in `LoopFigures`; what is left out is as declared there.
+        as in `LoopFigures`; the defaults are the limits declared there.
     """
 
     def __post_init__(self) -> None:
@@ -209,34 +209,34 @@ class Requirements(LoopFigures):
         return {symbol: getattr(self, symbol) for symbol in symbols}
 
     def finite(self) -> dict[str, float]:
-        """What is limited, margins too."""
+        """The finite limits, including the margins."""
         return {symbol: limit for symbol, limit in self.limits(tuple(FIGURES)).items() if math.isfinite(limit)}
 
     def strain(self, figures: LoopFigures) -> dict[str, Any]:
-        """Each figure over its limit: 1 or more where it is missed, 0 where nothing limits it."""
+        """Each figure over its limit: 1 or more where the limit is missed, 0 where there is no limit."""
         return {symbol: getattr(figures, symbol) / limit if math.isfinite(limit) else np.zeros_like(figures.rmse_pct)
                 for symbol, limit in self.limits().items()}  # fmt: skip
 
     def met(self, figures: LoopFigures, symbols: tuple[str, ...] = REQUIRED) -> dict[str, Any]:
-        """figure < limit, entry by entry; a figure that is infinite or NaN never is."""
+        """figure < limit, entry by entry; False for a figure that is infinite or NaN."""
         return {symbol: getattr(figures, symbol) < limit for symbol, limit in self.limits(symbols).items()}
 
 
 def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigures:
-    """How well a response follows: each figure the worst of all levels, or of all stretches.
+    """The figures of a response: each is the worst of all levels, or of all stretches.
 
     Args:
         time: s, shape (K,), from 0 with an even step.
-        share: of the travel, shape (..., K); what is not finite counts as infinitely far off.
+        share: position, share of the travel, shape (..., K); a value that is not finite counts as an infinite error.
     """
     share = np.where(np.isfinite(share), share, np.inf)
     return _tracking(setpoint, setpoint.levels, setpoint.stretches, time, share)
 
 
 def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[str, LoopFigures]:
-    """The same scenario by scenario, each with the tracking error over all of its own.
+    """The figures of each scenario, with the tracking error over the whole scenario.
 
-    Of a log, which has no levels, there is nothing but the tracking error; the others are NaN.
+    A log has no levels: only its tracking error is known, and its other figures are NaN.
     """
     share = np.where(np.isfinite(share), share, np.inf)
     out = {}
@@ -264,12 +264,12 @@ def _tracking(setpoint: Setpoint, levels: Any, stretches: Any, time: np.ndarray,
 
 
 def with_effort(figures: LoopFigures, run: Run) -> LoopFigures:
-    """Figures, and those of what the response costs."""
+    """The figures with those of the effort of the response."""
     return replace(figures, **{symbol: FIGURES[symbol].how["formula"](run) for symbol in symbols_by(By.RUN)})
 
 
 def with_heat(figures: LoopFigures, winding: Any, bridge: float) -> LoopFigures:
-    """Figures, and the heat that the current makes in resistances of winding and bridge (ohm)."""
+    """The figures with the heat of the current in the resistances of winding and bridge (ohm)."""
     current = figures.current_rms_A
     return replace(
         figures, **{symbol: FIGURES[symbol].how["formula"](current, winding, bridge) for symbol in symbols_by(By.HEAT)}

@@ -1,4 +1,5 @@
-"""Simulates many plates under a constant voltage or with open terminals: when each reaches a place, where it rests."""
+"""Simulates many plates under a constant voltage or with open terminals: arrival times in bands, and final
+positions."""
 
 from __future__ import annotations
 
@@ -18,35 +19,35 @@ _STILL = 1e-6  # rad/s, below which a plate does not move
 
 
 class Experiment(NamedTuple):
-    """A plate let go from rest without a current; of many, every entry has shape (D,)."""
+    """A plate released from rest without a current; for many plates, every entry has shape (D,)."""
 
-    angle: Any  # from which, rad
-    volts: Any  # at the terminals from then on, V
+    angle: Any  # start angle, rad
+    volts: Any  # voltage at the terminals afterwards, V
     circuit: Any  # 1, or 0 where the terminals are open
 
 
 class Bands(NamedTuple):
-    """Ranges of angle that a motion is watched for, rad, shape (D, M); infinite for no end."""
+    """Ranges of angle for which arrival is timed, rad, shape (D, M); infinite for no end."""
 
     low: Any
     high: Any
 
 
 class Watching(NamedTuple):
-    """How closely, and for how long."""
+    """Step and length of the simulation."""
 
-    step: Scalar  # of the integration, s
-    longest: Scalar  # s
-    rest: Scalar  # s without any motion after which a plate is at rest and no longer watched
+    step: Scalar  # step of the integration, s
+    longest: Scalar  # longest simulated time, s
+    rest: Scalar  # time without motion after which a plate counts as at rest and its simulation ends, s
 
 
 class Motion(NamedTuple):
-    """What became of it."""
+    """The result of an experiment."""
 
-    first: np.ndarray  # s until the plate first is in each band, shape (D, M); infinite for never
-    stays: np.ndarray  # s from which on it stays in it, likewise
-    angle: np.ndarray  # at the end, rad, shape (D,)
-    still: np.ndarray  # 1 where it was at rest there, shape (D,)
+    first: np.ndarray  # time until the plate is first in each band, s, shape (D, M); infinite for never
+    stays: np.ndarray  # time from which on it stays in the band, likewise
+    angle: np.ndarray  # final angle, rad, shape (D,)
+    still: np.ndarray  # 1 where the plate was at rest at the end, shape (D,)
 
 
 class _Carry(NamedTuple):
@@ -70,7 +71,7 @@ def _within(theta: Any, bands: Bands) -> Any:
 
 
 def _entered(before: Any, now: Any, bands: Bands) -> Any:
-    """Share of a step after which a plate that goes straight from before to now is in a band, shape (D, M)."""
+    """Share of a step after which a plate that moves linearly from before to now is in a band, shape (D, M)."""
     edge = jnp.where(before[:, None] < bands.low, bands.low, bands.high)
     way = (now - before)[:, None]
     share = (edge - before[:, None]) / jnp.where(way == 0.0, 1.0, way)
@@ -78,7 +79,7 @@ def _entered(before: Any, now: Any, bands: Bands) -> Any:
 
 
 def _simulate_motion(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
-    """Simulate every model (D) in an experiment of its own."""
+    """Simulate every model (D) in its experiment."""
     count, (dt, longest, rest) = what.angle.shape[0], watching
 
     def one(throttle: Throttle, x: State, z: Any, volts: Any, circuit: Any, time: Any) -> Any:
@@ -111,9 +112,9 @@ _every = jax.jit(_simulate_motion)
 
 
 def simulate_motion(throttles: Throttle, what: Experiment, bands: Bands, body: Any, watching: Watching) -> Motion:
-    """Simulate every model (D) in an experiment of its own, on every core; `body`: gear ratio and stops, rad."""
+    """Simulate every model (D) in its experiment, on all cores; `body`: gear ratio and stops, rad."""
     count = np.shape(what.angle)[0]
-    room = -(-count // CORES)  # models a core; the last one is repeated until each has as many
+    room = -(-count // CORES)  # models for each core; the last model is repeated to fill up
     whole = np.minimum(np.arange(room * CORES), count - 1)
     shared = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), (throttles, what, bands))
     pieces = [jax.tree.map(lambda leaf, k=k: leaf[whole[k : k + room]], shared)

@@ -1,4 +1,8 @@
-"""Gains of an ECU whose unit is not published: shares of what its user knows, no numbers with a unit made up."""
+"""Expresses proposed gains for an ECU that publishes no unit of its gains: relative to the gains or the stability limit
+that its user knows.
+
+The user states them as `present` of a design (`Task.present`). `reporting` prints the sentences of `said`.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +14,26 @@ from ..model.ecu import Terms
 from .pid import Gains, Refusal, Task
 from .pid.formulas import Ultimate, ultimate
 
-PRESENT = (*Terms._fields, "swings_at")  # what a user may know, in the ECU's own numbers
+PRESENT = (*Terms._fields, "swings_at")  # numbers of the ECU that a user may state
 
 
 class Share(NamedTuple):
-    """One proposed gain."""
+    """One proposed gain, relative to known gains."""
 
-    of_present: float | None  # over the one that the ECU has now; None where that is not known
-    value: float | None  # in the ECU's own number; None where it is unknown what one of its numbers means
-    of_ultimate: float | None  # over the P at which P alone makes the plate swing on; None of I and D
-    seconds: float | None  # of I Kp / Ki, of D Kd / Kp; None of P, and where the gain is 0
-    ratio: str = ""  # what `seconds` is, in words
+    of_present: float | None  # over the present gain of the ECU; None where that is unknown
+    value: float | None  # in the ECU's own number; None where the meaning of its numbers is unknown
+    of_ultimate: float | None  # over the ultimate gain, at which P alone makes the plate oscillate; None for I and D
+    seconds: float | None  # for I Kp / Ki, for D Kd / Kp; None for P, and where the gain is 0
+    ratio: str = ""  # meaning of `seconds` in words
 
     @property
     def known(self) -> dict[str, float | None]:
-        """All of these but the value, by name."""
+        """All of these except the value, by name."""
         return {"of_present": self.of_present, "of_ultimate": self.of_ultimate, "seconds": self.seconds}
 
     @property
     def shown(self) -> tuple[float, str]:
-        """The most useful of these that is known, and what it is a number of."""
+        """The most useful known one of these, and its unit in words."""
         if self.value is not None:
             return self.value, "in its own number"
         if self.of_present is not None:
@@ -40,10 +44,10 @@ class Share(NamedTuple):
 
 
 def checked(present: Mapping[str, float]) -> Mapping[str, float]:
-    """What is known of an ECU's gains, as given.
+    """The present gains of an ECU as given, checked.
 
     Raises:
-        UsageError: a name that is none of `PRESENT`, or a number below 0.
+        UsageError: a name that is not in `PRESENT`, or a number below 0.
     """
     if unknown := sorted(set(present) - set(PRESENT)):
         raise UsageError(f"present: {', '.join(unknown)} is none of {', '.join(PRESENT)}.")
@@ -53,12 +57,12 @@ def checked(present: Mapping[str, float]) -> Mapping[str, float]:
 
 
 def shares(task: Task, gains: Gains) -> tuple[Share, Share, Share]:
-    """Proposed P, I and D against what is known.
+    """Proposed P, I and D relative to known gains.
 
         of_present = K / K_now,   value = of_present times the present number,   of_ultimate = Kp / K_u
 
-    K_now are the gains of the ECU that drove the logs, as [ecu] of rig.toml has them or the fit finds them. Where they
-    are not known, the P at which P alone swings on tells what one of the ECU's numbers of P means: K_u over it.
+    K_now are the gains of the ECU that drove the logs, from [ecu] of rig.toml or from the fit. Where they are unknown,
+    the P at which P alone makes the plate oscillate gives the meaning of the ECU's number of P: K_u over that number.
     """
     now = task.as_found if isinstance(task.as_found, Gains) else None
     most, swings_at = ultimate(task.plant, task.ecu.late), task.present.get("swings_at")
@@ -79,10 +83,11 @@ def shares(task: Task, gains: Gains) -> tuple[Share, Share, Share]:
 
 
 def said(task: Task, gains: Gains, title: str) -> Iterator[str]:
-    """What the shares mean, how far the present P is from instability, and how to learn what is not known."""
+    """Sentences on the meaning of the shares, the distance of the present P from instability, and how to find unknown
+    gains."""
     P, *rest = shares(task, gains)
     most, swings_at, number = ultimate(task.plant, task.ecu.late), task.present.get("swings_at"), task.present.get("P")
-    yield f"{title} publishes no unit of its gains: they are given against what you know of them"
+    yield f"{title} publishes no unit of its gains: they are given relative to the gains that you know"
     if isinstance(most, Refusal):
         yield most.why
     elif P.of_present is not None:
@@ -90,12 +95,12 @@ def said(task: Task, gains: Gains, title: str) -> Iterator[str]:
         yield (f"P alone becomes unstable at about {reserve:.2g} times yours (I and D at 0, a plate without dry "
                f"friction); proposed is {P.of_present:.2g} times yours")  # fmt: skip
         if swings_at and number and isinstance(task.as_found, Gains):
-            yield f"by the model yours would swing on at a P of {reserve * number:.3g}; you found {swings_at:g}"
+            yield f"by the model your plate oscillates at a P of {reserve * number:.3g}; you found {swings_at:g}"
     else:
         yield (f"P alone becomes unstable at about {most.gain / float(gains.Kp):.2g} times the proposed P. Set I and D "
-               "to 0, raise P on the bench until the plate swings on, and give that number as --swings-at: then P is "
-               "given in the ECU's own number")  # fmt: skip
+               "to 0, raise P on the bench until the plate keeps oscillating, and give that number as --swings-at: "
+               "then P is given in the ECU's own number")  # fmt: skip
     if any(each.of_present is None for each in rest):
         yield ("I and D are times: P over I, and D over P. For shares of yours write [ecu] in rig.toml with P, I and D "
-               '"free" and fit logs that have a setpoint: the fit finds your gains; --present P,I,D gives your numbers '
-               "for them")  # fmt: skip
+               '"free" and fit logs that have a setpoint: the fit finds your gains; --present P,I,D states your '
+               "numbers of them")  # fmt: skip

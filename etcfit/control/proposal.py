@@ -1,11 +1,12 @@
-"""New gains as steps away from those that are in the ECU now: the safe half-way step first, then what is proposed.
+"""New gains in steps from the gains that are in the ECU now: a safe half-way step first, then the proposed gains.
 
-    half way:  g = g_present^(1 - w) g_proposed^w, gain by gain; w of what is proposed where there is none now
+    half way:  g = g_present^(1 - w) g_proposed^w, gain by gain; w g_proposed where the present gain is 0
 
-w is 1/2, unless the margins there are smaller than at both ends: more D with little of the new P can do that. Then w
-is the next of 0.65, 0.35, 0.8 and 0.2 whose margins are not, or else the one with the largest.
+w is 1/2, unless the margins there are smaller than at both ends, which may happen with more D and little of the new P.
+Then w is the next of 0.65, 0.35, 0.8 and 0.2 for which they are not smaller; if there is none, the one with the largest
+margins.
 
-What each does is worked out on the fitted model in every scenario of the design, over all of its draws.
+The effect of each step is computed on the fitted model in every scenario of the design, over all of its draws.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ from .pid import Gains
 from .pid.linear_loop import margins
 
 PRESENT, HALF_WAY, PROPOSED = "present", "half_way", "proposed"
-SHOWN = "large steps"  # the scenario that a next log is compared by, and that is drawn
-WAYS = (0.5, 0.65, 0.35, 0.8, 0.2)  # shares of the way that are tried, the best first
+SHOWN = "large steps"  # the scenario that is drawn, and with which a next log is compared
+WAYS = (0.5, 0.65, 0.35, 0.8, 0.2)  # values of w that are tried, the preferred one first
 _ROUNDING = 1e-9
-MOST_UNHELD = 10.0  # % of a large step that a model which can be tuned for may miss at its end
+MOST_UNHELD = 10.0  # largest error at the end of a large step, % of the step, with which a model may be used for tuning
 
 
 @dataclass(frozen=True, eq=False)
 class GainStep:
-    """What the model says of one set of gains."""
+    """The prediction of the model for one set of gains."""
 
     name: str  # PRESENT, HALF_WAY or PROPOSED
     gains: Gains  # SI
@@ -41,15 +42,15 @@ class GainStep:
     error: tuple[float, float, float]  # rms of setpoint - position over the large steps, the same, % of the travel
     probability_met: float  # share of the draws that meet every requirement
     probability_stable: float  # share of the draws whose linear loop is stable
-    # share of the draws on which it tracks better than the present gains; None of these, or without them
+    # share of the draws on which it tracks better than the present gains; None for the present gains, or without them
     better: float | None
     time: np.ndarray  # of the large steps, s from their begin, shape (K,)
-    asked: np.ndarray  # setpoint there, share of the travel, shape (K,)
+    setpoint: np.ndarray  # setpoint there, share of the travel, shape (K,)
     position: np.ndarray  # of the nominal model there, share of the travel, shape (K,)
 
 
 def half_way(present: Gains, proposed: Gains, share: float = WAYS[0]) -> Gains:
-    """See the module; `share` is w."""
+    """The half-way gains of the module's formula; `share` is w."""
     return Gains(*(a ** (1.0 - share) * b**share if a > 0.0 else share * b
                    for a, b in zip(present, proposed, strict=True)))  # fmt: skip
 
@@ -57,19 +58,21 @@ def half_way(present: Gains, proposed: Gains, share: float = WAYS[0]) -> Gains:
 def safe_half_way(design: Design, present: Gains) -> Gains:
     """The half-way gains whose margins, the least over all draws, are no smaller than those of the worse end.
 
-    A margin beyond what is required counts as that much.
+    A margin above the required one counts as the required one.
     """
-    task, asked = design.task, design.task.requirements
+    task, requirements = design.task, design.task.requirements
     ways = [half_way(present, design.proposed, share) for share in WAYS]
     safe = margins(Gains.stacked(present, design.proposed, *ways), task.loop.linear(), task.ecu)
-    share = np.minimum(np.minimum(safe.gain_db / asked.gain_margin_db, safe.phase_deg / asked.phase_margin_deg), 1.0)
+    share = np.minimum(
+        np.minimum(safe.gain_db / requirements.gain_margin_db, safe.phase_deg / requirements.phase_margin_deg), 1.0
+    )
     least = np.min(share, axis=0)
     good = np.flatnonzero(least[2:] >= np.min(least[:2]) - _ROUNDING)
     return ways[int(good[0] if good.size else np.argmax(least[2:]))]
 
 
 def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
-    """The present gains, the half-way ones and those that are proposed; the last alone where nobody said the first."""
+    """The present, the half-way and the proposed gains; the last alone where the present gains are unknown."""
     every = {PROPOSED: design.proposed}
     if present is not None:
         every = {PRESENT: present, HALF_WAY: safe_half_way(design, present), **every}
@@ -103,20 +106,20 @@ def _nominal(figure: np.ndarray) -> float:
 
 
 def not_held(steps: Sequence[GainStep]) -> str:
-    """Why the model is none to tune for: with these gains its plate never reaches what the ECU asks for; else "".
+    """Why the model cannot be used for tuning: with these gains its plate never reaches the setpoint; otherwise "".
 
-    Target and position alone tell no preload, which the integral bears whatever it is: with a wrong one the duty of the
-    model ends at its limit.
+    Target and position alone do not determine the preload, because the integral compensates any preload: with a wrong
+    one the duty of the model reaches its limit.
     """
     if steps[-1].scenarios[SHOWN].steady_state_error_pct < MOST_UNHELD:
         return ""
     return (
         "With the proposed gains the model's plate does not reach a step of 10 to 70 % of the travel: these logs do "
-        "not tell its preload. Log the duty at the rate of the ECU's clock."
+        "not determine its preload. Log the duty at the rate of the ECU's clock."
     )
 
 
 def _spread(figures: np.ndarray) -> tuple[float, float, float]:
-    """2.5, 50 and 97.5 % of the draws; one of them each, so that an infinite figure stays one."""
+    """2.5, 50 and 97.5 % of the draws; each is one of the draws, so that an infinite figure stays infinite."""
     low, middle, high = np.quantile(figures, (0.025, 0.5, 0.975), method="nearest")
     return float(low), float(middle), float(high)

@@ -1,4 +1,4 @@
-"""What gains are asked for: the command, a notebook and the manifest of a run ask alike."""
+"""A request for gains, the same for the command line, a notebook and the manifest of a run."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """What gains are asked for."""
+    """A request for gains."""
 
-    rule: str = "optimal"  # whose gains are proposed
-    adc_bits: int = 12  # of the position sensor, over its travel
+    rule: str = "optimal"  # the rule whose gains are proposed
+    adc_bits: int = 12  # resolution of the position sensor, over its travel
     feed_forward: Asked = False  # terms ahead of the PID, see `model.feed_forward`
-    limits: Mapping[str, float] = field(default_factory=dict)  # by field of `Requirements`; the others stay
+    limits: Mapping[str, float] = field(default_factory=dict)  # by field of `Requirements`; others have their defaults
     ecu: Mapping[str, float] = field(default_factory=dict)  # given fields of the ECU; see `control.design.ecu_of`
     profile: str | None = None  # name of the make of ECU, see `model.ecus`; None for none in particular
-    log: Path | str | None = None  # from the car, whose setpoint is one scenario more; None for none
-    # run folder of a fleet, on whose units the gains are to hold; None for the one model alone
+    log: Path | str | None = None  # log from the car whose setpoint is a further scenario; None for none
+    # run folder of a fleet on whose units the gains must work; None for the one model alone
     parts: Path | str | None = None
     anyway: bool = False  # give the gains even where the model behind them is no estimate; see `Design.withheld`
     # gains that the ECU has now, in its own numbers, see `control.own_numbers`
     present: Mapping[str, float] = field(default_factory=dict)
 
     def recorded(self) -> dict[str, Any]:
-        """The request by field, as the manifest of a run keeps it to repeat it."""
+        """The request by field, in the form in which the manifest of a run stores it to repeat it."""
         from ..model.feed_forward import as_asked, terms_of
 
         files = {name: None if path is None else str(path) for name, path in (("log", self.log), ("parts", self.parts))}

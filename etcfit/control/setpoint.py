@@ -14,12 +14,12 @@ import numpy as np
 class Level:
     """A new level of the setpoint."""
 
-    begins: float  # where the setpoint begins to change, s
-    ends: float  # where it changes again, s
-    # before, after: shares of the travel
+    begins: float  # time at which the setpoint begins to change, s
+    ends: float  # time at which it changes again, s
+    # before, after: setpoint, shares of the travel
     before: float
     after: float
-    scenario: str = ""  # of which it is a part
+    scenario: str = ""  # scenario to which it belongs
 
     @property
     def change(self) -> float:
@@ -28,7 +28,7 @@ class Level:
 
 
 class Stretch(NamedTuple):
-    """Part of a setpoint over which the tracking error is taken."""
+    """Part of a setpoint over which the tracking error is computed."""
 
     # begins, ends: s
     begins: float
@@ -40,10 +40,10 @@ class Stretch(NamedTuple):
 class Setpoint:
     """A setpoint in shares of the travel."""
 
-    times: tuple[float, ...]  # of its corners, s, from 0
-    shares: tuple[float, ...]  # at its corners
-    levels: tuple[Level, ...]  # on which it is judged
-    # parts over which the tracking error is taken; none: all from the first change on
+    times: tuple[float, ...]  # times of its corners, s, from 0
+    shares: tuple[float, ...]  # its values at the corners
+    levels: tuple[Level, ...]  # levels on which a response is judged
+    # parts over which the tracking error is computed; empty: the whole from the first change on
     tracked: tuple[Stretch, ...] = ()
 
     @property
@@ -53,12 +53,12 @@ class Setpoint:
 
     @property
     def judged_from(self) -> float:
-        """Where the first change begins, s; before it the loop finds its rest."""
+        """Begin of the first change, s; before it the loop settles."""
         return self.levels[0].begins
 
     @property
     def stretches(self) -> tuple[Stretch, ...]:
-        """Over which the tracking error is taken."""
+        """The parts over which the tracking error is computed."""
         return self.tracked or (Stretch(self.judged_from, self.duration, self.levels[0].scenario),)
 
     @property
@@ -84,14 +84,14 @@ def trapezoid(low: float = 0.05, high: float = 0.45, hertz: float = 1.0, edge: f
               lead: float = 0.5) -> Setpoint:  # fmt: skip
     """The paper's trapezoid, 5 to 45 % at 1 Hz (section 4.1).
 
-    The paper does not print its edges; with 0.1 s its own gains give its own overshoot.
+    The paper does not give the duration of its edges; with 0.1 s its gains give its overshoot.
 
     Args:
         low, high: shares of the travel.
         hertz: trapezoids in a second.
         edge: duration of an edge, s.
-        cycles: how many.
-        lead: s at the low level before the first, not judged.
+        cycles: number of trapezoids.
+        lead: time at the low level before the first, not judged, s.
     """
     half = 0.5 / hertz
     times, shares, levels = [0.0], [low], []
@@ -121,7 +121,8 @@ def stairs(scenario: str, shares: Sequence[float], hold: float, lead: float) -> 
 
 
 def in_turn(first: Setpoint, *others: Setpoint) -> Setpoint:
-    """Setpoints one after the other; the tracking error is that of the first, and of what others name as theirs."""
+    """Setpoints one after the other; the tracking error is computed over the first, and over the `tracked` parts of the
+    others."""
     times, shares, levels, tracked = list(first.times), list(first.shares), list(first.levels), list(first.stretches)
     for other in others:
         since = times[-1]

@@ -1,4 +1,5 @@
-"""What design and frequency response decide by: draws, the simulated loop, budgets of the rules, sines that count."""
+"""Settings of design and frequency response: draws, the simulated loop, budgets of the rules, limits for sine
+traces."""
 
 from __future__ import annotations
 
@@ -24,20 +25,20 @@ class OptimumSettings:
 
     Args:
         certain: share of the draws that must meet every requirement.
-        few: draws during the second part of the search, the nominal model among them; all of them judge its end.
-        searches: searches on the nominal model, each with its own scatter: dry friction makes valleys whose floors
+        few: draws in the second part of the search, including the nominal model; all draws judge its result.
+        searches: searches on the nominal model, each with its own scatter: dry friction causes local optima that
             differ by a few per cent.
         sweeps: populations that are scattered over all gains first.
-        population: gains tried at once.
-        elite: of them, those that the next population is drawn about.
+        population: gains tried together.
+        elite: best gains of a population, about which the next one is drawn.
         rounds: populations on the nominal model.
-        starts: searches on the few draws, each from one of the best ends of the former, none near another.
-        last_rounds: populations of each.
-        spares: share of each requirement kept in hand during the search, for draws that it did not see; the next where
-            all draws together are not met with the one before.
+        starts: searches on the few draws, each from one of the best results of the former, none near another.
+        last_rounds: populations of each of these searches.
+        spares: reserves to each requirement during the search, as shares, for draws that it does not use; the next one
+            is used where all draws together do not meet the requirements with the one before.
         lowest: least gains, Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
         highest: largest gains, likewise.
-        seed: of the random numbers.
+        seed: seed of the random numbers.
     """
 
     certain: float = real(0.95, 0.0, 1.0)
@@ -78,13 +79,13 @@ class ManualSettings:
 
 @dataclass(frozen=True)
 class FrequencySettings:
-    """Which sine traces say something, and when the points that they give tell an order of lag.
+    """Limits for sine traces, and for the order of lag that their points show.
 
     Args:
-        fewest_cycles: that setpoint and position must have in common.
-        samples_a_cycle: of every signal at least.
-        outside: share of the setpoint's power outside its fundamental, at most.
-        poor: share of the response that the best lag fails to explain, from which on it is no description.
+        fewest_cycles: least number of cycles that setpoint and position have in common.
+        samples_a_cycle: least number of samples a cycle of every signal.
+        outside: largest share of the setpoint's power outside its fundamental.
+        poor: share of the response that the best lag does not explain, above which it does not describe the points.
     """
 
     fewest_cycles: int = whole(3, 2, 1000)
@@ -100,8 +101,8 @@ class LoopSettings:
     """The simulation of the nonlinear loop.
 
     Args:
-        longest_step: of the integration, s; a tick of the ECU is divided into equal steps no longer than this.
-        seed: of the sensor's noise, a sequence for each model, the same for all gains.
+        longest_step: longest step of the integration, s; a tick of the ECU is divided into equal steps.
+        seed: seed of the sensor's noise: a sequence for each model, the same for all gains.
         bridge_ohm: resistance of the bridge that drives the motor, both of its closed switches together.
     """
 
@@ -114,12 +115,12 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class ScenarioSettings:
-    """The scenarios that gains are judged on, besides the paper's trapezoid.
+    """The scenarios on which gains are judged, in addition to the paper's trapezoid.
 
     Args:
         low, high: ends of the large steps, shares of the travel.
         small: the small steps, up from a quarter of the travel and back, shares of the travel.
-        log: s of a log from the car that are taken.
+        log: duration that is taken of a log from the car, s.
     """
 
     low: float = real(0.1, 0.0, 1.0)
@@ -135,7 +136,7 @@ class ScenarioSettings:
 
 @dataclass(frozen=True)
 class ConditionSettings:
-    """The conditions of a car that gains are tried under, besides those of the bench.
+    """The conditions of a car under which gains are tried, in addition to those of the bench.
 
     Args:
         supply: least and largest, V.
@@ -164,9 +165,9 @@ class SlidingSettings:
     """Feed-forward that follows the setpoint's rate.
 
     Args:
-        full: rate of the setpoint from which on all of the dry friction is put ahead, travels per second; a smaller one
-            gets its share, so that a setpoint that rests with a flicker does not make the duty jump.
-        rate: of a plate whose friction and drag are read off the model, travels per second; that of the trapezoid.
+        full: rate of the setpoint from which on the feed-forward has the full dry friction, travels per second; at a
+            smaller rate it has a proportional share, so that noise of a resting setpoint does not make the duty jump.
+        rate: speed of the plate at which friction and drag are computed, travels per second; that of the trapezoid.
     """
 
     full: float = real(0.05, 1e-6, 100.0)
@@ -196,7 +197,7 @@ class FrontSettings:
     """The front of tracking against effort.
 
     Args:
-        rounds: populations of the search for each.
+        rounds: populations of the search for each point.
     """
 
     rounds: int = whole(12, 0, 100_000)
@@ -206,23 +207,23 @@ class FrontSettings:
 
 @dataclass(frozen=True)
 class SafetySettings:
-    """What the figures of safety are looked for with.
+    """Settings of the safety figures.
 
     Args:
-        most: error up to which a threshold of the jam check is looked for, share of the travel.
-        reserve: timeout over the longest time for which a sound throttle is further off than the threshold.
-        within: longest timeout that is proposed, s; the least threshold that gets along with it is.
-        frozen: steps of the setpoint asked of a plate whose sensor is stuck, shares of the travel.
-        offset: by how much one of two sensors reads too little, share of the travel.
-        apart: by how much two sensors may differ, share of the travel.
-        apart_for: for how long, s.
-        supply: of a car whose sensor fails, V: the more there is, the faster the plate runs away.
-        dip: V of a dip of the supply.
+        most: largest threshold of the jam check, share of the travel.
+        reserve: timeout over the longest time for which the error of a sound throttle exceeds the threshold.
+        within: longest timeout, s; the least threshold with a timeout within it is proposed.
+        frozen: setpoint steps while the sensor is stuck, shares of the travel.
+        offset: error of one of two sensors that reads too little, share of the travel.
+        apart: allowed difference of two sensors, share of the travel.
+        apart_for: time for which a larger difference is allowed, s.
+        supply: supply when the sensor fails, V: the higher it is, the faster the plate runs away.
+        dip: supply during a dip, V.
         dip_for: its duration, s.
-        crank: V of the supply while the starter breaks away, and while it turns.
+        crank: supply while the starter breaks away, and while it turns, V.
         crank_for: duration of each, s.
-        openings: held during a dip, and from which the spring brings the plate back, shares of the travel.
-        insulation: temperature that a winding may reach, degrees Celsius; 155 for class F of IEC 60085.
+        openings: setpoints during a dip, and openings from which the spring returns the plate, shares of the travel.
+        insulation: allowed temperature of a winding, degrees Celsius; 155 for class F of IEC 60085.
     """
 
     most: float = real(0.6, above=0.005, high=1.0)  # they begin at `safety.faults._LEAST`
@@ -248,13 +249,13 @@ class SafetySettings:
 
 @dataclass(frozen=True)
 class FleetDesignSettings:
-    """Gains for many units.
+    """Settings of gains for many units.
 
     Args:
-        share: of the units that must meet every requirement.
-        few: units, the extreme ones along the fleet's principal directions and random ones, that the search sees.
-        future: units drawn from the population that tell what to expect of those not made yet.
-        seed: of the random numbers.
+        share: share of the units that must meet every requirement.
+        few: number of units that the search uses: extreme ones along the principal directions, and random ones.
+        future: number of units drawn from the population to predict the results of future units.
+        seed: seed of the random numbers.
     """
 
     share: float = real(0.99, 0.0, 1.0)
@@ -270,15 +271,16 @@ class DesignSettings:
     """The plan of a design.
 
     Args:
-        draws: models that judge every rule, the nominal one among them; further ones are drawn from posterior or fit.
-        seed: of the random numbers that draw them.
+        draws: number of models that judge every rule, including the nominal one; the others are drawn from the
+            posterior or from the fit.
+        seed: seed of the random numbers of the draws.
         loop: the simulation.
-        scenarios: what gains are judged on.
-        conditions: of a car, besides those of the bench.
+        scenarios: scenarios on which gains are judged.
+        conditions: conditions of a car, in addition to those of the bench.
         sliding: feed-forward that follows the setpoint's rate.
         schedule: tables of gains.
-        front: of tracking against effort.
-        safety: what happens where something fails.
+        front: the front of tracking against effort.
+        safety: failures and their checks.
         optimum: the search of the rule `optimal`.
         manual: the rule `manual`.
     """

@@ -258,7 +258,7 @@ def _steps(panel: Axes, found: Any) -> None:
     from . import style
 
     step: GainStep = found.steps[0]
-    panel.plot(step.time, 100.0 * step.asked, color="black", lw=1.0, ls="--", label="target")
+    panel.plot(step.time, 100.0 * step.setpoint, color="black", lw=1.0, ls="--", label="target")
     colours = {"present": style.MEASURED, "half_way": style.CLOSING, "proposed": style.READING}
     for step in found.steps:
         panel.plot(step.time, 100.0 * step.position, color=colours[step.name], lw=1.6, label=_spoken(step.name))

@@ -354,32 +354,32 @@ ENVELOPE = Record(
     error_pct=key("[number]", "Thresholds of the error that the ECU sees, rising.", "errors", 100.0),
     longest_s=key("[number]", "For how long the error was larger without a break, the longest of all.", "longest"),
     largest_pct=key("number", "The largest error of all.", "largest", 100.0),
-    models=key("whole", "How many were tried."),
+    models=key("whole", "Number of models simulated."),
 )  # fmt: skip
 JAM = Record(
     error_pct=key("number", "Threshold.", "check.error", 100.0),
     timeout_s=key("number", "Timeout.", "check.timeout"),
-    longest_above_s=key("number", "For how long a sound throttle was further off.", "check.longest"),
-    sustained_pct=key("number", "Error that a sound throttle keeps up for the timeout, 0 for none of those tried.",
+    longest_above_s=key("number", "Longest time of a sound throttle above the threshold.", "check.longest"),
+    sustained_pct=key("number", "Largest error that a sound throttle has for as long as the timeout; 0: none tried.",
         "check.sustained", 100.0),
-    told_after_s=key("{number?}", "By scenario, from its first change until a plate that is held since is told; null "
-        "for never.", "check.tells"),
+    told_after_s=key("{number?}", "By scenario, from its first change, at which the plate is held, until the check "
+        "detects it; null for never.", "check.detected_after"),
     written=key("{number}?", "As the named ECU writes it; null where its settings are not known."),
 )  # fmt: skip
 SENSOR_FAULT = Record(
     "One fault.",
     fault=key("text", "In words."),
-    asked_pct=key("number", "Setpoint since then.", "asked", 100.0),
-    opens_pct=key("number", "Widest opening that no check stops.", "opens", 100.0),
-    jam_after_s=key("number?", "Until the jam check has told it; null where it does not in every model.", "jam_after"),
+    asked_pct=key("number", "Setpoint after the failure.", "setpoint", 100.0),
+    opens_pct=key("number", "Widest opening without a check.", "opens", 100.0),
+    jam_after_s=key("number?", "Until the jam check has detected it; null where it misses one model.", "jam_after"),
     jam_opens_pct=key("number", "Widest opening with the jam check.", "jam_opens", 100.0),
-    apart_after_s=key("number?", "Likewise with the check of two sensors against each other beside it.", "apart_after"),
+    apart_after_s=key("number?", "Likewise with the comparison of two sensors as a second check.", "apart_after"),
     apart_opens_pct=key("number", "Widest opening with both.", "apart_opens", 100.0),
 )  # fmt: skip
 SAG = Record(
     "One sag at one opening.",
     name=key("text", "dip or crank."),
-    opening_pct=key("number", "Held.", "opening", 100.0),
+    opening_pct=key("number", "Setpoint.", "opening", 100.0),
     closes_pct=key("number", "By how much the plate falls.", "closes", 100.0),
     opens_pct=key("number", "By how much it overshoots.", "opens", 100.0),
     back_after_s=key("number?", "From the supply's return until the plate stays near its setpoint; null for not while "
@@ -425,7 +425,7 @@ SAFETY = Record(
 OVER_DRAWS = Record(
     probability_met=key("number?", "Share of draws that meet every requirement, by a stable loop.",
         "chosen.probability_met"),
-    probability_margins=key("number?", "Share of draws with the margins asked for.", "chosen.probability_stable"),
+    probability_margins=key("number?", "Share of draws that meet the required margins.", "chosen.probability_stable"),
     draws=key("whole", "How many."),
     origin=key("text", "posterior, or laplace where there is none; fleet where the draws are units of a fleet and the "
         "nominal model is their mean."),
@@ -492,7 +492,8 @@ TYPED_GAIN = Record(
     unit=key("text", "Of it, such as %/%, per s; of an ECU whose unit is not published what `value` is a share of."),
     of_present=key("number?", "Over the gain that the ECU has now, of an ECU whose unit is not published; null where "
         "that is not known.", optional=True),
-    of_ultimate=key("number?", "Over the P at which P alone makes the plate swing on; null of I and D.", optional=True),
+    of_ultimate=key("number?", "Over the P at which P alone makes the plate oscillate; null for I and D.",
+        optional=True),
     seconds=key("number?", "Of I the time P over I, of D the time D over P, s; null of P.", optional=True),
 )  # fmt: skip
 TYPED_LIMIT = Record(
@@ -531,8 +532,8 @@ FLEET = Record(
     share_met=key("number", "Share of the units that meet every requirement by a stable loop.", "share.value"),
     share_ci95=key("[number]", "95 % interval of that share in the population, exact for independent units.",
         lambda found: _ends(found.share), minItems=2, maxItems=2),
-    share_asked=key("number", "Share that was asked for.", "share_asked"),
-    reached=key("flag", "Whether enough units meet everything; if not, no gains were found with which more do."),
+    share_asked=key("number", "Required share.", "share_asked"),
+    reached=key("flag", "Whether enough units meet every requirement; if not, no gains were found with which more do."),
     units=key("whole", "Units judged.", "share.of"),
     future=key(FUTURE, "The same of units drawn from the population, which the fleet has not made yet; null where "
         "none were drawn.", null=True),
@@ -557,7 +558,7 @@ RULE_ON_PARTS = Record(
     "Its gains at the bench.",
     measured=key(ON_UNITS, "On the measured units."),
     drawn=key(ON_UNITS, "On units drawn from the population."),
-    worst=key(UNIT_VERDICT, "The measured unit that fares worst."),
+    worst=key(UNIT_VERDICT, "The measured unit with the worst result."),
     fails=key("{[text]}", "Names of the measured units that miss each requirement; one that none misses is left out.",
         "measured.fails"),
 )  # fmt: skip

@@ -87,7 +87,7 @@ def test_the_error_on_what_was_held_out_is_in_per_cent_of_the_travel(tuned: Tune
 def test_a_model_that_never_reaches_a_step_is_none_to_tune_for(tuned: Tuned) -> None:
     last = tuned.steps[-1]
     missed = {**last.scenarios, SHOWN: replace(last.scenarios[SHOWN], steady_state_error_pct=80.0)}
-    assert "do not tell its preload" in not_held([replace(last, scenarios=missed)])
+    assert "do not determine its preload" in not_held([replace(last, scenarios=missed)])
     held = {**last.scenarios, SHOWN: replace(last.scenarios[SHOWN], steady_state_error_pct=0.3)}
     assert not_held([replace(last, scenarios=held)]) == ""
 

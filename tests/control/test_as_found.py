@@ -83,7 +83,7 @@ def test_what_counts_as_known_is_what_the_fit_decided_by() -> None:
     hazy = unsure(fitted(), "K_i", 0.2)
     assert isinstance(gains_as_found(hazy), Gains)
     strict = replace(hazy, identifiability=IdentifiabilitySettings(unknown=0.1))
-    assert gains_as_found(strict) == Refusal("the data do not tell K_i")
+    assert gains_as_found(strict) == Refusal("the data do not determine K_i")
 
 
 def test_gains_as_found_are_those_told_and_those_fitted() -> None:
@@ -94,7 +94,7 @@ def test_gains_as_found_are_those_told_and_those_fitted() -> None:
 
 def test_gains_that_the_data_do_not_tell_are_none() -> None:
     found = gains_as_found(unsure(fitted(), "K_i", 0.4))
-    assert found == Refusal("the data do not tell K_i")
+    assert found == Refusal("the data do not determine K_i")
     assert isinstance(gains_as_found(unsure(fitted(), "K_i", 0.2)), Gains)
     assert isinstance(gains_as_found(unsure(fitted(), "K_s", 3.0)), Gains)
 
@@ -103,7 +103,7 @@ def test_gains_that_the_data_do_not_tell_are_none() -> None:
 def test_nor_are_gains_whose_error_could_not_be_computed(variance: float) -> None:
     of = fitted()
     of.covariance[of.free_parameters.layout.free.index("K_p")] = variance
-    assert gains_as_found(of) == Refusal("the data do not tell K_p")
+    assert gains_as_found(of) == Refusal("the data do not determine K_p")
 
 
 def test_without_an_ecu_there_are_none_and_it_says_where_to_describe_one() -> None:

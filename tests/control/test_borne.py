@@ -69,4 +69,4 @@ def test_an_error_under_feedback_was_larger_without_it() -> None:
 def test_a_model_that_misses_no_more_than_noise_is_borne_and_says_so() -> None:
     found = judged(0.0)
     assert found.enough
-    assert "misses nothing that is above the sensor's noise" in replace(found, worst=0.0, missed=0.0).says
+    assert "the error of the model is below the sensor's noise" in replace(found, worst=0.0, missed=0.0).says

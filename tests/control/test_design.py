@@ -284,7 +284,9 @@ def test_friction_and_rate_are_refused_where_no_code_can_be_written(fitted: Fitt
     for profile in ECUS.values():
         if profile.name in ("arduino", "generic"):
             continue
-        with pytest.raises(UsageError, match=r"cannot put friction ahead.*for one that does: arduino, generic"):
+        with pytest.raises(
+            UsageError, match=r"has no feed-forward of friction.*for an ECU that does: arduino, generic"
+        ):
             task_of(fitted, ecu_of(fitted), feed_forward=("friction",), settings=BRIEF, profile=profile)
     with pytest.raises(UsageError, match=r"air: no such term of feed-forward\. Known: spring, friction, rate"):
         task_of(fitted, ecu_of(fitted), feed_forward="friction,air", settings=BRIEF)

@@ -65,7 +65,7 @@ def test_what_fails_on_which_unit_is_counted_and_named(monkeypatch: pytest.Monke
         ("u9", "stable", False), ("u7", "overshoot_pct", False), ("u3", "overshoot_pct", False),
         ("u49", "settling_s", True)]  # fmt: skip
     assert not found.reached
-    assert "47 of 50 units meet everything: FEWER than the 99%" in found.says
+    assert "47 of 50 units meet every requirement: FEWER than the required 99%" in found.says
     assert FleetVerdict(FleetDesignSettings(share=0.94), invented(), None, 1).reached
 
 
@@ -98,7 +98,7 @@ def test_future_units_scatter_as_the_population_and_wider_where_it_is_known_from
     many, few = (fleets.of(fleets.truths(count, 8)) for count in (200, 8))
     asked = FleetDesignSettings(future=3000)
     for model, wider in ((many, 1.0), (few, np.sqrt(9.0 / 8.0 * 7.0 / 5.0))):
-        drawn = future_units(model, asked=asked)
+        drawn = future_units(model, settings=asked)
         assert drawn is not None
         k = model.free_parameters.layout.free.index("R_a")
         ours, theirs = (each.coordinates[:, k].std(ddof=1) for each in (model, drawn))
@@ -132,7 +132,7 @@ def test_every_unit_is_judged_as_it_is_alone() -> None:
 def designed() -> Design:
     model = fleets.of(fleets.truths(60, 11, spread=SPREAD), position_noise=NOISE)
     rules = {name: RULES[name] for name in ("optimal", "simc")}
-    future = future_units(model, asked=FleetDesignSettings(future=400))
+    future = future_units(model, settings=FleetDesignSettings(future=400))
     with results.limits_unsought():
         return design_for_fleet(model, ecu_of(model.nominal), future=future, settings=QUICK, rules=rules)
 

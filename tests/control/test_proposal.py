@@ -46,8 +46,8 @@ def test_the_next_log_is_foretold_with_a_range(designed: Design) -> None:
     low, middle, high = step.overshoot
     assert 0.0 <= low <= middle <= high
     assert step.time[0] < 0.0 < step.time[-1]
-    assert step.position.shape == step.asked.shape == step.time.shape
-    assert np.ptp(step.asked) == pytest.approx(0.6)
+    assert step.position.shape == step.setpoint.shape == step.time.shape
+    assert np.ptp(step.setpoint) == pytest.approx(0.6)
 
 
 def test_a_half_way_step_of_small_margins_is_passed_over(designed: Design, monkeypatch: pytest.MonkeyPatch) -> None:

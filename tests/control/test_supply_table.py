@@ -13,7 +13,7 @@ from etcfit.control.pid import Gains, Requirements, Task
 from etcfit.control.pid.feedforward import bias_of
 from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import ConditionSettings, DesignSettings
-from etcfit.control.supply_table import SupplyTable, over_position, reckoning_with, supply_table
+from etcfit.control.supply_table import SupplyTable, ecu_for_supply, over_position, supply_table
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.ecus import ECUS, EcuProfile, Scheduling
 from etcfit.model.effects.limp_home_spring import LimpHomeSpring
@@ -108,7 +108,7 @@ def test_feed_forward_is_divided_with_the_gains() -> None:
 
 def test_the_limit_of_the_duty_is_the_ecus_and_goes_with_the_supply() -> None:
     ecu = ECU._replace(pwm=0.012, slew=120.0, duty=0.8, integral=0.3)
-    weak = reckoning_with(ecu, 9.0)
+    weak = ecu_for_supply(ecu, 9.0)
     assert (weak.limit, weak.pwm, weak.slew) == pytest.approx((7.2, 0.009, 90.0))
     assert (weak.duty, weak.integral, weak.period) == (ecu.duty, ecu.integral, ecu.period)
     # the supply of 4 V cannot drive the trapezoid, whatever its gains

@@ -1,4 +1,4 @@
-"""What sine traces say of the loop and of the plant in it: response by frequency, order of lag."""
+"""Frequency response of loop and plant from sine traces, and the order of lag that it shows."""
 
 from __future__ import annotations
 

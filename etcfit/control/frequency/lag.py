@@ -1,13 +1,13 @@
-"""The order of lag that a measured frequency response has, and whether it can tell it.
+"""The order of lag of a measured frequency response, and whether the points determine it.
 
     H(s) = K exp(-s d) / prod_j (1 + 2 zeta_j s / w_j + s^2 / w_j^2) / (1 + s T),   order 1 to 4, with and without d
 
-The factor 1 + s T is there where the order is odd. Each candidate is the one of highest likelihood,
+The factor 1 + s T is present where the order is odd. Each candidate is the one of highest likelihood,
 
     ln (H_k / H(i w_k)) = e_k,    cov (Re e_k, Im e_k) = C_k + tau^2 I,
 
-with C_k the covariance of what was measured and tau what the candidate fails to explain, a parameter of its own: a loop
-with friction is no lag of any order, and its points are then no more telling than tau lets them be.
+with C_k the covariance of the measured points and tau, a further parameter, the part that the candidate does not
+explain: a loop with friction is no lag of any order, and tau then limits the weight of its points.
 
     AICc = -2 ln L + 2 p + 2 p (p + 1) / (n - p - 1),    n = 2 x points,    weight ~ exp(-AICc / 2)
 
@@ -30,21 +30,21 @@ from .wave import Ratio
 
 HIGHEST = 4
 FEWEST_POINTS = 4  # frequencies from which on an order of lag is sought
-_STARTS = (0.3, 1.0, 3.0)  # of its time constants over that of the middle frequency
+_STARTS = (0.3, 1.0, 3.0)  # starts of the time constants over that of the middle frequency
 _TAU = (-14.0, 1.0)  # ln tau
-_ROUGH = 0.1  # tau to begin with
+_ROUGH = 0.1  # first value of tau
 _ROUNDS = 20
 _EVALUATIONS = 60
-_SETTLED = 1e-3  # of -2 ln L
-_VANISHED = -12.0  # logarithm of a time over that of the middle frequency, or of its square
+_SETTLED = 1e-3  # change of -2 ln L that ends the iteration
+_VANISHED = -12.0  # logarithm of a time over that of the middle frequency (or of its square) below which it counts as 0
 _ENDLESS = 60.0
 _EXCLUDED = 0.05  # weight of all lower orders together below which they are excluded
-_LIKELY = 0.5  # weight that the order itself must exceed; higher ones, which contain it, always keep some
+_LIKELY = 0.5  # weight that the order itself must exceed; higher orders, which contain it, always keep some weight
 
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """One candidate at its best."""
+    """One candidate at its optimum."""
 
     order: int  # 1 to 4
     delayed: bool  # with a pure delay
@@ -54,7 +54,7 @@ class Lag:
     delay: float  # s; 0 where it has none
     # standard errors of ln K, d, ln w and zeta of each factor of second order, ln w of the first; NaN if one vanished
     stderr: np.ndarray
-    tau: float  # what it fails to explain, relative (and rad)
+    tau: float  # part that it does not explain, relative (and rad)
     aicc: float  # see the module's head
 
     def __call__(self, s: np.ndarray) -> np.ndarray:
@@ -67,18 +67,18 @@ class Lag:
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What the points say of the order."""
+    """The order of lag that the points show."""
 
     best: Lag | None  # the candidate of lowest AICc; None with too few points for any
-    weights: dict[int, float]  # of each order, with or without delay, the sum being 1
+    weights: dict[int, float]  # weight of each order, with or without delay; their sum is 1
     candidates: tuple[Lag, ...]  # all that were tried, best first
     highest: float  # frequency measured, rad/s
-    says: str  # the answer in a sentence
-    settings: FrequencySettings = FrequencySettings()  # `poor`
+    says: str  # the result in a sentence
+    settings: FrequencySettings = FrequencySettings()  # for `poor`
 
     @property
     def is_certain(self) -> bool:
-        """Whether lower orders are excluded, higher ones not called for, and every corner was seen."""
+        """Whether lower orders are excluded, higher ones are not needed, and every corner lies within the points."""
         best = self.best
         if best is None or best.tau >= self.settings.poor or max(best.corners) > self.highest:
             return False
@@ -100,7 +100,7 @@ def order_of(
     """
     highest = float(2.0 * np.pi * np.max(frequencies, initial=0.0))
     if len(ratios) < FEWEST_POINTS:
-        says = f"{len(ratios)} frequencies cannot tell an order of lag: {FEWEST_POINTS} or more can."
+        says = f"{len(ratios)} frequencies do not determine an order of lag: {FEWEST_POINTS} or more are needed."
         return Order(None, {}, (), highest, says, settings)
     problem = _Problem.of_ratios(frequencies, ratios)
     tried = (_best(problem, order, delayed) for order, delayed in product(range(1, HIGHEST + 1), (False, True)))
@@ -153,7 +153,7 @@ class _Factors(NamedTuple):
 
     @classmethod
     def of_logarithms(cls, x: np.ndarray, order: int, delayed: bool) -> _Factors:
-        """From ln K and the logarithms of the others, in this order; without a delay or an odd factor theirs is 0."""
+        """From ln K and the logarithms of the other numbers, in this order; a missing delay or odd factor is 0."""
         rest = np.exp(np.clip(x[1:], -_ENDLESS, _ENDLESS))
         pairs = rest[int(delayed) : int(delayed) + 2 * (order // 2)].reshape(-1, 2)
         return cls(x[0], rest[0] if delayed else 0.0, pairs, rest[-1] if order % 2 else 0.0)
@@ -185,10 +185,10 @@ class _Factors(NamedTuple):
 def _best(problem: _Problem, order: int, delayed: bool) -> Lag | None:
     """The candidate of highest likelihood; None where there are too few points for its parameters.
 
-    Least squares at a rough tau from several starts; from the best of them tau and least squares in turn.
+    Least squares at a rough tau from several starts; then, from the best one, tau and least squares alternately.
     """
     count, n = order + delayed + 1, 2 * problem.s.size
-    p = count + 1  # and tau
+    p = count + 1  # including tau
     if n - p - 1 < 1:
         return None
     starts = (_start(problem, order, delayed, size) for size in _STARTS)
@@ -205,7 +205,7 @@ def _best(problem: _Problem, order: int, delayed: bool) -> Lag | None:
 
 
 def _start(problem: _Problem, order: int, delayed: bool, size: float) -> np.ndarray:
-    """All of one time constant, damped by 0.7; a second factor twice as fast."""
+    """Start with one time constant, damping 0.7; a second factor is twice as fast."""
     gain = float(np.real(problem.log[int(np.argmin(np.abs(problem.s)))]))
     pairs = [part for k in range(order // 2) for part in (1.4 * size / (k + 1.0), (size / (k + 1.0)) ** 2)]
     return np.array([gain, *np.log([*([0.1] if delayed else []), *pairs, *([size] if order % 2 else [])])])
@@ -228,7 +228,7 @@ def _whitened_slopes(problem: _Problem, sd: np.ndarray, order: int, delayed: boo
 
 
 def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
-    """The likeliest at these errors, and -2 ln L there but for a constant."""
+    """The likeliest tau at these errors, and -2 ln L there up to a constant."""
 
     def deviance(log_tau: float) -> float:
         whole = variance + np.exp(2.0 * log_tau)
@@ -269,7 +269,7 @@ _NAMES = {1: "first", 2: "second", 3: "third", 4: "fourth"}
 
 
 def _says(best: Lag, weights: dict[int, float], problem: _Problem, settings: FrequencySettings) -> str:
-    """The answer in a sentence, with the weights of the other orders."""
+    """The result in a sentence, with the weights of the other orders."""
     bottom, top = (float(np.abs(edge)) * problem.w0 / (2.0 * np.pi) for edge in (problem.s[0], problem.s[-1]))
     name = f"a lag of {_NAMES[best.order]} order{' with a delay' if best.delayed else ''}"
     if best.tau >= settings.poor:
@@ -280,8 +280,9 @@ def _says(best: Lag, weights: dict[int, float], problem: _Problem, settings: Fre
     left = f" It leaves {100.0 * best.tau:.2g} % unexplained." if best.tau > 1e-3 else ""
     fastest = max(best.corners) / (2.0 * np.pi)
     if not _singled_out(best, weights):
-        return f"{span} cannot tell the order of lag (weights: {ranked}). The best is {name}.{left}"
+        return f"{span} do not determine the order of lag (weights: {ranked}). The best is {name}.{left}"
     if fastest > top:
-        return (f"{span} cannot tell the order of lag, only that it is at least the {_NAMES[best.order]}: the fastest "
-                f"corner seen, {fastest:.3g} Hz, lies beyond them. Faster sines would tell.{left}")  # fmt: skip
-    return f"{name[0].upper()}{name[1:]}: less does not describe them, more is not called for ({ranked}; {span}).{left}"
+        return (f"{span} do not determine the order of lag, only that it is at least the {_NAMES[best.order]}: the "
+                f"fastest corner, {fastest:.3g} Hz, lies beyond them. Measure faster sines.{left}")  # fmt: skip
+    return (f"{name[0].upper()}{name[1:]}: lower orders do not describe the points, higher orders are not needed "
+            f"({ranked}; {span}).{left}")  # fmt: skip

@@ -1,11 +1,11 @@
-"""The frequency response that sine traces measure, and what the fitted model and its linear plant say.
+"""The frequency response measured by sine traces, compared with the fitted model and its linear plant.
 
-The ECU's gains need not be known: where its drive was logged, each trace shows C = drive / (setpoint - position), and a
-plant P under that same ECU follows the setpoint as
+The ECU's gains need not be known: where its drive was logged, each trace shows C = drive / (setpoint - position), and
+the closed loop of a plant P under that ECU is
 
     T = C P / (1 + C P).
 
-With the measured P this is the measured T; with another one it is what the loop would do around that plant.
+With the measured P this is the measured T; with another P it is the loop around that plant.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from .lag import Order, order_of
 from .wave import NEARLY, Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
 
 SETPOINT, POSITION, DRIVE = "setpoint", "position", "drive"
-_HARMONICS = 7  # fitted at most, the fundamental among them
-OUTSIDE_LOW = 0.01  # share of the power of the setpoint in its 2nd to 5th harmonic, at most
+_HARMONICS = 7  # most harmonics that are fitted, including the fundamental
+OUTSIDE_LOW = 0.01  # largest share of the setpoint's power in its 2nd to 5th harmonic
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +38,9 @@ class Point:
     """The response at one frequency."""
 
     measurement: Measurement  # the trace
-    window: Window  # the part of it that counts
+    window: Window  # the part of it that is used
     waves: Waves  # of setpoint and position (rad), and of the drive (V) where one was logged
-    noise: float  # share of the position's power that its sensor's noise has
+    noise: float  # share of sensor noise in the power of the position
 
     @property
     def frequency(self) -> float:
@@ -64,7 +64,7 @@ class Point:
 
     @property
     def controller(self) -> Ratio | None:
-        """Drive over setpoint - position, V/rad: the ECU as the trace shows it; None without a drive."""
+        """Drive over setpoint - position, V/rad: the controller in the trace; None without a drive."""
         if DRIVE not in self.waves.amplitudes:
             return None
         return self.waves.ratio({DRIVE: 1.0}, {SETPOINT: 1.0, POSITION: -1.0})
@@ -74,7 +74,7 @@ def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings 
     """Fit one sine to setpoint, position and drive of a trace.
 
     Raises:
-        MeasurementError: it has no setpoint or position, too few cycles or samples, or its setpoint is no sine.
+        MeasurementError: the trace has no setpoint or position, too few cycles or samples, or its setpoint is no sine.
     """
     channels = _channels(trace, config, settings)
     wanted, position = moving(channels[SETPOINT]), channels[POSITION]
@@ -87,7 +87,7 @@ def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings 
     if cycles < settings.fewest_cycles - NEARLY:
         raise _unfit(trace, settings, f"{max(cycles, 0.0):.2g} cycles of {frequency:.3g} Hz.",
                      f"Log it for {settings.fewest_cycles / frequency:.2g} s or longer.")  # fmt: skip
-    # as many harmonics as the slowest logged signal has 2.5 samples a cycle of
+    # the number of harmonics of which the slowest logged signal has 2.5 samples a cycle
     step = max(float(np.median(np.diff(signal.time))) for signal in channels.values())
     count = int(np.clip(1.0 / (2.5 * frequency * step), 1, _HARMONICS))
     window = settled(wanted, position, frequency, count)
@@ -108,7 +108,7 @@ def point_of(trace: Measurement, config: RigConfig, settings: FrequencySettings 
 
 
 def _channels(trace: Measurement, config: RigConfig, settings: FrequencySettings) -> dict[str, Signal]:
-    """Setpoint, position and drive; a duty, which an ECU holds until the next sample, half a step later than logged."""
+    """Setpoint, position and drive; a duty, which an ECU holds until the next sample, is delayed by half a step."""
     for name in (SETPOINT, POSITION):
         if name not in trace.channels:
             raise _unfit(trace, settings, f"no {name} among {', '.join(trace.channels)}.",
@@ -130,12 +130,12 @@ def _unfit(trace: Measurement, settings: FrequencySettings, found: str, mend: st
     return MeasurementError(trace.file, found, required, mend)
 
 
-_LEAD = np.pi / 2.0  # rad: what leads by more than this at the lowest frequency is taken to lag
+_LEAD = np.pi / 2.0  # rad: a larger lead at the lowest frequency is interpreted as a lag
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyResponse:
-    """Sine traces, measured and modelled."""
+    """The frequency responses of sine traces, measured and modelled."""
 
     points: tuple[Point, ...]  # in order of frequency
     order: Order  # of lag from setpoint to position
@@ -144,8 +144,8 @@ class FrequencyResponse:
     nonlinear: tuple[complex | None, ...]
     linear: TransferFunction  # the linear plant about the middle of the sines, rad/V
     share: float  # of the travel at that operating point
-    warnings: tuple[str, ...]  # which traces say nothing, and why
-    settings: FrequencySettings = FrequencySettings()  # what it was decided by
+    warnings: tuple[str, ...]  # traces that could not be used, with the reason
+    settings: FrequencySettings = FrequencySettings()  # the settings used
 
     @property
     def frequencies(self) -> np.ndarray:
@@ -163,7 +163,7 @@ class FrequencyResponse:
         return tuple(np.asarray(self.linear(2j * np.pi * self.frequencies), dtype=complex).tolist())
 
     def loops_around(self, plants: Sequence[complex | None]) -> tuple[complex | None, ...]:
-        """Position over setpoint at each point, were this the plant under the ECU; None where its drive is not known.
+        """Position over setpoint at each point with this plant under the ECU; None where the drive is unknown.
 
         C P / (1 + C P)
         """
@@ -177,7 +177,7 @@ class FrequencyResponse:
 def frequency_response(
     fitted: Fitted, traces: Sequence[Measurement], settings: FrequencySettings = FrequencySettings()
 ) -> FrequencyResponse:
-    """Fit a sine to every trace, and one of its frequency to the model's free run on that trace's drive."""
+    """Fit a sine to every trace, and a sine of its frequency to the model's free run on that trace's drive."""
     found, warnings = list[Point](), list[str]()
     for trace in traces:
         try:
@@ -208,7 +208,7 @@ def frequency_response(
 def phases(values: Sequence[complex | None]) -> np.ndarray:
     """Phases in order of frequency, rad, nan for None.
 
-    The first lies between -270 and 90 degrees, each of the others within 180 of the one before.
+    The first is between -270 and 90 degrees, each of the others within 180 degrees of the one before.
     """
     angles = np.array([np.nan if value is None else np.angle(value) for value in values])
     there = np.flatnonzero(np.isfinite(angles))
@@ -234,7 +234,7 @@ def _free_runs(fitted: Fitted, points: Sequence[Point]) -> tuple[complex | None,
 
 
 def _described(point: Point, position: Signal | None) -> complex | None:
-    """A simulated position's fundamental over that of the measured drive, in the part of the trace that counts."""
+    """A simulated position's fundamental over that of the measured drive, in the part of the trace that is used."""
     if position is None or not np.all(np.isfinite(position.value)):
         return None
     part, waves = position.between(point.window.begin, point.window.end), point.waves

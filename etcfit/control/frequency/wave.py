@@ -1,13 +1,13 @@
-"""One frequency in several signals at once: amplitude and phase of each, and how well they are known together.
+"""Fits one frequency in several signals: amplitude and phase of each, and their joint covariance.
 
     y_c(t) = o_c + d_c x + Re sum_k A_ck exp(2 pi i k f (t - m)),    k = 1 ... H,    x = (t - m) / half the span
 
-f is common, m the middle of all. Harmonics are fitted beside the fundamental, so that those of dry friction are not
-taken for noise; the drift d is left out of a signal in which it cannot be told from zero.
+f is common, m is the middle of all signals. Harmonics are fitted with the fundamental, so that those of dry friction do
+not count as noise; the drift d is left out of a signal in which it is not significant.
 
 Source: IEEE Std 1057-2017, sine fits of three and four parameters. Differs from source: several signals share f,
-harmonics, drift, and a covariance that takes residuals as they are: of unequal size, correlated, alike in every signal
-where a row's time is wrong.
+harmonics, drift, and a covariance that allows for the real residuals: of unequal size, correlated, and common to all
+signals where the time of a row is wrong.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from ...estimation.goodness import inflation
 from ...rig.signals import even_grid
 
 _ROUNDS = 8
-_SETTLED = 1e-9  # of the frequency
+_SETTLED = 1e-9  # relative change of the frequency that ends the iteration
 _Z = 1.959963984540054  # 95 %, two sides
-_DRIFT_CYCLES = 3.5  # fewer are not used to tell a drift from the waves, where cycles outside them are compared
-_DRIFT_ERRORS = 3.0  # standard errors at which a drift is told from zero
+_DRIFT_CYCLES = 3.5  # least number of cycles from which a drift is separated from the waves
+_DRIFT_ERRORS = 3.0  # standard errors from which on a drift is significant
 NEARLY = 0.05  # share of a cycle that may be missing from a whole one
-STRAYS = 4.0  # an early cycle that differs from the settled ones by more times their own scatter has not settled
-SAME = 1e-3  # cycles that differ by less than this share of the swing never count as different
+STRAYS = 4.0  # scatter of the settled cycles within which an early cycle counts as settled
+SAME = 1e-3  # share of the swing below which cycles never count as different
 
 
 class Signal(NamedTuple):
@@ -39,7 +39,7 @@ class Signal(NamedTuple):
     value: np.ndarray
 
     def between(self, begin: float, end: float) -> Signal:
-        """Its samples from begin to end, s, the end not included."""
+        """The samples from begin to end, s, the end not included."""
         inside = (self.time >= begin) & (self.time < end)
         return Signal(self.time[inside], self.value[inside])
 
@@ -48,7 +48,7 @@ class Signal(NamedTuple):
 class Ratio:
     """One complex amplitude over another."""
 
-    value: complex  # complex
+    value: complex  # the ratio
     covariance: np.ndarray  # of ln magnitude and phase (rad), shape (2, 2)
 
     @property
@@ -57,22 +57,22 @@ class Ratio:
 
     @property
     def magnitude_ci95(self) -> tuple[float, float]:
-        """Magnitude within these in 95 % of cases."""
+        """95 % interval of the magnitude."""
         factor = float(np.exp(_Z * np.sqrt(self.covariance[0, 0])))
         return self.magnitude / factor, self.magnitude * factor
 
     @property
     def phase_margin(self) -> float:
-        """Half of the 95 % interval of the phase, rad; none is wider than the whole circle."""
+        """Half of the 95 % interval of the phase, rad; at most half of the circle."""
         return float(min(_Z * np.sqrt(self.covariance[1, 1]), np.pi))
 
 
 @dataclass(frozen=True, eq=False)
 class Waves:
-    """What was fitted."""
+    """The result of a fit of waves."""
 
     frequency: float  # Hz
-    middle: float  # time to which phases refer, s
+    middle: float  # reference time of the phases, s
     harmonics: int  # H
     amplitudes: Mapping[str, np.ndarray]  # of each signal, complex, shape (H,), in its unit
     offsets: Mapping[str, float]  # o of each signal
@@ -86,7 +86,7 @@ class Waves:
 
             d ln(sum p_c A_c / sum q_c A_c) = sum_c (p_c / P - q_c / Q) dA_c
 
-        Of the two covariances the wider one counts: cycles that differ from each other are no independent rows.
+        The wider of the two covariances is used: where cycles differ from each other, rows are not independent.
         """
         top, bottom = self._sum(over), self._sum(under)
         g = [over.get(name, 0.0) / top - under.get(name, 0.0) / bottom for name in self.amplitudes]
@@ -113,15 +113,15 @@ class _Part:
 
 
 def fundamental(signal: Signal, frequency: float, middle: float, harmonics: int) -> complex:
-    """Amplitude of a signal at a frequency that is known; with offset, drift and harmonics beside it."""
+    """Amplitude of a signal at a known frequency; offset, drift and harmonics are fitted too."""
     return complex(_part(signal, frequency, middle, harmonics, drifts=True).amplitudes[0])
 
 
 def departure(signal: Signal, reference: Signal, frequency: float, harmonics: int) -> np.ndarray:
-    """A signal less the waves fitted to a part of it; with drift where that part has cycles enough to tell one.
+    """A signal less the waves fitted to a part of it; with a drift where that part has enough cycles.
 
     Args:
-        reference: the part of it that the waves are fitted to.
+        reference: the part of the signal to which the waves are fitted.
     Returns:
         shape (N,), unit of the signal.
     """
@@ -138,9 +138,9 @@ def fit_waves(signals: Mapping[str, Signal], frequency: float, harmonics: int = 
     """Fit all signals with one frequency.
 
     Args:
-        signals: by name, each of more samples than 2 H + 2 and of some two cycles or more.
+        signals: by name, each with more than 2 H + 2 samples and about two cycles or more.
         frequency: Hz, a guess within a fraction of 1 / duration.
-        harmonics: H; the highest must be sampled twice a cycle.
+        harmonics: H; the highest one needs two samples a cycle.
     """
     every = frozenset(signals)
     middle = 0.5 * (min(s.time[0] for s in signals.values()) + max(s.time[-1] for s in signals.values()))
@@ -168,7 +168,8 @@ def fit_waves(signals: Mapping[str, Signal], frequency: float, harmonics: int = 
 def _settled(
     signals: Mapping[str, Signal], frequency: float, middle: float, harmonics: int, drifting: frozenset[str]
 ) -> tuple[float, dict[str, _Part]]:
-    """Gauss-Newton in the frequency, all else eliminated (variable projection); each signal by its own residual."""
+    """Gauss-Newton in the frequency, all other parameters eliminated (variable projection); each signal is weighed by
+    its own residual."""
     reach = 0.25 / max(np.ptp(signal.time) for signal in signals.values())
     parts = {n: _part(s, frequency, middle, harmonics, n in drifting) for n, s in signals.items()}
     for _ in range(_ROUNDS):
@@ -202,12 +203,12 @@ def _part(signal: Signal, frequency: float, middle: float, harmonics: int, drift
     residual = signal.value - columns @ coefficients
     waves = coefficients[-2 * harmonics :]
     spread = np.sqrt(np.sum(residual**2) / max(t.size - columns.shape[1], 1))
-    sd = max(float(spread), 1e-10 * float(np.ptp(signal.value)), 1e-300)  # made-up data may have no noise at all
+    sd = max(float(spread), 1e-10 * float(np.ptp(signal.value)), 1e-300)  # simulated data may have no noise
     return _Part(columns, coefficients, residual, sd, rates @ waves, waves[::2] - 1j * waves[1::2])
 
 
 def _drifting(columns: np.ndarray, t: np.ndarray, span: float) -> np.ndarray:
-    """With the drift's column behind the offset's."""
+    """The columns with that of the drift after that of the offset."""
     return np.insert(columns, 1, 2.0 * t / span, axis=1)
 
 
@@ -228,12 +229,12 @@ def _rates(t: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _covariances(
     signals: Mapping[str, Signal], parts: Mapping[str, _Part], frequency: float
 ) -> tuple[dict[str, int], tuple[np.ndarray, np.ndarray]]:
-    """Of frequency and all coefficients: where those of each signal begin, and the sandwiches
+    """For frequency and all coefficients: the index of each signal's first coefficient, and the sandwich covariances
 
         (J^T J)^-1 (sum_g s_g s_g^T) (J^T J)^-1,    s_g = sum_(rows of g) sqrt(f) J r
 
-    over rows g, with f the inflation of each signal's correlated residuals, and over whole cycles g, the latter as
-    much wider as Student's t of so many cycles is than a normal distribution.
+    over rows g, with f the inflation of each signal's correlated residuals, and over whole cycles g, the latter widened
+    by the ratio of Student's t for that number of cycles to a normal distribution.
 
     Source: White 1980 (rows), Liang and Zeger 1986 (groups), Geyer 1992 (f).
     """
@@ -261,7 +262,7 @@ def _covariances(
     cycle = np.floor((rows - rows[0]) * frequency).astype(int)
     groups = np.zeros((cycle[-1] + 1, width))
     np.add.at(groups, cycle, plain)
-    # few cycles: their scatter is itself known badly, which Student's t makes up for
+    # Student's t allows for the uncertainty of the scatter of few cycles
     groups *= np.sqrt(len(groups) / max(len(groups) - 1, 1)) * stats.t.ppf(0.975, max(len(groups) - 1, 1)) / _Z
     return place, (inverse @ (scores.T @ scores) @ inverse, inverse @ (groups.T @ groups) @ inverse)
 
@@ -275,8 +276,8 @@ def _shares(part: _Part) -> tuple[float, np.ndarray]:
     return float(np.var(rest)) / power, 0.5 * np.abs(part.amplitudes[1:]) ** 2 / power
 
 
-_PADDED = 8  # times its length that a setpoint is transformed in, to see its frequency between the bins
-_FEWEST = 4  # samples that a cycle is fitted to
+_PADDED = 8  # length of the padded transform over that of the setpoint, to find the frequency between the bins
+_FEWEST = 4  # least number of samples to which a cycle is fitted
 
 
 class Window(NamedTuple):
@@ -285,12 +286,12 @@ class Window(NamedTuple):
     # begin, end: s
     begin: float
     end: float
-    cycles: int  # whole ones in it
-    skipped: float  # cycles before it that were left out
+    cycles: int  # number of whole cycles in it
+    skipped: float  # number of cycles before it that were left out
 
 
 def moving(setpoint: Signal) -> Signal:
-    """A setpoint without the parts before and after it moves."""
+    """A setpoint without the parts before and after its motion."""
     first = np.flatnonzero(setpoint.value != setpoint.value[0])
     last = np.flatnonzero(setpoint.value != setpoint.value[-1])
     if not first.size:
@@ -300,7 +301,7 @@ def moving(setpoint: Signal) -> Signal:
 
 
 def frequency_of(setpoint: Signal) -> float:
-    """Where the setpoint's spectrum has its peak, then by least squares, Hz."""
+    """Frequency of the setpoint, Hz: the peak of its spectrum, refined by least squares."""
     time, step = even_grid(setpoint.time)
     even = np.interp(time, setpoint.time, setpoint.value)
     spectrum = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(even.size), _PADDED * even.size))
@@ -309,22 +310,22 @@ def frequency_of(setpoint: Signal) -> float:
 
 
 def common(setpoint: Signal, position: Signal) -> tuple[float, float]:
-    """From when to when both were logged, the last sample's own step counted, s."""
+    """Begin and end of the time in which both were logged, including the step of the last sample, s."""
     last = min(float(s.time[-1] + np.median(np.diff(s.time))) for s in (setpoint, position))
     return max(float(setpoint.time[0]), float(position.time[0])), last
 
 
 def settled(setpoint: Signal, position: Signal, frequency: float, harmonics: int) -> Window:
-    """Whole cycles counted back from the end, without the first ones that are not like the last half of them.
+    """Whole cycles counted back from the end, without the first cycles that differ from the last half of them.
 
-    A cycle strays whose own mean and fundamental differ from those of the last half by more than `STRAYS` times what
-    the cycles of that half differ by (root mean square). The very first one is left out wherever three others remain:
-    what fades within the noise of single samples does not within that of their mean.
+    A cycle differs where its mean and fundamental deviate from those of the last half by more than `STRAYS` times the
+    root mean square deviation of the cycles of that half. The very first cycle is left out where three others remain: a
+    transient below the noise of single samples may still be above that of their mean.
 
     Args:
         setpoint, position: two cycles or more of both.
         frequency: Hz.
-        harmonics: H of the waves that the last half is fitted with.
+        harmonics: H of the waves that are fitted to the last half.
     """
     begin, end = common(setpoint, position)
     count = int((end - begin) * frequency + NEARLY)
@@ -335,7 +336,7 @@ def settled(setpoint: Signal, position: Signal, frequency: float, harmonics: int
 
 
 def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int) -> int:
-    """How many cycles come before the first from which on none strays."""
+    """Number of cycles before the first one after which none differs."""
     half = max((edges.size - 1) // 2, 2)
     reference = signal.between(edges[-1 - half], edges[-1])
     residual = Signal(signal.time, departure(signal, reference, frequency, harmonics))
@@ -346,7 +347,7 @@ def _strays(signal: Signal, edges: np.ndarray, frequency: float, harmonics: int)
 
 
 def _size(cycle: Signal, frequency: float) -> float:
-    """Mean and fundamental together; 0 in a gap."""
+    """Size of mean and fundamental together; 0 in a gap."""
     if cycle.time.size < _FEWEST:
         return 0.0
     angle = 2.0 * np.pi * frequency * cycle.time

@@ -1,4 +1,4 @@
-"""Tuning rules: one file each, registered here and nowhere else."""
+"""Tuning rules: all are registered here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tuning rule is given, and what it gives back."""
+"""Input and result of a tuning rule."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ class Refusal:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a rule may use."""
+    """The input of a rule."""
 
-    plant: TransferFunction  # linear, rad/V, with what delays it
-    ecu: Ecu  # the controller's own limits
-    requirements: Requirements  # what is asked for
+    plant: TransferFunction  # linear, rad/V, with its delays
+    ecu: Ecu  # clock and limits of the controller
+    requirements: Requirements  # limits of the figures
     loop: Loop  # the fitted nonlinear plant under its ECU, nominal model first, then draws
     setpoint: Setpoint = field(default_factory=trapezoid)  # on which gains are judged
-    # gains of the ECU that drove the logs, or why nobody knows them
+    # gains of the ECU that drove the logs, or why they are unknown
     as_found: Gains | Refusal = Refusal("no ECU is described")
-    settings: DesignSettings = DesignSettings()  # budgets of the rules that experiment
-    profile: EcuProfile | None = None  # the make of ECU that this controller is; None where none is named
-    terms: tuple[Term, ...] = ()  # of feed-forward in the loop
+    settings: DesignSettings = DesignSettings()  # budgets of the rules that simulate experiments
+    profile: EcuProfile | None = None  # make of the ECU; None where none is named
+    terms: tuple[Term, ...] = ()  # terms of feed-forward in the loop
     # gains that the ECU has now, in its own numbers, see `control.own_numbers`
     present: Mapping[str, float] = field(default_factory=dict)
 

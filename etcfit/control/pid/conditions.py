@@ -1,8 +1,8 @@
-"""What gains are tried under: the scenarios of a car, its conditions, and what dry friction does to them.
+"""The scenarios and conditions of a car under which gains are tried, and the hunting caused by dry friction.
 
-Why gains that look good on a transfer function hunt on a rig (`stuck`): within e_f = V_f / Kp of its setpoint the plate
-sticks, V_f being the dry friction in volts at the terminals. There only the integral moves it, and to turn the plate
-round it must cross 2 V_f, which at an error e takes t_f = 2 V_f / (Ki e). A transfer function has V_f = 0.
+Gains that look good on a transfer function may hunt on a rig (`stuck`): within e_f = V_f / Kp of its setpoint the plate
+sticks, V_f being the dry friction in volts at the terminals. There only the integral moves the plate, and to reverse it
+the integral must cross 2 V_f, which at an error e takes t_f = 2 V_f / (Ki e). A transfer function has V_f = 0.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from ..settings import ConditionSettings, ScenarioSettings
 from .loop import Loop
 
 LEAD = 0.3  # s at the first level of a scenario, not judged
-BEYOND_REST = 0.02  # how far the steps across the limp-home position go beyond it either way, share of the travel
-LARGE_HOLD = 0.5  # s that each large step is held
-_HOLD = 0.4  # s that each other step is held
-_FINE = 2001  # angles between which the default position is found
+BEYOND_REST = 0.02  # distance of the steps across the limp-home position beyond it, share of the travel
+LARGE_HOLD = 0.5  # s: duration of each large step
+_HOLD = 0.4  # s: duration of each other step
+_FINE = 2001  # number of angles between which the default position is found
 
 
 def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoint:
     """The scenarios of a rig in turn: the paper's trapezoid, large steps, small ones, across the limp-home position.
 
     Args:
-        loop: of the nominal model first, which says where its plate rests.
-        further: more of them, such as a log's own setpoint.
+        loop: the nominal model first, which determines the limp-home position.
+        further: further scenarios, such as the setpoint of a log.
     """
     rest = default_position(loop)
     large = stairs("large steps", (settings.low, settings.high, settings.low), LARGE_HOLD, LEAD)
@@ -48,10 +48,11 @@ def course(loop: Loop, settings: ScenarioSettings, *further: Setpoint) -> Setpoi
 
 
 def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
-    """The stretch of a log's setpoint in which most is asked, straight between its samples, followed but not judged.
+    """The stretch of a log's setpoint that moves furthest, linear between its samples. Tracking is evaluated on it, but
+    it has no levels.
 
     Args:
-        setpoint: per cent of the travel; beyond the stops it is at them.
+        setpoint: per cent of the travel; it is clipped to the stops.
     """
     begin = setpoint.busiest(settings.log)
     inside = (setpoint.time > begin) & (setpoint.time < begin + settings.log)
@@ -62,7 +63,7 @@ def of_log(setpoint: Series, settings: ScenarioSettings) -> Setpoint:
 
 
 def default_position(loop: Loop) -> float | None:
-    """Share of the travel at which the nominal plate rests without a voltage; None where that is at a stop."""
+    """Share of the travel at which the nominal plate rests without a voltage; None where it rests at a stop."""
     shares = np.linspace(0.0, 1.0, _FINE)
     volts = loop.holds(loop.angle(shares)).middle
     crosses = np.flatnonzero((volts[:-1] < 0.0) & (volts[1:] >= 0.0))
@@ -72,12 +73,12 @@ def default_position(loop: Loop) -> float | None:
     return float(np.interp(0.0, volts[k : k + 2], shares[k : k + 2]))
 
 
-DRY_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")  # every parameter that scales with it
-COPPER = 0.00393  # by how much the resistance of copper grows, 1/K, at 20 degrees Celsius
+DRY_FRICTION = ("T_f", "T_s", "T_m", "mu_g", "T_z")  # all parameters that scale with dry friction
+COPPER = 0.00393  # temperature coefficient of the resistance of copper, 1/K, at 20 degrees Celsius
 
 
 class Conditions(NamedTuple):
-    """Of one model, or one each of many, shape (D,)."""
+    """Conditions of one model, or of each of many, shape (D,)."""
 
     supply: Scalar  # V
     winding: Scalar  # temperature, degrees Celsius
@@ -91,18 +92,19 @@ def corners(settings: ConditionSettings) -> Conditions:
 
 
 def scattered(settings: ConditionSettings, count: int, rng: np.random.Generator) -> Conditions:
-    """Uniform over the ranges, shape (count,) each."""
+    """Random conditions, uniform over the ranges, shape (count,) each."""
     every = (settings.supply, settings.winding, settings.friction)
     return Conditions(*(rng.uniform(low, high, count) for low, high in every))
 
 
 def under(loop: Loop, conditions: Conditions, settings: ConditionSettings) -> Loop:
-    """Each model of a loop under a condition of its own.
+    """The loop with each model under its own condition.
 
         v = duty V_supply,    R = R_a (1 + alpha (T - T_bench)),    T_f, ... times the factor
 
-    The ECU does not know the supply: its duty is a share of whatever there is. One that divides by the battery voltage
-    sends the volts that it means, up to its largest duty of that supply. The magnets stay as they are.
+    The ECU does not know the supply: its duty is a share of the actual supply. An ECU that divides by the battery
+        voltage
+    puts out the intended voltage, up to its largest duty of that supply. The magnets do not change.
 
     Args:
         loop: D models.
@@ -123,7 +125,7 @@ def at_corners(loop: Loop, settings: ConditionSettings) -> Loop:
 
 
 def scaled(throttle: Throttle, factors: dict[str, Any]) -> Throttle:
-    """Models with some of their parameters times a factor, of every effect that has them."""
+    """Models with some parameters of all their effects multiplied by factors."""
 
     def each(effect: Any) -> Any:
         changed = {name: factor * getattr(effect, name) for name, factor in factors.items() if hasattr(effect, name)}
@@ -133,17 +135,17 @@ def scaled(throttle: Throttle, factors: dict[str, Any]) -> Throttle:
 
 
 class Stuck(NamedTuple):
-    """What dry friction makes of gains."""
+    """The effect of dry friction on a loop."""
 
     error_pct: float  # e_f, % of the travel: the error that the proportional part alone leaves
-    wait_s: float  # t_f, from sticking that far beyond the setpoint until the integral has turned the plate round, s
+    wait_s: float  # t_f, time from sticking this far beyond the setpoint until the integral reverses the plate, s
 
 
 def stuck(loop: Loop, gains: Gains, share: float = MIDDLE) -> Stuck:
-    """The nominal plate of a loop at a share of its travel.
+    """The effect of dry friction on the nominal plate of a loop at a share of its travel.
 
     Source: Olsson and Astrom 2001, IEEE Trans. Control Systems Technology 9(4) (hunting). Differs from source: the
-    waiting time is that of a plate stuck at the edge of the band.
+    waiting time is for a plate that sticks at the edge of the band.
     """
     down, _, up = loop.holds(np.array([loop.angle(share)]))
     friction = 0.5 * float(up[0] - down[0])

@@ -18,22 +18,24 @@ from ..settings import ManualSettings
 from .base import Refusal, Task
 from .formulas import Ultimate, from_ultimate
 
-COUNT = 64  # of each gain that is tried, evenly spaced in the logarithm; Ki and Kd have 0 among them
-_QUICK = 1.05  # tracking error over the least that proportional gain alone reaches, up to which a gain is quick
-_CALM = 0.25  # overshoot over the one allowed, below which a response is calm
+COUNT = 64  # number of values of each gain, evenly spaced in the logarithm; those of Ki and Kd include 0
+_QUICK = 1.05  # tracking error over the least with proportional gain alone, up to which a gain counts as quick
+_CALM = 0.25  # overshoot over the allowed one, below which a response counts as calm
 
 
 def manual(task: Task) -> Gains | Refusal:
-    """P until quick, D until calm, then a little I, turned on the nonlinear model as the paper turned them on the rig.
+    """P until quick, D until calm, then a little I: the paper's manual procedure, on the nonlinear model.
 
     1. P alone: the smallest within 5 % of the least tracking error that P alone reaches.
-    2. D: raised until the overshoot is below a quarter of what is allowed, or, where none does that, the calmest.
-    3. I: the smallest that meets the steady-state error without breaking the overshoot; else the one with the least
-       error among those that keep the overshoot; else none.
+    2. D: raised until the overshoot is below a quarter of the allowed one; where no D does that, the one with the least
+       overshoot.
+    3. I: the smallest that meets the steady-state error and the overshoot; otherwise the one with the least error among
+       those that meet the overshoot; otherwise none.
 
-    Source: the paper, section 4.2. Differs from source: "quick" and "calm" are given numbers; the paper judged by eye.
+    Source: the paper, section 4.2. Differs from source: "quick" and "calm" have numerical limits; the paper judged by
+    eye.
     """
-    loop, asked, setpoint = task.loop.first(1), task.requirements, trapezoid()
+    loop, required, setpoint = task.loop.first(1), task.requirements, trapezoid()
     settings = task.settings.manual
     proportional, integral, derivative = grids(settings)
 
@@ -46,11 +48,11 @@ def manual(task: Task) -> Gains | Refusal:
     if kp == proportional[-1]:
         return Refusal(f"P alone tracks best at the largest gain tried, {kp:g} V/rad: raise highest in ManualSettings")
     calm = tried(kp, np.zeros(1), derivative).overshoot_pct
-    below = calm < _CALM * asked.overshoot_pct
+    below = calm < _CALM * required.overshoot_pct
     kd = derivative[np.argmax(below)] if below.any() else derivative[np.argmin(calm)]
     end = tried(kp, integral, kd)
-    keeps = end.overshoot_pct < asked.overshoot_pct
-    exact = keeps & (end.steady_state_error_pct < asked.steady_state_error_pct)
+    keeps = end.overshoot_pct < required.overshoot_pct
+    exact = keeps & (end.steady_state_error_pct < required.steady_state_error_pct)
     if exact.any():
         return Gains(float(kp), float(integral[np.argmax(exact)]), float(kd))
     error = np.where(keeps, end.steady_state_error_pct, np.inf)
@@ -58,7 +60,7 @@ def manual(task: Task) -> Gains | Refusal:
 
 
 def grids(settings: ManualSettings) -> Gains:
-    """Values of each gain that are tried, rising, shape (COUNT,) each: V/rad, V/(rad s) and V s/rad."""
+    """The values of each gain that are tried, rising, shape (COUNT,) each: V/rad, V/(rad s) and V s/rad."""
     (p, i, d), (p_end, i_end, d_end), n = settings.lowest, settings.highest, COUNT
     return Gains(
         np.geomspace(p, p_end, n),
@@ -67,12 +69,14 @@ def grids(settings: ManualSettings) -> Gains:
     )
 
 
-_HYSTERESIS = 0.005  # error at which the relay turns over, share of the travel
-_SWINGS = 0.06, 0.9, 12  # least and largest amplitude, shares of the supply, and how many; the least that swings counts
-_TURNS = 4  # of the swing in the second half of an experiment at least
-_CLEAR = 1.2  # swing over the hysteresis above which it counts
-_HOLD = 2.0  # duration of each experiment, s; the first half lets the swing settle
-LONGEST_STEP = 2.5e-5  # of the integration, s; each turn of the relay leaves an error of that order
+_HYSTERESIS = 0.005  # error at which the relay switches, share of the travel
+# least and largest amplitude, shares of the supply, and their number; the least that keeps the plate oscillating is
+# used
+_SWINGS = 0.06, 0.9, 12
+_TURNS = 4  # least number of reversals in the second half of an experiment
+_CLEAR = 1.2  # oscillation over the hysteresis above which it counts
+_HOLD = 2.0  # duration of each experiment, s; the oscillation settles in the first half
+LONGEST_STEP = 2.5e-5  # s: longest step of the integration; each switch of the relay causes an error of that order
 
 
 class Relay(NamedTuple):
@@ -84,7 +88,7 @@ class Relay(NamedTuple):
 
 
 def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias: Any) -> Any:
-    """One tick of the relay: it turns over where the error has passed its hysteresis."""
+    """One tick of the relay: it switches where the error has passed its hysteresis."""
     error = setpoint - quantised(position, ecu.resolution)
     side = jnp.where(error > relay.hysteresis, 1.0, jnp.where(error < -relay.hysteresis, -1.0, side))
     volts = jnp.clip(relay.bias + side * relay.swing, -ecu.limit, ecu.limit)
@@ -92,17 +96,18 @@ def switch(relay: Relay, ecu: Ecu, side: Any, setpoint: Any, position: Any, bias
 
 
 def relay(task: Task) -> Gains | Refusal:
-    """K_u = 4 d / (pi sqrt(a^2 - e^2)), P_u the period of the swing, on the nonlinear plant; then Ziegler-Nichols.
+    """K_u = 4 d / (pi sqrt(a^2 - e^2)), P_u the period of the oscillation, on the nonlinear plant; then
+    Ziegler-Nichols.
 
-    Source: Astrom and Hagglund 1984, Automatica 20(5). Differs from source: the experiment is made on the fitted model
-    with its friction, about the voltage that holds the plate, with the smallest relay that keeps it swinging.
+    Source: Astrom and Hagglund 1984, Automatica 20(5). Differs from source: the experiment is simulated on the fitted
+    model with its friction, about the voltage that holds the plate, with the smallest relay that keeps it oscillating.
     """
     found = experiment(task)
     return found if isinstance(found, Refusal) else from_ultimate(found)
 
 
 def experiment(task: Task) -> Ultimate | Refusal:
-    """The relay's swing on the nominal plant."""
+    """The relay's oscillation on the nominal plant."""
     alone = task.loop.first(1)
     nominal = replace(alone, settings=replace(alone.settings, longest_step=LONGEST_STEP))
     ecu, body = nominal.ecu, nominal.body
@@ -116,11 +121,11 @@ def experiment(task: Task) -> Ultimate | Refusal:
         if swung is not None and swung[0] > _CLEAR * span:
             amplitude, period = swung
             return Ultimate(4.0 * swing / (math.pi * math.sqrt(amplitude**2 - span**2)), period)
-    return Refusal("no relay within the supply keeps the plate swinging")
+    return Refusal("no relay within the supply keeps the plate oscillating")
 
 
 def swing_of(angle: np.ndarray, period: float, turns: int) -> tuple[float, float] | None:
-    """Amplitude (rad) and period (s) of an oscillation sampled each `period` (s), None with fewer turns."""
+    """Amplitude (rad) and period (s) of an oscillation sampled each `period` (s); None with fewer reversals."""
     middle = angle - 0.5 * (angle.max() + angle.min())
     rises = np.flatnonzero((middle[:-1] < 0.0) & (middle[1:] >= 0.0))
     if rises.size < turns:

@@ -1,4 +1,5 @@
-"""Feed-forward: the voltage that holds each position, and what friction, back-EMF and drag take of a moving plate."""
+"""Feed-forward: the voltage that holds each position, and the voltage for friction, back-EMF and drag of a moving
+plate."""
 
 from __future__ import annotations
 
@@ -15,10 +16,10 @@ from ...model.linear import holding_against, turning_against
 from ...model.throttle import Throttle
 from ..settings import SlidingSettings
 
-POINTS = 8  # of a curve, where no ECU says
-PLACES = 20_001  # angles from which they are chosen, where no ECU says
+POINTS = 8  # points of a curve, where the ECU has no table
+PLACES = 20_001  # angles from which they are chosen, where the ECU has no table
 _HALVINGS = 24
-SLIDING_PLACES = 41  # evenly over the travel, of which friction and drag of a moving plate are the mean
+SLIDING_PLACES = 41  # places, evenly over the travel, over which friction and drag of a moving plate are averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class Bias:
 
     angles: np.ndarray  # rad, rising, shape (P,)
     hold: np.ndarray  # V that hold the plate there in the middle of its dry friction, shape (P,)
-    # closing, opening: V at which it is about to close and to open, shape (P,): what its dry friction leaves open
+    # closing, opening: V at which it is about to close and to open, shape (P,): the range that dry friction leaves
     closing: np.ndarray
     opening: np.ndarray
 
@@ -65,12 +66,12 @@ def hold_curve(
 def bias_of(
     throttle: Throttle, gear_ratio: float, lower: float, upper: float, points: int = POINTS, places: int = PLACES
 ) -> Bias:
-    """The curve of so many points that misses the holding voltage least, wherever it misses it most.
+    """The curve with a given number of points whose largest error against the holding voltage is least.
 
-    The points are chosen from so many places, evenly over the travel: as finely as an ECU's table can name them.
+    The points are chosen from places evenly over the travel, with the resolution of the ECU's table.
 
-    The least miss is bisected: within one, each straight piece reaches as far as it can (`polygon`). So the points come
-    to lie on the corners of the limp-home spring; what is left of them halves the longest pieces.
+    The largest error is bisected: for each value, every straight piece reaches as far as it can (`polygon`). So points
+    are placed at the corners of the limp-home spring; the remaining points halve the longest pieces.
     """
     fine = np.linspace(lower, upper, places)
     down, middle, up = hold_curve(throttle, fine, gear_ratio, lower, upper)
@@ -86,10 +87,10 @@ def bias_of(
 
 
 def polygon(curve: np.ndarray, within: float) -> list[int]:
-    """Places on an evenly spaced curve, both ends among them, between which straight lines miss it by so much at most.
+    """Places on an evenly spaced curve, including both ends, between which straight lines deviate by `within` at most.
 
     Source: Imai and Iri 1986, Computer Vision, Graphics, and Image Processing 36 (the longest reach first). Differs
-    from source: the miss is that of the value, and where it does not rise with the reach the latter may fall short.
+    from source: the error is that of the value, and where it does not rise with the reach the reach may be too short.
     """
     places = [0]
     while places[-1] < curve.size - 1:
@@ -107,16 +108,16 @@ def polygon(curve: np.ndarray, within: float) -> list[int]:
 class Sliding:
     """ahead(w) = V_o sat(w / w_f) - V_c sat(-w / w_f) + k w, w the setpoint's rate and sat(s) = min(max(s, 0), 1).
 
-    Of Eqs. 1-2, where both directions have the same dry friction:
+    From Eqs. 1-2, where both directions have the same dry friction:
 
         V_o = V_c = R_a T_f / (N K_m),    k = N K_b + R_a (N^2 B_m + B_L) / (N K_m)
 
     Source: Olsson, Astrom, Canudas de Wit, Gafvert and Lischinsky 1998, European Journal of Control 4(3), for friction
-    by the sign of the speed asked for; the rest from Eqs. 1-2 at a speed that does not change. Differs from source: the
-    sign is straight within +-w_f.
+    by the sign of the commanded speed; the rest from Eqs. 1-2 at a constant speed. Differs from source: the sign is
+    replaced by a straight line within +-w_f.
     """
 
-    # opening, closing: V_o and V_c, what dry friction takes of a plate that slides open and closed, V
+    # opening, closing: V_o and V_c, the voltage for dry friction of a plate that slides open and closed, V
     opening: float
     closing: float
     full: float  # w_f, rad/s
@@ -129,7 +130,7 @@ class Sliding:
         return friction + self.slope * rate
 
     def only(self, terms: tuple[Term, ...]) -> Sliding | None:
-        """The terms of it that are asked for; None where none is."""
+        """Only the given terms; None where none of them is of this kind."""
         if not {Term.FRICTION, Term.RATE} & set(terms):
             return None
         slope = self.slope if Term.RATE in terms else 0.0
@@ -137,7 +138,7 @@ class Sliding:
         return kept if Term.FRICTION in terms else kept.frictionless()
 
     def frictionless(self) -> Sliding:
-        """Without the term of dry friction."""
+        """The same without the term of dry friction."""
         return replace(self, opening=0.0, closing=0.0)
 
 
@@ -155,13 +156,13 @@ def sliding_of(
     upper: float,
     settings: SlidingSettings = SlidingSettings(),
 ) -> Sliding:
-    """The terms of a model: what turning at a speed takes more than without dry friction, and at the opposite speed.
+    """The terms of a model, from the voltages at a speed and its opposite with and without dry friction.
 
         V_o = mean v(w, 1) - v(w, 0),   V_c = mean v(-w, 0) - v(-w, -1),   k = mean (v(w, 0) - v(-w, 0)) / (2 w)
 
-    v(w, s) is the voltage of a plate that turns at w against s times its dry friction, the mean that of places over the
-    travel. Memories of effects are held where a trace begins: friction that yields (`presliding_friction`) and a
-    winding that warms up are not in it.
+    v(w, s) is the voltage of a plate that turns at w against s times its dry friction; the mean is over places of the
+    travel. The memories of effects have their initial values: friction that yields (`presliding_friction`) and a
+    warming winding are not included.
     """
     travel = upper - lower
     angles = jnp.asarray(lower + travel * (np.arange(SLIDING_PLACES) + 0.5) / SLIDING_PLACES)
@@ -178,7 +179,7 @@ def sliding_of(
 
 
 def rates(setpoint: np.ndarray, ecu: Ecu) -> np.ndarray:
-    """Rate of a setpoint as the ECU takes it, tick by tick, rad/s: filtered as the derivative of its PID is.
+    """Rate of a setpoint as the ECU computes it, tick by tick, rad/s: filtered like the derivative of its PID.
 
         w <- (T_f w + r - r_last) / (T_f + T),    0 at the first tick
 

@@ -1,4 +1,4 @@
-"""Tuning rules by formula: of the transfer function alone. A newcomer joins `FORMULAS` and `pid.RULES`."""
+"""Tuning rules that are formulas of the transfer function. A new rule joins `FORMULAS` and `pid.RULES`."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ class Ultimate:
 
 
 def ultimate(plant: TransferFunction, late: float = 0.0) -> Ultimate | Refusal:
-    """Where the phase of the plant first passes -180 degrees: K_u = 1/|G(j w_u)|, P_u = 2 pi / w_u.
+    """Gain and period where the phase of the plant first passes -180 degrees: K_u = 1/|G(j w_u)|, P_u = 2 pi / w_u.
 
     Without lag and delay w_u = sqrt(a1) and K_u = (a2 a1 - a0) / b0 (Routh).
 
     Args:
         plant: rad/V.
-        late: further delay, of an ECU's hold say, s.
+        late: further delay, for example of an ECU's hold, s.
     """
     swing = np.unwrap(np.angle(plant.bare()(1j * _SCAN)))
     phase = swing - np.arctan(plant.lag * _SCAN) - (plant.delay + late) * _SCAN
@@ -53,7 +53,7 @@ def from_ultimate(u: Ultimate) -> Gains:
 
 
 def ziegler_nichols(task: Task) -> Gains | Refusal:
-    """Kp = 0.6 K_u, Ki = 2 Kp / P_u, Kd = Kp P_u / 8, of the transfer function: what the paper starts from.
+    """Kp = 0.6 K_u, Ki = 2 Kp / P_u, Kd = Kp P_u / 8, from the transfer function: the start of the paper's tuning.
 
     Source: Ziegler and Nichols 1942, Trans. ASME 64; the paper, section 4.2. Differs from source: K_u and P_u are
     computed from the transfer function, with half the ECU's period as delay, not found by raising a gain on the rig.
@@ -80,7 +80,8 @@ def simc(task: Task) -> Gains | Refusal:
     sensor's lag, T2 = t2 + t3 / 2 and L = delay + t3 / 2 + the rest.
 
     Source: Skogestad 2003, J. Process Control 13(4). Differs from source: the time constant of a complex pole is
-    1 / |pole|; half the ECU's period and all by which its derivative lags count as delay, for Tc = L leaves neither.
+    1 / |pole|; half the ECU's period and the whole lag of its derivative count as delay, because with Tc = L neither is
+    negligible.
     """
     plant = task.plant
     times = sorted((*(1.0 / np.abs(plant.poles)), plant.lag), reverse=True)
@@ -95,15 +96,15 @@ def simc(task: Task) -> Gains | Refusal:
 def amigo(task: Task) -> Gains | Refusal:
     """Kp = (0.2 + 0.45 T/L) / K, Ti = L (0.4 L + 0.8 T) / (L + 0.1 T), Td = 0.5 L T / (0.3 L + T).
 
-    The plant becomes K exp(-L s) / (T s + 1): L where the steepest tangent of its step response cuts zero, L + T where
-    the response reaches 63 % of its end.
+    The plant becomes K exp(-L s) / (T s + 1): L where the steepest tangent of its step response crosses zero, L + T
+    where the response reaches 63 % of its end.
 
     Source: Astrom and Hagglund 2004, J. Process Control 14(6). Differs from source: setpoint weight 1, and half the
     ECU's period counts as delay.
     """
     plant = task.plant
     if not np.isfinite(plant.dc_gain) or not np.all(plant.poles.real < 0.0):
-        return Refusal("the plant has no spring: its step response has no end")
+        return Refusal("the plant has no spring: its step response has no final value")
     T, L = first_order(plant)
     L += plant.delay + plant.lag + task.ecu.late
     kp = (0.2 + 0.45 * T / L) / plant.dc_gain
@@ -133,16 +134,16 @@ def _step(plant: TransferFunction, time: np.ndarray) -> np.ndarray:
 
 
 D = 0.5  # each double ratio a_k a_(k-2) / a_(k-1)^2: damping 0.7 at about 6 % overshoot
-SETTLES = 6.0  # settling time asked for, over Te
-DAMPED = 0.7  # Te at most, over the Te at which the back-EMF alone damps as much as is asked for and Kd would be 0
+SETTLES = 6.0  # required settling time over Te
+DAMPED = 0.7  # largest Te, over the Te at which the damping of the back-EMF alone is enough and Kd would be 0
 
 
 def damping_optimum(task: Task) -> Gains | Refusal:
     """The closed loop's polynomial made D2^3 D3^2 D4 Te^4 s^4 + D2^2 D3 Te^3 s^3 + D2 Te^2 s^2 + Te s + 1.
 
     With the plant b0 / (s^3 + a2 s^2 + a1 s + a0) its coefficients are those of s^4 + a2 s^3 + (a1 + b0 Kd) s^2 +
-    (a0 + b0 Kp) s + b0 Ki. D2 = D3 = 1/2, and D4 follows from Te; Te is a sixth of the settling time asked for, less
-    where the motor's own damping asks for it (`DAMPED`), and no less than 8 / a2, where D4 = 1/2.
+    (a0 + b0 Kp) s + b0 Ki. D2 = D3 = 1/2, and D4 follows from Te; Te is a sixth of the required settling time, less
+    where the motor's own damping is large (`DAMPED`), and at least 8 / a2, where D4 = 1/2.
 
     Source: Deur, Pavkovic, Peric, Jansz and Hrovat 2004, IEEE Trans. Ind. Appl. 40(3), section III. Differs from
     source: the armature is not neglected, the loop is not sampled, and Te is taken from the requirement.
@@ -154,7 +155,7 @@ def damping_optimum(task: Task) -> Gains | Refusal:
     ki = plant.a2 / (D**3 * te**3)
     kp, kd = ki * te - plant.a0, ki * D * te**2 - plant.a1
     if min(kp, kd) < 0.0:
-        return Refusal("the plant is already faster than the settling time asked for")
+        return Refusal("the plant is already faster than the required settling time")
     return Gains(kp / plant.b0, ki / plant.b0, kd / plant.b0)
 
 
@@ -162,7 +163,7 @@ def as_found(task: Task) -> Gains | Refusal:
     """Kp, Ki, Kd as [ecu] of rig.toml states them or the fit found them.
 
     Source: the rig's own logs (`effects.controller`). Differs from source: they are tried in the task's ECU, whose
-    clock, delay and bias curve may be others.
+    clock, delay and bias curve may be different.
     """
     return task.as_found
 

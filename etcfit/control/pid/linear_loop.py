@@ -1,14 +1,14 @@
-"""The ECU around the linear plant, sampled exactly by its clock: response and stability margins.
+"""The closed loop of the ECU and the linear plant, exact in discrete time: response and stability margins.
 
     x[k+1] = Phi x[k] + sum_j Gamma_j u[k-j],    y[k] = x_0[k]                       the plant under its hold and delay
     L(z) = C(z) G(z),    z = exp(j w T),    0 < w <= pi / T                          the open loop, for its margins
 
-with Phi = exp(A T), and Gamma_j the integral of exp(A (T - t)) B over the part of a tick in which u[k-j] acts. Of the
-ECU it knows period, delay, derivative filter and the weights of the setpoint. Limits of the output, of its slew and of
-the integral, the dead band, and the steps of converters are not linear: `ecu.tick` alone knows them.
+with Phi = exp(A T), and Gamma_j the integral of exp(A (T - t)) B over the part of a tick in which u[k-j] acts. Period,
+delay, derivative filter and setpoint weights of the ECU are included. Limits of the output, of its slew and of the
+integral, the dead band, and the steps of converters are not linear: only `ecu.tick` has them.
 
 Source: Astrom and Wittenmark 1997, Computer-Controlled Systems, section 2.3. Differs from source: delays of any number
-of ticks share one form, so that plants of different delay stand side by side.
+of ticks share one form, so that plants with different delays can be computed together.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ from ...model.linear import TransferFunction
 from ...model.pid import Gains
 from ..setpoint import Setpoint
 
-_QUICKEST = 1e-4  # ticks: the lag that a sensor without one is given beside plants whose sensor has one
+_QUICKEST = 1e-4  # ticks: substitute lag of a sensor without one, where other plants have a sensor lag
 
 
 class SampledPlant(NamedTuple):
-    """See the module; its state is the output as the ECU reads it, what lags behind it, its derivatives by the tick."""
+    """The plant of the module's equations; its state is the output as the ECU reads it, the lagged signals before it,
+    and the derivatives by the tick."""
 
     phi: Float[np.ndarray, "*plants n n"]  # Phi
     gamma: Float[np.ndarray, "*plants M n"]  # Gamma_j, newest voltage first
@@ -60,9 +61,9 @@ def sampled(plants: TransferFunction, ecu: Ecu) -> SampledPlant:
 
 
 def _exponential(matrices: Float[np.ndarray, "*plants N N"]) -> Float[np.ndarray, "*plants N N"]:
-    """exp of each matrix, all at once: exp(A) = (exp(A / 2^s))^(2^s), the inner one by its series.
+    """exp of many matrices together: exp(A) = (exp(A / 2^s))^(2^s), the inner one by its series.
 
-    SciPy's takes them one by one, and BLAS wakes its threads for each.
+    SciPy's function computes them one by one, and BLAS starts its threads for each.
 
     Source: Golub and Van Loan 2013, Matrix computations, 9.3.1. Differs from source: Taylor's series to the 16th power,
     enough to the last digit for a norm of 1/2.
@@ -79,7 +80,7 @@ def _exponential(matrices: Float[np.ndarray, "*plants N N"]) -> Float[np.ndarray
 
 
 def _flow(plants: TransferFunction, ecu: Ecu) -> Float[np.ndarray, "*plants N N"]:
-    """((A, B), (0, 0)) with time in ticks; what lags comes first, the ECU's own filter before the sensor."""
+    """((A, B), (0, 0)) with time in ticks; the lags come first, that of the ECU's filter before that of the sensor."""
     b0, a2, a1, a0, sensor, own, _ = np.broadcast_arrays(
         plants.b0, plants.a2, plants.a1, plants.a0, plants.lag, ecu.lag, np.asarray(plants.delay)
     )
@@ -94,13 +95,13 @@ def _flow(plants: TransferFunction, ecu: Ecu) -> Float[np.ndarray, "*plants N N"
     return flow
 
 
-_RUNAWAY = 1e6  # a response beyond this many travels has gone
+_RUNAWAY = 1e6  # travels beyond which a response counts as diverged
 
 
 def controller(gains: Gains, ecu: Ecu, z: Complex[np.ndarray, " W"]) -> Complex[np.ndarray, "*gains W"]:
-    """C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f), V/rad: what `model.pid.tick` makes of -y.
+    """C(z) = Kp + Ki T z / (z - 1) + Kd (z - 1) / ((T_f + T) z - T_f), V/rad: the response of `model.pid.tick` to -y.
 
-    The setpoint's weights are not in it: they change how the setpoint enters the loop, not what goes round in it.
+    The setpoint weights are not included: they change how the setpoint enters the loop, not the loop itself.
 
     Args:
         gains: shape (...,) each.
@@ -115,8 +116,8 @@ def controller(gains: Gains, ecu: Ecu, z: Complex[np.ndarray, " W"]) -> Complex[
 class ClosedLoop(NamedTuple):
     """s[k+1] = F s[k] + g r[k],    y[k] = s_0[k].
 
-    The state s holds that of the plant, the voltages still on their way, the integral (V), the filtered derivative
-    (rad/s) and what it last differenced, c r - y (rad).
+    The state s contains that of the plant, the delayed voltages, the integral (V), the filtered derivative (rad/s) and
+    its last input, c r - y (rad).
     """
 
     flow: Float[np.ndarray, "*loops S S"]  # F
@@ -145,11 +146,11 @@ def closed(gains: Gains, plants: SampledPlant, ecu: Ecu) -> ClosedLoop:
     p, i, d = (np.asarray(g, dtype=float)[..., None] for g in gains)
     n, late, T = plants.phi.shape[-1], plants.gamma.shape[-2] - 1, ecu.period
     size = n + late + 3
-    # every signal is a row: its share of each state, and of the setpoint last
+    # every signal is a row: its coefficient of each state, and of the setpoint last
     state = np.eye(size + 1)[:size]
     setpoint, position = np.eye(size + 1)[size], state[0]
     error, tracked = setpoint - position, ecu.derivative_weight * setpoint - position
-    integral = (i != 0.0) * state[-3] + i * T * error  # without a gain it holds nothing, and is no mode of the loop
+    integral = (i != 0.0) * state[-3] + i * T * error  # without a gain it is 0, and is no mode of the loop
     derivative = (ecu.filter * state[-2] + tracked - state[-1]) / (ecu.filter + T)
     volts = p * (ecu.setpoint_weight * setpoint - position) + integral + d * derivative
     rows = np.zeros((*np.broadcast_shapes(volts.shape[:-1], plants.phi.shape[:-2]), size, size + 1))
@@ -164,7 +165,7 @@ def closed(gains: Gains, plants: SampledPlant, ecu: Ecu) -> ClosedLoop:
 
 
 def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint) -> np.ndarray:
-    """Response in the setpoint's own unit at each tick, shape (K,); NaN once an unstable loop has gone.
+    """Response in the setpoint's own unit at each tick, shape (K,); NaN after an unstable loop has diverged.
 
     It starts at rest at the first value of the setpoint.
     """
@@ -176,7 +177,7 @@ def respond(plant: TransferFunction, gains: Gains, ecu: Ecu, setpoint: Setpoint)
 
 
 class Grid(NamedTuple):
-    """Frequencies between which crossings are found, evenly spaced in the logarithm, the last at Nyquist's."""
+    """Frequencies between which crossings are found, evenly spaced in the logarithm; the last is Nyquist's."""
 
     count: int  # W
     lowest: float  # over Nyquist's
@@ -191,16 +192,16 @@ COARSE = Grid(160, 1e-3)  # margins within 0.1 dB and 0.2 degrees of those of FI
 
 
 class Margins(NamedTuple):
-    """How far loops are from where they turn unstable; below 0 where they are, infinite where nothing turns them."""
+    """Stability margins of loops; below 0 where a loop is unstable, infinite where no change makes it unstable."""
 
-    gain_db: Float[np.ndarray, "*loops"]  # the smallest change of the gain, up or down, that brings the loop to -1
-    phase_deg: Float[np.ndarray, "*loops"]  # the smallest turn of the loop that does
+    gain_db: Float[np.ndarray, "*loops"]  # smallest change of the gain, up or down, that brings the loop to -1
+    phase_deg: Float[np.ndarray, "*loops"]  # smallest rotation of the loop that does
 
 
 class OpenLoop(NamedTuple):
-    """Plants under an ECU, prepared once for the margins of any gains."""
+    """Plants under an ECU, prepared for the margins of any gains."""
 
-    plants: SampledPlant  # as its clock sees them, shape (...)
+    plants: SampledPlant  # in discrete time, shape (...)
     response: Complex[np.ndarray, "*plants W"]  # G at each z, rad/V
     at_rest: Float[np.ndarray, "*plants"]  # G(1), rad/V; infinite without a spring
     z: Complex[np.ndarray, " W"]  # on the unit circle, the last -1
@@ -216,9 +217,9 @@ class OpenLoop(NamedTuple):
         return cls(under, under(z), at_rest, z, ecu)
 
     def margins(self, gains: Gains) -> Margins:
-        """Of gains of shape (...,) each, broadcast with the plants.
+        """Margins of gains of shape (...,) each, broadcast with the plants.
 
-        Source: Astrom and Wittenmark 1997, section 3.5. Differs from source: the phase margin is of a turn either way.
+        Source: Astrom and Wittenmark 1997, section 3.5. Differs from source: the phase margin is for either direction.
         """
         loop = controller(gains, self.ecu, self.z) * self.response
         log, turn = np.log(np.abs(loop)), np.angle(-loop)
@@ -245,14 +246,15 @@ def _gain_at(value: np.ndarray) -> np.ndarray:
 
 
 def _crossing(value: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Where a value passes 0 either way between two frequencies that are near: the share of the way, else NaN."""
+    """Share of the interval at which a value crosses 0 between two adjacent frequencies that are `near`; otherwise
+    NaN."""
     first, then = value[..., :-1], value[..., 1:]
     passes = ((first > 0.0) != (then > 0.0)) & near
     return np.where(passes, first / np.where(passes, first - then, 1.0), np.nan)
 
 
 def _least(value: np.ndarray) -> np.ndarray:
-    """The smallest along the frequencies; infinite where all are NaN."""
+    """The smallest value along the frequencies; infinite where all are NaN."""
     return np.min(np.where(np.isnan(value), np.inf, value), axis=-1)
 
 

@@ -1,4 +1,4 @@
-"""The ECU closed around the fitted nonlinear plant, for many gains and many draws of the parameters at once."""
+"""Simulates the ECU in closed loop with the fitted nonlinear plant, for many gains and many draws of the parameters."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from .loop_kernel import kernel_of
 
 
 class Body(NamedTuple):
-    """What of the rig the loop needs: gear ratio, stops (rad)."""
+    """The numbers of the rig that the loop needs: gear ratio, stops (rad)."""
 
     gear_ratio: float
     lower: float
@@ -46,28 +46,28 @@ class Path(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """Responses, and what they come to."""
+    """Responses and their figures."""
 
     share: np.ndarray  # position at each tick, share of the travel, shape (D, G, K)
     figures: LoopFigures  # shape (D, G) each
 
 
 class _Carry(NamedTuple):
-    """What the simulation hands from tick to tick: the plant, memories of its effects and of the controller."""
+    """The state of the simulation between ticks: the plant, memories of its effects and of the controller."""
 
     x: State
     z: tuple[Scalar, ...]
     shown: Scalar  # position at the ECU's converter, rad
     memory: Any
-    sent: Any  # voltages of the last ticks, newest first, V
+    sent: Any  # output voltages of the last ticks, newest first, V
 
 
-_LATEST = 64  # ticks of delay that are remembered at most
-_UNROLLED = 4  # integration steps of a tick at most: quick to run, and quick to compile
-_MANY = 200  # responses that are too many to be kept until all are there
+_LATEST = 64  # most ticks of delay
+_UNROLLED = 4  # most integration steps of a tick that are unrolled: fast to run, and fast to compile
+_MANY = 200  # number of responses above which they are not kept together
 
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
-Keep = Callable[[Path, Any], Any]  # of a tick's path and the controller's memory after it: what of them is wanted
+Keep = Callable[[Path, Any], Any]  # from a tick's path and the controller's memory after it to the values that are kept
 
 
 def _path(path: Path, memory: Any) -> Path:
@@ -78,9 +78,9 @@ def _acting(late: Scalar, parts: int, room: int) -> Any:
     """Share of each part of a tick in which each voltage acts, newest voltage first, shape (parts, room).
 
     Args:
-        late: by how many ticks a voltage acts after it was computed; it then acts for a tick.
-        parts: of equal duration.
-        room: voltages that are remembered; the oldest acts for all before it.
+        late: delay from the computation of a voltage to its action, ticks; it then acts for one tick.
+        parts: number of parts, of equal duration.
+        room: number of stored voltages; the oldest replaces all before it.
     """
     begins = late - np.arange(room)[None, :]
     ends = begins + 1.0
@@ -90,31 +90,33 @@ def _acting(late: Scalar, parts: int, room: int) -> Any:
 
 
 class _Run(NamedTuple):
-    """What every plant is simulated with."""
+    """The data of a simulation that are common to all plants."""
 
     settings: Any  # of the controller
-    first: Any  # memory with which it begins, shape (G,)
+    first: Any  # initial memory, shape (G,)
     ecu: Ecu  # limits and clock
     body: Body  # gear ratio and stops
-    wanted: Any  # setpoint at each tick, rad, shape (K,); or what a controller of its own kind is asked, see `Loop.run`
+    wanted: Any  # setpoint at each tick, rad, shape (K,); or the demand of another kind of controller, see `Loop.run`
     bias: Any  # feed-forward at each tick, V, shape (K,)
-    start: State  # state at the begin
+    start: State  # initial state
 
 
 class _Plant(NamedTuple):
-    """What the ECU drives."""
+    """One plant and its supply and sensor noise."""
 
     throttle: Throttle  # the model
-    drive: Scalar  # voltage that it gets over the one that the ECU means to send
-    ceiling: Scalar  # most that the ECU can mean to send, V: what the supply has left where the ECU reckons with it
-    misread: Any  # what the noise adds to each reading, rad, shape (K,)
+    drive: Scalar  # actual voltage over the voltage that the ECU commands
+    ceiling: (
+        Scalar  # largest voltage that the ECU can command, V: that of the supply where the ECU allows for the supply
+    )
+    misread: Any  # noise of each reading, rad, shape (K,)
 
 
 def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar:
-    """A first-order lag over a step in which its input goes straight from before to now.
+    """A first-order lag over a step in which its input changes linearly from before to now.
 
     Args:
-        shown: its output at the step's begin.
+        shown: its output at the begin of the step.
         before, now: its input.
         steps: duration of the step over its time constant; infinite for none.
     """
@@ -123,8 +125,8 @@ def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar
 
 
 class _Simulation(NamedTuple):
-    """Where a run begins, and what makes one tick of it: of what is carried and the tick's (setpoint, feed-forward,
-    misreading, instant), what is carried on and what is kept."""
+    """The initial state of a run, and the function of one tick: from the state and the tick's (setpoint, feed-forward,
+    noise, instant) to the next state and the values that are kept."""
 
     begin: _Carry
     advance: Callable[[_Carry, Any], tuple[_Carry, Any]]
@@ -134,8 +136,8 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
     """One plant under one controller.
 
     Args:
-        parts: integration steps in a tick.
-        room: ticks of delay that are remembered.
+        parts: number of integration steps in a tick.
+        room: number of ticks of delay that are stored.
     """
     settings, first, ecu, body, _, _, start = run
     throttle, drive, ceiling, _ = plant
@@ -210,18 +212,18 @@ def _late(throttles: Throttle) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """An ECU around draws of a throttle body."""
+    """An ECU in closed loop with draws of a throttle body."""
 
     throttles: Throttle  # models, parameters of shape (D,); the nominal one first
     body: Body  # of the rig
     ecu: Ecu  # the controller
     bias: Bias | None = None  # feed-forward; None for none
     settings: LoopSettings = LoopSettings()  # of the simulation
-    # voltage that each plant gets over the one that the ECU means to send, shape (D,); None for 1: the supply over the
-    # ECU's where its output is a duty
+    # actual voltage of each plant over the voltage that the ECU commands, shape (D,); None for 1. Where the output is a
+    # duty it is the actual supply over the supply that the ECU assumes
     drive: np.ndarray | None = None
     sliding: Sliding | None = None  # feed-forward that follows the setpoint's rate; None for none
-    # most that the ECU can mean to send to each plant, V, shape (D,); None for no other limit than its own
+    # largest voltage that the ECU can command for each plant, V, shape (D,); None for no limit but its own
     ceiling: np.ndarray | None = None
 
     @property
@@ -230,11 +232,11 @@ class Loop:
         return int(np.shape(jax.tree.leaves(self.throttles)[0])[0])
 
     def first(self, count: int) -> Loop:
-        """The loop around the first `count` models only, the nominal one first."""
+        """The loop with the first `count` models only, the nominal one first."""
         return self.taking(np.arange(min(count, self.draws)))
 
     def taking(self, which: np.ndarray) -> Loop:
-        """The loop around some of the models, by their numbers, shape (C,)."""
+        """The loop with some of the models, by their numbers, shape (C,)."""
         drive, ceiling = (None if each is None else each[which] for each in (self.drive, self.ceiling))
         # by NumPy: a look-up by JAX takes a millisecond for each parameter
         throttles = jax.tree.map(lambda leaf: np.asarray(leaf)[which], self.throttles)
@@ -245,7 +247,7 @@ class Loop:
         return replace(self, settings=replace(self.settings, seed=self.settings.seed + 1))
 
     def under(self, ecu: Ecu) -> Loop:
-        """The loop with another ECU around its plants."""
+        """The loop with another ECU and the same plants."""
         return replace(self, ecu=ecu)
 
     def angle(self, share: Any) -> Any:
@@ -261,7 +263,7 @@ class Loop:
         return hold_curve(self.nominal, angles, *self.body)
 
     def ahead(self, setpoint: np.ndarray) -> np.ndarray:
-        """What the ECU puts out ahead of its PID at each tick, V, for setpoints (rad), shape (K,)."""
+        """Feed-forward of the ECU at each tick, V, for setpoints (rad), shape (K,)."""
         volts = np.zeros_like(setpoint) if self.bias is None else self.bias.volts(setpoint)
         return volts if self.sliding is None else volts + self.sliding.volts(rates(setpoint, self.ecu))
 
@@ -277,8 +279,8 @@ class Loop:
         return TransferFunction(b0 * self._driven[:, None], a2, a1, a0, delay, lag)  # pyright: ignore[reportArgumentType]
 
     def respond(self, gains: Gains, setpoint: Setpoint, reduced: Callable[[Path], Any] = lambda path: path) -> Any:
-        """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each: a `Path`, or what `reduced` makes of
-        one of shape (..., K)."""
+        """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each: a `Path`, or the result of `reduced`
+        on a path of shape (..., K)."""
         gains = Gains(*(np.asarray(g, dtype=float) for g in gains))
         first = Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0]))
         return self.run(tick, gains, first, setpoint, reduced=reduced)
@@ -294,16 +296,16 @@ class Loop:
         reduced: Callable[[Any], Any] = lambda kept: kept,
         demand: Any = None,
     ) -> Any:
-        """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or what `keep` makes of it.
+        """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or the values that `keep` takes of it.
 
         Args:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
-            settings: of it, entries of shape (G,).
-            first: memory with which it begins, entries of shape () or (G,).
-            start: state of every plant at its begin; None: at rest where the setpoint begins.
-            keep: of a tick's path and the controller's memory after it, what is given back.
-            reduced: of that, shape (..., K), what is given back instead, shape (...).
-            demand: what each controller gets in place of the setpoint, entries of shape (G, K).
+            settings: settings of the controller, entries of shape (G,).
+            first: initial memory of the controller, entries of shape () or (G,).
+            start: initial state of every plant; None: at rest at the first value of the setpoint.
+            keep: function of a tick's path and the controller's memory after it; its values are returned.
+            reduced: function of these values, shape (..., K), whose result is returned instead, shape (...).
+            demand: input of each controller in place of the setpoint, entries of shape (G, K).
         """
         wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
         ahead = self.ahead(wanted)
@@ -325,7 +327,7 @@ class Loop:
         return reduced(jax.tree.map(lambda *each: np.concatenate(each), *paths))
 
     def judged(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
-        """How well the responses follow, shape (D, G) each."""
+        """The tracking figures of the responses, shape (D, G) each."""
         path = self.respond(gains, setpoint)
         return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
 
@@ -339,14 +341,14 @@ class Loop:
         return Tried(self.share(path.position), self._with_heat(self._measured(setpoint, path)))
 
     def figures(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
-        """The same figures, shape (D, G) each, without the responses: where these are many they do not fit the caches,
-        and each is judged as it comes."""
+        """The same figures, shape (D, G) each, without the responses: many responses do not fit the caches, so each is
+        evaluated when it is complete."""
         if self.draws * np.size(gains[0]) < _MANY:
             return self.tried(gains, setpoint).figures
         return self._with_heat(self.respond(gains, setpoint, partial(self._measured, setpoint)))
 
     def _measured(self, setpoint: Setpoint, path: Path) -> dict[str, Any]:
-        """What is computed of one response by itself."""
+        """The figures that are computed from one response alone."""
         time = setpoint.instants(self.ecu.period)
         position, voltage, current = (np.asarray(each) for each in path)
         follows = judge(setpoint, time, self.share(position))
@@ -357,6 +359,7 @@ class Loop:
         return with_heat(LoopFigures(**measured), winding, self.settings.bridge_ohm)
 
     def _room(self) -> int:
-        """Ticks of delay to remember: a power of two, so that loops of slightly different delays compile once."""
+        """Number of ticks of delay to store: a power of two, so that loops of similar delays share a compiled
+        program."""
         ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
         return min(_LATEST, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1

@@ -1,4 +1,4 @@
-"""A control loop as machine code: plant and controller in one, tick by tick, and many side by side in vectors."""
+"""A control loop as machine code: plant and controller together, tick by tick, many loops in vectors."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ...kernels.machine import POINTS, Kernel, available
 from ...problem.lanes import compiled, remembered, shared_out
 from ...problem.traced_entry import Shape, TracedEntry, nodes_of
 
-_LOOPS = 64  # that a process remembers
+_LOOPS = 64  # loops that a process keeps compiled
 
 
 class _Lasting(NamedTuple):
-    """What does not change from tick to tick: numbers of each plant (D, ...), of each controller (G, ...), of all."""
+    """Numbers that are constant over the ticks: of each plant (D, ...), of each controller (G, ...), common to all."""
 
     plants: Any
     controllers: Any
@@ -29,18 +29,18 @@ class _Lasting(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What a loop is compiled for."""
+    """The kind of loop that is compiled."""
 
-    # function of (control, keep, plant, run, parts, room), see `loop`: where a run begins, and what makes a tick of it
+    # function of (control, keep, plant, run, parts, room), see `loop`: initial state and function of a tick
     simulation: Callable[..., Any]
-    # control, keep, parts, room: as it takes them
+    # control, keep, parts, room: its arguments
     control: Any
     keep: Any
     parts: int
     room: int
-    tree: Any  # structure of what lasts
-    shapes: tuple[tuple[int, ...], ...]  # of its leaves, for one plant and one controller
-    wanted: Any  # structure of what the controller is asked at a tick
+    tree: Any  # structure of the constant numbers
+    shapes: tuple[tuple[int, ...], ...]  # shapes of its leaves, for one plant and one controller
+    wanted: Any  # structure of the controller's demand at a tick
 
 
 class LoopKernel:
@@ -70,10 +70,10 @@ class LoopKernel:
 
         Args:
             plants, run: see `loop`.
-            reduced: what is made of the tree of what is kept, shape (N, K), while it lies in the processor's caches:
-                arrays of shape (N, ...).
+            reduced: function of the tree of kept values, shape (N, K), to arrays of shape (N, ...); it is called while
+                they are in the processor's caches.
         Returns:
-            the tree of that, shape (D, G, ...).
+            the tree of its results, shape (D, G, ...).
         """
         lasting = _lasting(plants, run)
         draws, gains = len(plants.drive), len(jax.tree.leaves(run.settings)[0])
@@ -83,7 +83,7 @@ class LoopKernel:
                                    for each in jax.tree.leaves(lasting.all))])  # fmt: skip
         ticks = np.size(run.bias)
         time = float(run.ecu.period) * np.arange(ticks)
-        # each with whether its rows, if it has some, are of controllers; else they are of plants
+        # for each, whether its rows, if it has any, are of controllers or of plants
         entry = [*((leaf, True) for leaf in jax.tree.leaves(run.wanted)),
                  (run.bias, False), (plants.misread, False), (time, False)]  # fmt: skip
         columns = [(np.asarray(entry[k][0]), entry[k][1]) for k in self._read]
@@ -99,7 +99,7 @@ class LoopKernel:
                         record[:] = column[:, None]
                 elif of_controllers:
                     record[:] = column[controller].T
-                elif by is not this_run or not np.array_equal(before, plant):  # neighbours are of one plant as a rule
+                elif by is not this_run or not np.array_equal(before, plant):  # neighbours usually have the same plant
                     record[:] = column[plant].T
             _ROOMS.records_of = this_run, plant
             return [record.ctypes.data for record in records]
@@ -124,12 +124,12 @@ class LoopKernel:
         return jax.tree.map(lambda each: each.reshape(draws, gains, *each.shape[1:]), out[0])
 
 
-_ROOMS = local()  # each thread keeps its arrays: the system takes as long to give new ones as a kernel runs
-_AT_ONCE = 512  # ticks that are turned about at once: more fall out of the caches
+_ROOMS = local()  # each thread keeps its arrays: the allocation of new ones would take as long as a kernel
+_AT_ONCE = 512  # ticks that are transposed together: more do not fit the caches
 
 
 def _room_for(name: str, shape: tuple[int, ...]) -> np.ndarray:
-    """An array of any content that this thread uses again."""
+    """An uninitialised array that this thread reuses."""
     size, kept = math.prod(shape), getattr(_ROOMS, name, None)
     if kept is None or not size <= kept.size <= 4 * size:
         kept = np.empty(size)
@@ -138,7 +138,7 @@ def _room_for(name: str, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _along_ticks(stored: np.ndarray) -> np.ndarray:
-    """What is stored tick by tick, shape (K, S, N), as runs, shape (S, N, K)."""
+    """Values stored by tick, shape (K, S, N), transposed to runs, shape (S, N, K)."""
     out = _room_for("turned", (*stored.shape[1:], stored.shape[0]))
     for k in range(0, len(stored), _AT_ONCE):
         out[..., k : k + _AT_ONCE] = np.moveaxis(stored[k : k + _AT_ONCE], 0, 2)
@@ -148,7 +148,7 @@ def _along_ticks(stored: np.ndarray) -> np.ndarray:
 def kernel_of(
     simulation: Callable[..., Any], control: Any, keep: Any, parts: int, room: int, plants: Any, run: Any
 ) -> LoopKernel | None:
-    """The loop for these plants and this run, see `Kind`; None where JAX runs it."""
+    """The compiled loop for these plants and this run, see `Kind`; None where JAX runs it."""
     if not available():
         return None
     lasting = _lasting(plants, run)
@@ -162,10 +162,10 @@ def kernel_of(
 
 @remembered(_LOOPS)
 def _made(kind: Kind, plant: Any, run: Any) -> LoopKernel | None:
-    """Plant and run have no numbers here."""
+    """The loop from plant and run without numbers."""
     try:
         return LoopKernel(kind, plant, run)
-    except NotScalarError:  # a controller that computes in a way of its own
+    except NotScalarError:  # a controller that is not scalar arithmetic
         return None
 
 
@@ -176,7 +176,7 @@ def _lasting(plants: Any, run: Any) -> _Lasting:
 
 
 def _joined(lasting: _Lasting, plant: Any, run: Any) -> tuple[Any, Any]:
-    """Plant and run of these numbers."""
+    """Plant and run with these numbers."""
     (throttle, drive, ceiling), (settings, first), (ecu, body, start) = lasting
     return (plant._replace(throttle=throttle, drive=drive, ceiling=ceiling),
             run._replace(settings=settings, first=first, ecu=ecu, body=body, start=start))  # fmt: skip
@@ -189,5 +189,5 @@ def _array(values: Any, k: int, shape: tuple[int, ...]) -> Any:
 
 
 def _rows(tree: Any, count: int) -> list[np.ndarray]:
-    """Numbers of each of so many, shape (n, count), leaf by leaf."""
+    """The numbers of `count` plants or controllers, shape (n, count), leaf by leaf."""
     return [np.asarray(leaf, dtype=float).reshape(count, -1).T for leaf in jax.tree.leaves(tree)]

@@ -1,4 +1,5 @@
-"""Our own rule: the gains that track best on the nonlinear model and still meet what is asked in every scenario."""
+"""The rule `optimal`: the gains with the least tracking error on the nonlinear model that meet all requirements in
+every scenario."""
 
 from __future__ import annotations
 
@@ -20,36 +21,36 @@ from .loop import Loop
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """How gains (G) fare over draws (D)."""
+    """Scores of gains (G) over draws (D)."""
 
     rmse: np.ndarray  # mean over draws, %, shape (G,)
-    excess: np.ndarray  # by how much the requirement missed worst is missed, relative, 0 if none, shape (D, G)
-    settings: OptimumSettings = OptimumSettings()  # `certain`
+    excess: np.ndarray  # relative excess over the requirement missed worst, 0 if none is missed, shape (D, G)
+    settings: OptimumSettings = OptimumSettings()  # for `certain`
 
     @property
     def missed(self) -> np.ndarray:
-        """Mean log(1 + excess) of the draws, 0 where the share `certain` of them meets everything; shape (G,).
+        """Mean log(1 + excess) of the draws, 0 where the share `certain` of them meets every requirement; shape (G,).
 
-        A mean, so that where not enough draws can be pleased as many are as can be; its logarithm, so that one that
-        cannot be does not decide alone.
+        The mean favours many draws that meet the requirements where not enough can; the logarithm limits the influence
+        of a draw that cannot.
         """
         enough = np.quantile(self.excess, self.settings.certain, axis=0) <= 0.0
         return np.where(enough, 0.0, np.mean(np.log1p(self.excess), axis=0))
 
     @property
     def cost(self) -> np.ndarray:
-        """Tracking error, and any miss of a requirement dearer than all of it; shape (G,)."""
+        """Tracking error, plus a penalty for missed requirements that outweighs it; shape (G,)."""
         rmse = np.nan_to_num(self.rmse, nan=1e3, posinf=1e3)
         missed = np.nan_to_num(self.missed, nan=1e3, posinf=1e3)
         return rmse * (1.0 + np.where(missed > 0.0, 1.0 + _WEIGHT * missed, 0.0))
 
 
 _WEIGHT = 50.0  # cost of missing a requirement by its own size, in units of the tracking error
-_SAFETY = 100.0  # a stability margin missed by its own size counts as a requirement missed by so many times its own
-_SPARE_ALONE = 0.12  # share of each requirement kept in hand on the nominal model alone, which sees one noise sequence
-_WIDER = 1.5  # factor on the covariance of the elite, lest the search narrows before it has arrived
+_SAFETY = 100.0  # weight of a missed stability margin over that of a requirement missed by the same share
+_SPARE_ALONE = 0.12  # reserve to each requirement, as a share, on the nominal model alone, which has one noise sequence
+_WIDER = 1.5  # factor on the covariance of the elite, so that the search does not narrow too early
 _NARROWEST = 0.01  # least standard deviation of a population in the logarithm of a gain
-_WORST = 180.0  # dB or degrees that an unstable loop misses a margin by where no change of gain or phase mends it
+_WORST = 180.0  # dB or degrees by which an unstable loop misses a margin where no change of gain or phase stabilises it
 
 Score = Callable[[np.ndarray], Scores]  # of logarithms of gains, shape (G, 3)
 
@@ -57,12 +58,12 @@ Score = Callable[[np.ndarray], Scores]  # of logarithms of gains, shape (G, 3)
 def optimal(task: Task) -> Gains | Refusal:
     """min mean RMSE over draws, subject to requirements and margins met by at least 95 % of the draws.
 
-    Tracking error of the trapezoid of 5 to 45 % at 1 Hz (Eq. 9), or of a log where that is larger, on the fitted
-    nonlinear model under its ECU, whose sensor has its noise; requirements in every scenario, the worst counts. A sweep
-    of scattered gains, then the cross-entropy method from the best of them on the nominal model, a few times; the same
-    over a few draws from the best of these ends and of what the rules by formula say, as far as they lie apart, for the
-    nominal model does not tell which valley is the deepest over draws; of the elite the best over all draws. Where no
-    gains meet everything, those that miss least.
+    The objective is the tracking error of the trapezoid of 5 to 45 % at 1 Hz (Eq. 9), or of a log where that is larger,
+    on the fitted nonlinear model under its ECU with the sensor's noise. Each requirement is that of the worst scenario.
+    The search: a sweep of scattered gains, then the cross-entropy method from the best of them on the nominal model, a
+    few times; then the same over a few draws, from the best of these results and of the rules by formula, as far as
+    they lie apart, because the nominal model does not show which local optimum is the best over draws; the best of the
+    elite over all draws is taken. Where no gains meet every requirement, the gains with the least excess.
 
     Source: this project; Rubinstein and Kroese 2004, The Cross-Entropy Method, for the search. Differs from source: the
     spread is bounded from below, and the best so far is kept.
@@ -72,20 +73,20 @@ def optimal(task: Task) -> Gains | Refusal:
     alone = _scorer(task, 1, _SPARE_ALONE)
     ends = [cross_entropy(alone, _swept(alone, rng, settings), settings.rounds, rng, settings)[0]
             for _ in range(settings.searches)]  # fmt: skip
-    # what the rules that need no experiment say: valleys that the nominal model hides
+    # the gains of the rules by formula: they may lie near local optima that the nominal model hides
     found = (rule(task) for rule in FORMULAS)
     ends += [np.log(np.clip(gains, settings.lowest, settings.highest)) for gains in found if isinstance(gains, Gains)]
     return best_over_draws(task, np.array(ends), rng)
 
 
 def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) -> Gains:
-    """The gains that cost least over all models of a task, sought over the first few from the best of some begins.
+    """The gains with the least cost over all models of a task, sought over the first few from the best of some starts.
 
-    Where all of them together ask for more than the first few did, the search goes on with more kept in hand.
+    Where all models together miss a requirement that the first few meet, the search is repeated with a larger reserve.
 
     Args:
-        task: whose first few models are those that decide.
-        begins: logarithms of gains, shape (B, 3).
+        task: the task; the search uses its first few models.
+        begins: starts, logarithms of gains, shape (B, 3).
     """
     settings = task.settings.optimum
     every = _scorer(task, task.loop.draws, 0.0)
@@ -104,10 +105,10 @@ def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) ->
 def best_of_several(
     score: Score, begins: np.ndarray, rng: np.random.Generator, settings: OptimumSettings = OptimumSettings()
 ) -> np.ndarray:
-    """The best of searches that each set out from one of the best begins, none of them near another.
+    """The best of several searches, each from one of the best starts, no start near another.
 
     Args:
-        begins: logarithms of gains, shape (B, 3).
+        begins: starts, logarithms of gains, shape (B, 3).
     Returns:
         logarithms of gains, shape (elite, 3), the best first.
     """
@@ -121,11 +122,11 @@ def best_of_several(
     return leaders[np.argsort(cost)[: settings.elite]]
 
 
-_ABOUT = 0.15  # standard deviation of the gains with which a search from a begin begins, in their logarithm
+_ABOUT = 0.15  # standard deviation of the logarithm of the gains in the first population of a search
 
 
 def _apart(begins: np.ndarray, settings: OptimumSettings) -> list[np.ndarray]:
-    """The first few begins of which none lies in the population about another: other valleys, as far as is known."""
+    """The first few starts of which none lies in the population about another one."""
     kept: list[np.ndarray] = []
     for begin in begins:
         if all(np.max(np.abs(begin - other)) > _ABOUT for other in kept):
@@ -134,7 +135,7 @@ def _apart(begins: np.ndarray, settings: OptimumSettings) -> list[np.ndarray]:
 
 
 def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures, float]:
-    """The best gains near some after so many populations, their figures on the nominal model, and their `missed`."""
+    """The best gains near some gains after `rounds` populations, their figures on the nominal model, and `missed`."""
     settings = task.settings.optimum
     rng = np.random.default_rng(settings.seed)
     score = _scorer(task, task.loop.draws, settings.spares[0])
@@ -146,7 +147,7 @@ def best_from(task: Task, begin: Gains, rounds: int) -> tuple[Gains, LoopFigures
 
 
 def _about(best: np.ndarray, rng: np.random.Generator, settings: OptimumSettings) -> np.ndarray:
-    """A population about the best so far, which is its first; logarithms of the gains, shape (population, 3)."""
+    """A population about the best gains so far, which are its first member; logarithms, shape (population, 3)."""
     low, high = _ends(settings)
     scatter = np.vstack((np.zeros(3), rng.standard_normal((settings.population - 1, 3))))
     return np.clip(best + _ABOUT * scatter, low, high)
@@ -158,7 +159,7 @@ def _ends(settings: OptimumSettings) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _swept(score: Score, rng: np.random.Generator, settings: OptimumSettings) -> np.ndarray:
-    """The best population of several scattered over all gains, logarithms, shape (population, 3)."""
+    """The best of several populations scattered over the whole range, logarithms of gains, shape (population, 3)."""
     from scipy.stats import qmc
 
     low, high = _ends(settings)
@@ -186,11 +187,11 @@ def elite_of(
     rng: np.random.Generator,
     settings: OptimumSettings = OptimumSettings(),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Draw a population about the mean and covariance of the best so far, again and again; the best are never lost.
+    """Draw populations about the mean and covariance of the best gains so far; the best gains are always kept.
 
     Args:
         begin: first population, logarithms, shape (G, 3).
-        rounds: populations after it.
+        rounds: number of populations after it.
     Returns:
         the best logarithms of gains found, shape (elite, 3), and their cost, shape (elite,), the best first.
     """
@@ -210,7 +211,7 @@ def elite_of(
 
 
 def _scorer(task: Task, draws: int, spare: float) -> Score:
-    """Over the first so many draws, with a share of each requirement kept in hand."""
+    """The score over the first `draws` models, with a reserve to each requirement."""
     loop = task.loop.first(draws)
     linear = OpenLoop.of_plants(loop.linear(), loop.ecu, COARSE)
 
@@ -221,38 +222,39 @@ def _scorer(task: Task, draws: int, spare: float) -> Score:
 
 
 def scores(task: Task, gains: Gains, loop: Loop, linear: OpenLoop, spare: float) -> Scores:
-    """Figures of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: share of limits kept in hand."""
-    asked, figures = task.requirements, loop.figures(gains, task.setpoint)
+    """Scores of gains (G,) over the draws of a loop, linear plants (D, 1); `spare`: reserve as a share of the
+    limits."""
+    required, figures = task.requirements, loop.figures(gains, task.setpoint)
     gain, phase = (np.maximum(m, -_WORST) for m in linear.margins(gains))
     longest = max(level.ends - level.begins for level in task.setpoint.levels)
     settled = replace(figures, settling_s=np.minimum(figures.settling_s, 2.0 * longest))
     settings = task.settings.optimum
-    over = [strain - 1.0 for strain in asked.strain(settled).values()]
-    short = (1.0 - gain / asked.gain_margin_db, 1.0 - phase / asked.phase_margin_deg)
+    over = [strain - 1.0 for strain in required.strain(settled).values()]
+    short = (1.0 - gain / required.gain_margin_db, 1.0 - phase / required.phase_margin_deg)
     over += [each + (_SAFETY - 1.0) * np.maximum(each, 0.0) for each in short]
     worst = np.max(np.stack([np.broadcast_to(each, figures.rmse_pct.shape) for each in over]), axis=0)
     rmse = np.mean(figures.rmse_pct, axis=0)
     return Scores(rmse, np.maximum(worst + spare, 0.0), settings)
 
 
-SHARES = (0.85, 0.7, 0.55, 0.4, 0.25)  # of the activity that the best gains without a limit have
+SHARES = (0.85, 0.7, 0.55, 0.4, 0.25)  # limits of the activity over that of the best gains without a limit
 
 
 @dataclass(frozen=True)
 class FrontPoint:
     """The best gains within a limit of the duty's activity."""
 
-    limit: float  # of the activity, %; infinite for none
+    limit: float  # limit of the activity, %; infinite for none
     gains: Gains
-    activity: float  # theirs, %
+    activity: float  # activity of these gains, %
     rmse: float  # tracking error, % of the travel
-    meets: bool  # whether they meet everything else that is asked for
+    meets: bool  # whether they meet all other requirements
 
 
 def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
-    """On the nominal model, from the most restless to the calmest; each search begins at the end of the one before.
+    """The front on the nominal model, from the largest activity to the least; each search starts at the result before.
 
-    The first is not limited; the others are allowed a share of its activity each.
+    The first point has no limit; the limits of the others are shares of its activity.
     """
     alone, points = replace(task, loop=task.loop.first(1)), list[FrontPoint]()
     for share in (math.inf, *SHARES):
@@ -264,7 +266,8 @@ def front(task: Task, begin: Gains) -> tuple[FrontPoint, ...]:
 
 
 def carried(points: Sequence[FrontPoint]) -> tuple[FrontPoint, ...]:
-    """Points of which none follows worse than a calmer one: what is best within a limit is within every looser one."""
+    """The points, each with the gains of a calmer point where those track better: they are within every looser
+    limit."""
     best = [points[-1]]
     for point in reversed(points[:-1]):
         calmer = best[-1]

@@ -1,4 +1,4 @@
-"""What the proposed gains do where something fails: jam, sensor, supply, current; and how that is detected in time."""
+"""Behaviour of the proposed gains in failures of plate (jam), sensor, supply and current, and their detection."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from .unpowered import Holding, Return, holding_currents, return_times
 
 @dataclass(frozen=True, eq=False)
 class Safety:
-    """What happens where something fails, and how it is detected."""
+    """The results for all failures, and the proposed jam check."""
 
-    envelope: Envelope  # how far off a sound throttle is
-    jam: JamCheck | None  # the jam check proposed; None where no threshold gets along with the timeout allowed
+    envelope: Envelope  # control errors of a sound throttle
+    jam: JamCheck | None  # the proposed jam check; None where no threshold allows a timeout within the limit
     sensors: tuple[Runaway, ...]  # faults of the position sensor
     sags: tuple[Sag, ...]  # of the supply
-    returns: tuple[Return, ...]  # of the plate without a current, opening by opening
-    holding: Holding  # current and heat
+    returns: tuple[Return, ...]  # return of the plate without a current, by opening
+    holding: Holding  # current and heat of holding
 
 
 def safety(task: Task, gains: Gains) -> Safety:
-    """Figures of these gains: `task.settings.safety` has what they are looked for with."""
+    """The safety figures of these gains; their settings are in `task.settings.safety`."""
     settings = task.settings.safety
     found = envelope(task, gains)
     check = propose_jam_check(found, task)

@@ -1,4 +1,4 @@
-"""Jam, failing sensor, sagging supply: what they do to a plate under its PID, and the check proposed against them."""
+"""Simulates a jam, a failing sensor and a sagging supply for a plate under its PID, and proposes a jam check."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from ..pid.loop import Loop
 from ..setpoint import Setpoint
 from .guarded import Guards, Seen, SensorFault, Trial, lasted, longest_above, of_setpoint, run_trials, stack_trials
 
-FAILS_AT = 0.6  # s for which a plate may settle before something fails
-WATCHED = 1.2  # s for which it is watched afterwards
-_THRESHOLDS = 40  # tried for the jam check, evenly spaced in the logarithm
-_LEAST = 0.005  # error from which on a threshold of the jam check is looked for, share of the travel
-_CLOCK = 0.01  # to whose whole multiples a timeout is rounded up, s
-_RECOVERED = 0.01  # distance from the setpoint at which a plate is back after a dip, share of the travel
+FAILS_AT = 0.6  # s: time of the failure, before which the plate settles
+WATCHED = 1.2  # s: simulated time afterwards
+_THRESHOLDS = 40  # thresholds that are tried for the jam check, evenly spaced in the logarithm
+_LEAST = 0.005  # least threshold of the jam check, share of the travel
+_CLOCK = 0.01  # s: a timeout is rounded up to a multiple of this
+_RECOVERED = 0.01  # distance from the setpoint within which a plate is back after a dip, share of the travel
 
 
 @dataclass(frozen=True)
 class JamCheck:
     """A proposed pair."""
 
-    error: float  # beyond which the plate counts as stuck, share of the travel
-    timeout: float  # after which it does, s
-    longest: float  # for how long a sound throttle is further off, s
-    sustained: float  # error that a sound throttle keeps up for the timeout, share of the travel
-    # detection time of a held plate by scenario, s from a change of the setpoint; None where that asks for too little
-    tells: dict[str, float | None]
+    error: float  # threshold of the error, share of the travel
+    timeout: float  # time above the threshold after which the plate counts as stuck, s
+    longest: float  # longest time for which the error of a sound throttle exceeds the threshold, s
+    sustained: float  # largest error that a sound throttle has for as long as the timeout, share of the travel
+    # detection time of a held plate by scenario, s from a change of the setpoint; None where that change is too small
+    detected_after: dict[str, float | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """How far off a sound throttle is: over all scenarios, draws and conditions."""
+    """Control errors of a sound throttle, over all scenarios, draws and conditions."""
 
     errors: np.ndarray  # thresholds, shares of the travel, rising, shape (T,)
-    longest: np.ndarray  # s for which the error was larger without a break, the longest of all, shape (T,)
-    models: int  # how many were tried
-    largest: float  # error of all, share of the travel
+    longest: np.ndarray  # longest time for which the error was larger without a break, s, shape (T,)
+    models: int  # number of models simulated
+    largest: float  # largest error, share of the travel
 
 
 def envelope(task: Task, gains: Gains) -> Envelope:
-    """Every draw under conditions of its own, and the nominal model at their corners, in every scenario.
+    """The envelope of every draw under random conditions and of the nominal model at their corners, in every scenario.
 
-    The error is the ECU's own: setpoint less what its sensor shows, noise and lag in it.
+    The error is that of the ECU: setpoint less sensor reading, including noise and lag.
     """
     ranges, settings, setpoint = task.settings.conditions, task.settings.safety, task.setpoint
     draws, ends = task.loop.draws, corners(ranges)
@@ -58,16 +58,16 @@ def envelope(task: Task, gains: Gains) -> Envelope:
     which = np.concatenate((np.arange(draws), np.zeros(ends.supply.size, dtype=int)))
     loop = under(task.loop.taking(which), conditions, ranges)
     time = setpoint.instants(task.ecu.period)
-    asked = setpoint.at(time)
-    seen = run_trials(loop, stack_trials([of_setpoint(loop, gains, asked)]), float(asked[0]))
-    error = (asked - loop.share(seen.shown[:, 0]))[:, time >= setpoint.judged_from]
+    shares = setpoint.at(time)
+    seen = run_trials(loop, stack_trials([of_setpoint(loop, gains, shares)]), float(shares[0]))
+    error = (shares - loop.share(seen.shown[:, 0]))[:, time >= setpoint.judged_from]
     errors = np.geomspace(_LEAST, settings.most, _THRESHOLDS)
     longest = task.ecu.period * np.array([np.max(longest_above(error, level)) for level in errors])
     return Envelope(errors, longest, loop.draws, float(np.max(np.abs(error))))
 
 
 def propose_jam_check(found: Envelope, task: Task) -> JamCheck | None:
-    """The least threshold whose timeout, with a reserve, is short enough; None where none is."""
+    """The check with the least threshold whose timeout, with a reserve, is short enough; None where there is none."""
     settings, period = task.settings.safety, task.ecu.period
     needed = np.maximum(settings.reserve * found.longest, period)
     timeouts = _CLOCK * np.ceil(needed / _CLOCK - 1e-9)
@@ -96,25 +96,25 @@ def detection_time(setpoint: Setpoint, scenario: str, error: float, timeout: flo
 
 @dataclass(frozen=True)
 class Runaway:
-    """A sensor that fails while a quarter of the travel is asked for; the worst of all models."""
+    """A sensor that fails at a setpoint of a quarter of the travel; the worst of all models."""
 
     fault: str  # in words
-    asked: float  # setpoint since then, share of the travel
-    opens: float  # widest opening that no check stops, share of the travel
-    jam_after: float | None  # s until the jam check has detected it in every model; None where in one it never does
+    setpoint: float  # setpoint after the failure, share of the travel
+    opens: float  # widest opening without a check, share of the travel
+    jam_after: float | None  # s until the jam check has detected it in every model; None where it misses one
     jam_opens: float  # widest opening with that check, share of the travel
-    # apart_after, apart_opens: likewise with the check of two sensors against each other beside it
+    # apart_after, apart_opens: likewise with the comparison of two sensors as a second check
     apart_after: float | None
     apart_opens: float
 
 
 def faults(task: Task) -> Iterator[tuple[str, SensorFault, float]]:
-    """Each in words, and the setpoint asked for as of then."""
+    """The sensor faults: each in words, the fault, and the setpoint after it."""
     settings, body = task.settings.safety, task.loop.body
     travel = body.upper - body.lower
     for step in settings.frozen:
         stuck = SensorFault(FAILS_AT, kept=0.0, frozen=1.0)
-        yield f"frozen, {100.0 * step:g} % more asked for", stuck, MIDDLE + step
+        yield f"frozen, {100.0 * step:g} % higher setpoint", stuck, MIDDLE + step
     yield "shows the closed stop", SensorFault(FAILS_AT, kept=0.0, shift=body.lower), MIDDLE
     yield "shows the open stop", SensorFault(FAILS_AT, kept=0.0, shift=body.upper), MIDDLE
     low = SensorFault(FAILS_AT, shift=-settings.offset * travel)
@@ -122,29 +122,29 @@ def faults(task: Task) -> Iterator[tuple[str, SensorFault, float]]:
 
 
 def sensor_trials(loop: Loop, task: Task, gains: Gains, check: JamCheck | None, ticks: int) -> list[Trial]:
-    """Each fault under no check, under the jam check, and under that and the one of two sensors."""
+    """Each fault without a check, with the jam check, and with both checks."""
     settings, travel = task.settings.safety, task.loop.body.upper - task.loop.body.lower
     jam = Guards() if check is None else Guards(check.error * travel, check.timeout)
     both = jam._replace(apart=settings.apart * travel, apart_for=settings.apart_for)
     time = task.ecu.period * np.arange(ticks)
     supply = settings.supply / task.ecu.supply
     return [
-        of_setpoint(loop, gains, np.where(time < FAILS_AT - 1e-9, MIDDLE, asked), fault, guards, supply)
-        for _, fault, asked in faults(task)
+        of_setpoint(loop, gains, np.where(time < FAILS_AT - 1e-9, MIDDLE, setpoint), fault, guards, supply)
+        for _, fault, setpoint in faults(task)
         for guards in (Guards(), jam, both)
     ]
 
 
 def runaways(loop: Loop, task: Task, seen: Seen) -> tuple[Runaway, ...]:
-    """What became of the trials."""
+    """The results of the trials."""
     begin = math.ceil(FAILS_AT / task.ecu.period - 1e-9)
     widest = np.max(loop.share(seen.position)[..., begin:], axis=(0, 2)).tolist()
     tripped = seen.tripped[..., begin:] > 0.0
     when = np.where(np.any(tripped, axis=-1), np.argmax(tripped, axis=-1), -1)
     after = [None if np.any(each < 0) else float(task.ecu.period * np.max(each)) for each in when.T]
     return tuple(
-        Runaway(fault, asked, widest[k], after[k + 1], widest[k + 1], after[k + 2], widest[k + 2])
-        for k, (fault, _, asked) in zip(range(0, len(widest), 3), faults(task), strict=True)
+        Runaway(fault, setpoint, widest[k], after[k + 1], widest[k + 1], after[k + 2], widest[k + 2])
+        for k, (fault, _, setpoint) in zip(range(0, len(widest), 3), faults(task), strict=True)
     )
 
 
@@ -153,17 +153,17 @@ class Sag:
     """A sag of the supply while an opening is held; the worst of all models."""
 
     name: str  # "dip" or "crank"
-    opening: float  # held, share of the travel
-    closes: float  # by how much the plate falls, share of the travel
-    opens: float  # by how much it then overshoots, likewise
-    # s from the supply's return until the plate stays near its setpoint; None for not while watched
+    opening: float  # setpoint, share of the travel
+    closes: float  # distance by which the plate falls, share of the travel
+    opens: float  # distance by which it then overshoots, likewise
+    # s from the end of the sag until the plate stays near its setpoint; None where it does not in the simulated time
     back_after: float | None
     wound: float  # largest change of the integral, share of the ECU's supply
-    false_trip: bool | None  # whether the proposed jam check would take it for a jam; None where none is proposed
+    false_trip: bool | None  # whether the proposed jam check falsely detects a jam; None where none is proposed
 
 
 def profiles(task: Task, ticks: int) -> Iterator[tuple[str, np.ndarray, float]]:
-    """Each sag: its name, the supply over the ECU's own at each tick, when it is over (s)."""
+    """Each sag: its name, the supply over the nominal one of the ECU at each tick, and its end (s)."""
     settings, ecu = task.settings.safety, task.ecu
     time = ecu.period * np.arange(ticks) + 1e-9
     for name, volts, spans in (("dip", (settings.dip,), (settings.dip_for,)),
@@ -183,14 +183,14 @@ def sag_trials(loop: Loop, task: Task, gains: Gains, ticks: int) -> list[Trial]:
 
 
 def sags(loop: Loop, task: Task, seen: Seen, check: JamCheck | None) -> tuple[Sag, ...]:
-    """What became of the trials."""
+    """The results of the trials."""
     names = [(name, over, opening) for name, _, over in profiles(task, seen.position.shape[-1])
              for opening in task.settings.safety.openings]  # fmt: skip
     return tuple(_sag(loop, task, Seen(*(v[:, k] for v in seen)), *named, check) for k, named in enumerate(names))
 
 
 def _sag(loop: Loop, task: Task, seen: Seen, name: str, over: float, opening: float, check: JamCheck | None) -> Sag:
-    """What became of one trial on every model, shape (D, K)."""
+    """The result of one trial on all models, shape (D, K)."""
     period = task.ecu.period
     begin, end = (math.ceil(instant / period - 1e-9) for instant in (FAILS_AT, over))
     off = loop.share(seen.position) - loop.share(seen.position[:, begin])[:, None]

@@ -1,4 +1,4 @@
-"""An ECU that watches itself: what its PID does where a sensor or the supply fails, until a check opens its bridge."""
+"""Simulates an ECU with failure checks: its PID under a failing sensor or supply, until a check opens the bridge."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _EARLY = 1e-9  # s by which a tick counts as on time
 
 
 class SensorFault(NamedTuple):
-    """What a sensor shows once it has failed: kept y + frozen (what it showed last) + shift."""
+    """The reading of a failed sensor: kept y + frozen (last reading) + shift."""
 
     begins: Scalar = NEVER  # s; infinite for never
     # kept, frozen: 1 or 0
@@ -32,12 +32,12 @@ class SensorFault(NamedTuple):
 
 
 class Guards(NamedTuple):
-    """Checks that open the bridge for good; infinite for none."""
+    """Checks that open the bridge permanently; infinite for none."""
 
-    # jam, jam_for: error (rad) that lasts for longer than so many s
+    # jam, jam_for: limit of the error (rad), and the time above it (s)
     jam: Scalar = NEVER
     jam_for: Scalar = NEVER
-    # apart, apart_for: difference between two sensors, the other one sound, likewise
+    # apart, apart_for: likewise for the difference of two sensors, the second one sound
     apart: Scalar = NEVER
     apart_for: Scalar = NEVER
 
@@ -46,57 +46,58 @@ SOUND, UNCHECKED = SensorFault(), Guards()
 
 
 class Demand(NamedTuple):
-    """What is asked of an ECU, and what it has, at each tick, shape (K,)."""
+    """Setpoint, supply and feed-forward of an ECU at each tick, shape (K,)."""
 
     angle: Any  # setpoint, rad
-    supply: Any  # over the ECU's own
+    supply: Any  # supply over the nominal one of the ECU
     ahead: Any  # feed-forward, V
 
 
 class Equipment(NamedTuple):
-    """What does not change in an experiment."""
+    """The constants of an experiment."""
 
-    gains: Gains  # of the PID
-    fault: SensorFault  # of its sensor
-    guards: Guards  # of the ECU
+    gains: Gains  # gains of the PID
+    fault: SensorFault  # fault of its sensor
+    guards: Guards  # checks of the ECU
 
 
 class Trial(NamedTuple):
-    """One experiment; of many, every entry has a first axis G."""
+    """One experiment; for many, every entry has a first axis G."""
 
     equipment: Equipment
     demand: Demand
 
 
 class Watch(NamedTuple):
-    """What a guarded ECU remembers."""
+    """The memory of an ECU with checks."""
 
-    pid: Memory  # of its controller
-    time: Scalar  # of the next tick, s
-    shown: Scalar  # what the sensor showed last, rad
-    # over, apart: s for which the error, or the difference of two sensors, has been too large
+    pid: Memory  # memory of its controller
+    time: Scalar  # time of the next tick, s
+    shown: Scalar  # last reading of the sensor, rad
+    # over, apart: time for which the error, or the difference of two sensors, has been too large, s
     over: Scalar
     apart: Scalar
-    tripped: Scalar  # 1 once a check has opened the bridge
+    tripped: Scalar  # 1 after a check has opened the bridge
 
 
 class Seen(NamedTuple):
-    """A trial at each tick, shape (D, G, K)."""
+    """The result of trials at each tick, shape (D, G, K)."""
 
     position: np.ndarray  # of the plate, rad
-    shown: np.ndarray  # by the sensor, rad
-    integral: np.ndarray  # of the PID, V
-    tripped: np.ndarray  # 1 once a check has opened the bridge
+    shown: np.ndarray  # reading of the sensor, rad
+    integral: np.ndarray  # integral of the PID, V
+    tripped: np.ndarray  # 1 after a check has opened the bridge
 
 
 def guarded(equipment: Equipment, ecu: Ecu, memory: Watch, demand: Demand, position: Scalar, bias: Scalar) -> Any:
-    """`model.pid.tick` behind a sensor that may fail, before a supply that may sag and checks that may cut it.
+    """`model.pid.tick` with a sensor that may fail, a supply that may sag, and checks that may cut the motor.
 
-    The ECU knows nothing of the supply, its duty is a share of whatever there is, unless it divides by the battery
-    voltage: then the supply only limits the volts that it means. A supply sags as of the tick at which
-    a voltage is computed: by the output's delay early. A cut motor is on shorted terminals, which brake it most.
+    The ECU does not measure the supply: its duty is a share of the actual supply. An ECU that divides by the battery
+    voltage does measure it: there the supply only limits its output voltage. The supply sags from the tick at which a
+    voltage is computed, that is, earlier by the delay of the output. A cut motor has shorted terminals, which brake it
+    most.
     """
-    del bias  # each trial has its own
+    del bias  # each trial has its own feed-forward
     fault, guards = equipment.fault, equipment.guards
     failed = memory.time >= fault.begins - _EARLY
     shown = jnp.where(failed, fault.kept * position + fault.frozen * memory.shown + fault.shift, position)
@@ -132,24 +133,24 @@ def stack_trials(trials: list[Trial]) -> Trial:
 def of_setpoint(
     loop: Loop,
     gains: Gains,
-    asked: np.ndarray,
+    shares: np.ndarray,
     fault: SensorFault = SOUND,
     guards: Guards = UNCHECKED,
     supply: Any = 1.0,
 ) -> Trial:
     """One trial of a setpoint at each tick (shares of the travel), shape (K,), under its loop's feed-forward."""
-    angle = loop.angle(asked)
+    angle = loop.angle(shares)
     demand = Demand(angle, np.broadcast_to(supply, angle.shape), loop.ahead(angle))
     return Trial(Equipment(gains, fault, guards), demand)
 
 
 def longest_above(error: np.ndarray, threshold: float) -> np.ndarray:
-    """Most ticks in a row in which an error is larger than a threshold, of errors of shape (..., K)."""
+    """Largest number of consecutive ticks in which an error exceeds a threshold, for errors of shape (..., K)."""
     return np.max(lasted(np.abs(error) > threshold), axis=-1)
 
 
 def lasted(holds: np.ndarray) -> np.ndarray:
-    """For how many ticks in a row something holds, at each tick, of truth values of shape (..., K)."""
+    """Number of consecutive ticks for which truth values of shape (..., K) have been true, at each tick."""
     place = np.arange(1, holds.shape[-1] + 1)
     return place - np.maximum.accumulate(np.where(holds, 0, place), axis=-1)
 

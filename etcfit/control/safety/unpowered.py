@@ -1,4 +1,4 @@
-"""How fast the springs return a plate without current, and which current and heat it takes to hold a plate still.
+"""Simulates the return of a plate without current by its springs, and computes current and heat of holding a plate.
 
 `safety` calls it for the fitted models, `fleets.line` calls `release_plates` for all units of a line. The motion itself
 is simulated by `control.motion`.
@@ -19,36 +19,37 @@ from ..pid.conditions import COPPER, default_position
 from ..pid.feedforward import held
 from ..pid.loop import Body, Loop
 
-RETURNED = 0.05  # distance from the limp-home position at which a plate is back without a current, share of the travel
-FALLS = 2.0  # s for which a plate without a current is watched
-_PLACES = 21  # positions at which the holding current is given
+RETURNED = 0.05  # distance from the limp-home position within which a plate counts as back, share of the travel
+FALLS = 2.0  # s: simulated time of a plate without a current
+_PLACES = 21  # number of positions at which the holding current is given
 _FALL = Watching(step=5e-4, longest=FALLS, rest=0.1)
 
 
 @dataclass(frozen=True)
 class Return:
-    """How the plate returns from one opening; the worst of all models."""
+    """The return of the plate from one opening; the worst of all models."""
 
-    opening: float  # at which the current is cut, share of the travel
-    # s until the plate stays near its limp-home position, else the closed stop, terminals open; None: not while watched
+    opening: float  # opening at which the current is cut, share of the travel
+    # time until the plate stays near its limp-home position, or near the closed stop if there is none, terminals open,
+    # s; None where it does not in the simulated time
     cut_s: float | None
-    shorted_s: float | None  # likewise with shorted terminals, which brake it
-    rests: tuple[float, float]  # where it comes to rest on open terminals, share of the travel: least and largest
+    shorted_s: float | None  # likewise with shorted terminals, which brake the motor
+    rests: tuple[float, float]  # least and largest final position with open terminals, share of the travel
 
 
 def release_plates(
     throttles: Throttle, angles: np.ndarray, homes: np.ndarray, circuit: float, body: Body, near: float, how: Watching
 ) -> Motion:
-    """Let every model go from an angle of its own, terminals open (`circuit` 0) or shorted (1), and simulate it.
+    """Release every model from its own angle, terminals open (`circuit` 0) or shorted (1), and simulate it.
 
     Args:
         throttles: parameters of shape (D,).
-        angles: from which, rad, shape (D,).
-        homes: where its springs bring it, rad, shape (D,).
+        angles: start angles, rad, shape (D,).
+        homes: positions to which the springs bring the plates, rad, shape (D,).
         circuit: 0 or 1.
         body: gear ratio and stops.
-        near: the plate is back within this share of the travel of its home: the one band of the motion.
-        how: how closely and how long it is watched.
+        near: distance from home, share of the travel, within which the plate is back: the one band of the motion.
+        how: step and length of the simulation.
     """
     reach = near * (body.upper - body.lower)
     none = np.zeros(angles.size)
@@ -57,7 +58,7 @@ def release_plates(
 
 
 def return_times(loop: Loop, task: Task) -> tuple[Return, ...]:
-    """From each opening, at rest, the bridge opened at time 0: how long the plate takes to return."""
+    """Return times from each opening, at rest, with the bridge opened at time 0."""
     openings = np.array([0.0, *task.settings.safety.openings])
     home = loop.angle(default_position(loop) or 0.0)
     which, angles = (each.ravel() for each in np.meshgrid(np.arange(loop.draws), loop.angle(openings), indexing="ij"))
@@ -81,7 +82,7 @@ def _known(seconds: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class Holding:
-    """What it takes to hold a plate still, by the nominal model at the temperature of the bench."""
+    """Current and heat of holding a plate still, by the nominal model at the temperature of the bench."""
 
     shares: np.ndarray  # of the travel, shape (S,)
     current: np.ndarray  # A in the middle of the dry friction, shape (S,)
@@ -89,18 +90,18 @@ class Holding:
     closing: np.ndarray
     opening: np.ndarray
     watts: np.ndarray  # heat of the winding in the middle of the dry friction, shape (S,)
-    # K by which the winding is warmer in the long run, shape (S,); None where its heating is not known
+    # final temperature rise of the winding, K, shape (S,); None where its heating is unknown
     rise: np.ndarray | None
     # stall_A, stall_W: current and heat at the full duty against a stop
     stall_A: float
     stall_W: float
-    # s at a stop from the bench's temperature to what the winding may reach; infinite where it never does; None where
-    # its heating is not known
+    # time at a stop until the winding warms from the bench's temperature to the allowed one, s; infinite where it never
+    # does; None where its heating is unknown
     longest: float | None
 
 
 def holding_currents(loop: Loop, task: Task) -> Holding:
-    """What holding takes over the whole travel, and what the ECU's largest duty does to a plate at its stop."""
+    """Current and heat of holding over the whole travel, and of the ECU's largest duty at a stop."""
     settings, throttle = task.settings.safety, loop.nominal
     shares = np.linspace(0.0, 1.0, _PLACES)
     angles = loop.angle(shares)
@@ -112,14 +113,14 @@ def holding_currents(loop: Loop, task: Task) -> Holding:
     if heating is None or float(heating.r_h) <= 0.0:
         return Holding(shares, current, closing, opening, ohm * current**2, None, stall, ohm * stall**2, None)
     grows, slow, copper = float(heating.r_h), float(heating.tau_h), COPPER
-    warmth = grows / (ohm * copper)  # K of each A2 s
+    warmth = grows / (ohm * copper)  # K per A2 s
     rise = warmth * slow * current**2
     longest = _time_to_warm_by(settings.insulation - task.settings.conditions.bench, volts, ohm, warmth, copper, slow)
     return Holding(shares, current, closing, opening, ohm * current**2, rise, stall, ohm * stall**2, longest)
 
 
 def _time_to_warm_by(most: float, volts: float, ohm: float, warmth: float, copper: float, slow: float) -> float:
-    """s until a winding under a constant voltage is so many K warmer; infinite where it never is.
+    """Time until a winding under a constant voltage is `most` K warmer, s; infinite where it never is.
 
     dD/dt = warmth i^2 - D / slow,    i = V / (R (1 + copper D)): `model.effects.winding_heating`.
     """

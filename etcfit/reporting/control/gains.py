@@ -541,5 +541,5 @@ def _moving(design: Design) -> str:
     if design.task.loop.sliding is not None:
         return said
     if profile is not None and not profile.code:
-        return f"{said}; {profile.title} cannot put these ahead"
+        return f"{said}; {profile.title} has no feed-forward of these"
     return f"{said}; --feed-forward-terms friction,rate puts them ahead where you write the code"

@@ -407,14 +407,14 @@ def _faults(panel: Axes, design: Design) -> None:
     cells = [
         [(each.opens, None), (each.jam_opens, each.jam_after), (each.apart_opens, each.apart_after)] for each in every
     ]
-    beyond = np.array([[opens - each.asked for opens, _ in row] for each, row in zip(every, cells, strict=True)])
+    beyond = np.array([[opens - each.setpoint for opens, _ in row] for each, row in zip(every, cells, strict=True)])
     panel.imshow(np.clip(beyond, 0.0, None), cmap="Reds", vmin=0.0, vmax=1.1, aspect="auto")
     for k, row in enumerate(cells):
         for column, (opens, after) in enumerate(row):
             told = "" if column == 0 else ("\nnot detected" if after is None else f"\nafter {short(after, 2)} s")
             panel.text(column, k, f"opens to {100.0 * opens:.0f} %{told}", ha="center", va="center", fontsize=10)
     panel.set_xticks(range(3), ["no check", "jam check", "jam check and\ntwo sensors"], fontsize=10)
-    panel.set_yticks(range(len(every)), [f"{style.wrapped(each.fault, 3.2, 9)}\n(asked: {100.0 * each.asked:.0f} %)"
+    panel.set_yticks(range(len(every)), [f"{style.wrapped(each.fault, 3.2, 9)}\n(asked: {100.0 * each.setpoint:.0f} %)"
                                          for each in every], fontsize=9)  # fmt: skip
     panel.tick_params(length=0)
     panel.grid(visible=False)
