@@ -1,4 +1,4 @@
-"""[accuracy] of rig.toml: how far each instrument's calibration may be off, which no trace can tell.
+"""[accuracy] of rig.toml: the possible calibration error of each instrument, which no trace shows.
 
     |shown - true| <= r |true| + a,   standard uncertainties  u_gain = r / sqrt 3,  u_offset = a / sqrt 3
 
@@ -22,20 +22,20 @@ from .toml import Toml, shown
 from .units import EXAMPLES, UnitError, conversion, is_percent, to_channel
 
 CHANNELS = ("voltage", "current", "position", "emf", "motor_speed", "torque")
-RELATIVE = ("gear", "time")  # a ratio and a clock: only a share of the value can be off
-END_POINTS = "sensor_end_points"  # each end of the position sensor by itself, V or an angle
+RELATIVE = ("gear", "time")  # a ratio and a clock: only a relative error is possible
+END_POINTS = "sensor_end_points"  # each end of the position sensor separately, V or an angle
 KEYS = (*CHANNELS, END_POINTS, *RELATIVE)
 SHARES = {"%": 1e-2, "percent": 1e-2, "ppm": 1e-6, "ppb": 1e-9}
-MOST = 1.0  # of the value: an instrument that may be off by more than all of it is none
+MOST = 1.0  # largest relative error that is accepted
 EXAMPLE = '"1 % + 5 mA"'
 _TERM = re.compile(rf"\s*({NUMBER.pattern.removeprefix('[+-]?')})\s*([^\s\d+.,][^+]*?)\s*(?:\+|$)")
 
 
 def read_accuracy(toml: Toml, travel: tuple[float, float], tps: TpsCalibration | None) -> dict[str, Accuracy]:
-    """What [accuracy] says, by channel, `gear`, `time` and `sensor_end_points`; {} where it is absent.
+    """The entries of [accuracy], by channel, `gear`, `time` and `sensor_end_points`; {} where it is absent.
 
     Raises:
-        MeasurementError: an unknown key, no number, a unit of the wrong dimension, or nothing that could be off.
+        MeasurementError: an unknown key, no number, a unit of the wrong dimension, or a value that has no calibration.
     """
     return {key: _entry(toml, key, value, travel, tps) for key, value in toml.table("accuracy", KEYS).items()}
 
@@ -47,7 +47,7 @@ def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: T
     if not isinstance(text, str):
         raise toml.wrong(where, f"found {shown(value)}.", f"It must be a text as {EXAMPLE}, or {{ sd = {EXAMPLE} }}.",
                          f"Write {key} = {_example(key)}.")  # fmt: skip
-    bare = re.sub(r"^\s*(±|\+\s*/?\s*-)\s*", "", text)  # a sign of plus and minus before it is welcome
+    bare = re.sub(r"^\s*(±|\+\s*/?\s*-)\s*", "", text)  # a plus-minus sign before it is allowed
     terms = list(_TERM.finditer(bare))
     if not terms or "".join(term[0] for term in terms) != bare or bare.rstrip().endswith("+"):
         raise toml.wrong(where, f"found {shown(text)}.", "It must be numbers with units, joined by +.",
@@ -60,14 +60,15 @@ def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: T
             absolute += number * _scale(toml, where, key, unit, travel, tps)
     if not 0.0 <= relative <= MOST or not 0.0 < relative + absolute < math.inf:
         raise toml.wrong(where, f"found {shown(text)}.", "It must be above 0 and at most 100 % of the value.",
-                         "Correct it, or delete the line: what is not stated counts as exact.")  # fmt: skip
+                         "Correct it, or delete the line: a calibration that is not stated counts as exact."
+                         )  # fmt: skip
     return Accuracy(relative, absolute, "normal" if distribution == "normal" else "rectangular")
 
 
 def _scale(
     toml: Toml, where: str, key: str, unit: str, travel: tuple[float, float], tps: TpsCalibration | None
 ) -> float:
-    """SI in one of the unit."""
+    """Factor from the unit to SI."""
     if key in RELATIVE:
         raise toml.wrong(where, f"found the unit '{unit}'.", "It must be a share of the value: %, ppm or ppb.",
                          f"Write {key} = {_example(key)}.")  # fmt: skip

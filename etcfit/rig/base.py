@@ -1,4 +1,4 @@
-"""What a rig folder says once it is read: frozen, SI, every channel with its noise."""
+"""The data that reading a measurement folder gives: frozen, SI, every channel with its noise."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..model.ecu import BiasPoints, Ecu, Notation
 if TYPE_CHECKING:
     import pandas as pd
 
-FRAMES = "<frames>"  # the folder of a rig that lies in none; no folder can be called so by accident
+FRAMES = "<frames>"  # `folder` of a rig from data frames; no folder has this name by accident
 
 # quantity -> the SI unit it is kept in; the units of `torque` are those at the plate
 CHANNELS: dict[str, str] = {
@@ -32,10 +32,8 @@ CHANNELS: dict[str, str] = {
     "temperature": "degC",
 }
 DRIVES = ("voltage", "duty", "torque")  # any of them drives the plate
-ALLOWED_FOR = frozenset(
-    {"synchronous_edges"}
-)  # kinds that are a habit: the fit estimates it, and there is nothing to mend
-SLOW_LOG = "slow_log"  # the kind that leaves every diagnosis unsure
+ALLOWED_FOR = frozenset({"synchronous_edges"})  # kinds that are a habit: the fit estimates it, and no mend is needed
+SLOW_LOG = "slow_log"  # the kind that makes every diagnosis uncertain
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +45,11 @@ class Channel:
         value: SI unit of `CHANNELS`, shape (n,), finite.
         sigma: standard deviation of one sample's noise, SI.
         sigma_estimated: True where rig.toml did not give it.
-        header: the column as it stands in the CSV.
+        header: the header of the column in the CSV.
         unit: unit in which the user logged it; results are shown in it.
         scale: one logged unit in SI (value_SI = scale * logged + offset).
-        quantum: resolution of the logger, SI; 0 where none is seen.
-        offset: value in SI where the log says 0.
+        quantum: resolution of the logger, SI; 0 where the data show none.
+        offset: value in SI of a logged 0.
     """
 
     time: np.ndarray
@@ -71,11 +69,11 @@ class Channel:
 
     @property
     def error(self) -> float:
-        """Standard deviation of one sample, SI: its noise, but none can be finer than the logger's steps, q/sqrt 12."""
+        """Standard deviation of one sample, SI: its noise, at least the rounding error of the logger, q/sqrt 12."""
         return max(self.sigma, self.quantum / math.sqrt(12.0))
 
     def logged(self, value: np.ndarray) -> np.ndarray:
-        """SI values as the user would have logged them."""
+        """SI values in the logged unit."""
         return (value - self.offset) / self.scale
 
 
@@ -88,12 +86,12 @@ class Measurement:
 
     Args:
         file: path relative to the rig folder, with forward slashes.
-        test: name of the folder it lies in, a rig test.
+        test: name of its folder, a rig test.
         time: the rows' times, s, shape (n,), strictly rising.
         channels: by quantity, see `CHANNELS`.
-        held_out: named in [holdout]: scored, never fitted.
-        edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are in step with
-            the samples, and NaN where no such edge came, shape (n - 1,); None before edges are looked at.
+        held_out: whether [holdout] names it: it is then scored, never fitted.
+        edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are synchronous
+            with the samples, and NaN where there is no such edge, shape (n - 1,); None before edges are evaluated.
     """
 
     file: str
@@ -130,7 +128,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class Start:
-    """A nameplate value (SI): where the fit starts if the data give no better; not a constraint."""
+    """A nameplate value (SI): the start of the fit if the data give no better one; not a constraint."""
 
     value: float
 
@@ -147,9 +145,9 @@ Knowledge = Fixed | Prior | Start | Tied
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What may be off, of one channel, the gear or the clock."""
+    """The possible calibration error of one channel, the gear or the clock."""
 
-    relative: float = 0.0  # r, of the value; half-width or standard deviation, see `distribution`
+    relative: float = 0.0  # r, share of the value; half-width or standard deviation, see `distribution`
     absolute: float = 0.0  # a, SI
     # "rectangular": both are half-widths; "normal": both are standard deviations
     distribution: Literal["rectangular", "normal"] = "rectangular"
@@ -187,8 +185,8 @@ class RigConfig:
     effects: tuple[str, ...] = ()
     holdout: tuple[str, ...] = ()
     ecu: Ecu | None = None
-    notation: Notation | None = None  # of its gains; None: it names no unit
-    bias: BiasPoints = ()  # of the ECU: rad, and shares of the supply
+    notation: Notation | None = None  # notation of its gains; None where no unit is named
+    bias: BiasPoints = ()  # bias curve of the ECU: rad, and shares of the supply
     accuracy: Mapping[str, Accuracy] = field(default_factory=dict)  # by channel, gear, time, sensor_end_points
 
     @property
@@ -204,24 +202,24 @@ class RigConfig:
         return {symbol: known.value for symbol, known in self.parameters.items() if isinstance(known, Fixed)}
 
     def sets_aside(self, measurement: Measurement) -> bool:
-        """Whether `effects` says that a trace, or its whole test, is of another rig: it is read, and no more."""
+        """Whether `effects` declares that a trace, or its whole test, is of another rig: it is read but not used."""
         named = {f"{OTHER_RIG}[{place}]" for place in (measurement.file, measurement.test)}
         return not named.isdisjoint(self.effects)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A mistake or a habit of the rig itself, found in its records.
+    """A mistake or a habit of the rig, found in its records.
 
     Args:
-        kind: of rig mistake, as in `series_resistance`; the names are part of the contract.
-        size: how large, in `unit`; what it is of, the sentence says.
-        unit: of the size; "" where it has none.
-        chance: probability that a rig without the mistake would look so.
-        found: one sentence: where, what was found, against what.
-        mend: the line of rig.toml or the header of the CSV that mends it, or what to do where no line can.
-        test, file, channel: where it lies; None: in all of them.
-        sure: physics rules the data out, whatever the rig: no fit takes them.
+        kind: kind of mistake, such as `series_resistance`; the names are part of the contract.
+        size: its size, in `unit`; the sentence states the quantity.
+        unit: unit of the size; "" where it has none.
+        chance: probability that a rig without the mistake shows the same.
+        found: one sentence: the place, the observation, and the expectation.
+        mend: the line of rig.toml or the header of the CSV that mends it, or an instruction where no line can.
+        test, file, channel: its place; None: all of them.
+        sure: whether physics excludes the data for every rig: the fit refuses them.
     """
 
     kind: str
@@ -246,13 +244,13 @@ class Finding:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rig:
-    """A measurement folder: its rig.toml, its traces in order of file name, and what is odd about them.
+    """A measurement folder: its rig.toml, its traces in order of file name, and findings.
 
     Args:
         folder: as the user gave it; `FRAMES` where the traces came as data frames.
         toml: text of the rig.toml; "" where there is none.
         digests: SHA-256 of every file, or data frame, that was read.
-        findings: mistakes and habits of the rig itself that its records show before any fit; in the warnings too.
+        findings: mistakes and habits of the rig that its records show before any fit; the warnings contain them too.
     """
 
     folder: str
@@ -270,33 +268,33 @@ class Rig:
 
     @classmethod
     def from_frames(cls, frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any] | RigConfig) -> Rig:
-        """The rig that these data frames hold, checked as a folder of CSV is; for notebooks.
+        """The rig in these data frames, with the same checks as for a folder of CSV; for notebooks.
 
         Args:
             frames: `<test>/<name>` -> columns `quantity [unit]` as in a CSV; NaN is a gap.
-            config: the tables of a rig.toml as a dictionary, or what `read_folder` made of one.
+            config: the tables of a rig.toml as a dictionary, or the `RigConfig` of a rig.
 
         Raises:
-            MeasurementError: anything in them is wrong; rows are counted from 0, as `iloc` does.
+            MeasurementError: anything in them is wrong; rows are counted from 0, as in `iloc`.
         """
-        # Late, and by name: that module makes rigs, so it imports this one, and an import here would be a circle. The
-        # constructor is on its class all the same, for that is where a notebook looks for it.
+        # imported at the call and by name, because that module imports this one. The constructor is a method of this
+        # class, because users look for it here.
         return importlib.import_module("etcfit.rig.frames").rig_from_frames(frames, config)
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """How a rig test ties down the throttle: which of Eqs. 1-2 are alive in it."""
+    """The boundary conditions of a rig test, which decide the equations among Eqs. 1-2 that apply."""
 
     plate_held: bool = False  # the plate cannot move; speed is zero
     terminals_open: bool = False  # no current flows
     gear_apart: bool = False  # the motor runs alone; no plate, spring, dry friction or stops
-    released: bool = False  # somebody holds the plate where the trace begins and lets it go at an instant not logged
+    released: bool = False  # the plate is held when the trace begins, and released at an instant that is not logged
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """One of the paper's graphs: the points read, and the line read off them."""
+    """One of the paper's graphs: the points, and the line through them."""
 
     title: str
     x_label: str
@@ -310,24 +308,24 @@ class Graph:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What the paper's graph reading makes of all traces of one rig test."""
+    """The result of the paper's graph reading of all traces of one rig test."""
 
-    values: Mapping[str, float]  # SI, by symbol; parameters, and perhaps the lumped `J_eq`, `B_eq`
-    graphs: tuple[Graph, ...] = ()  # what was read, to look at
-    notes: tuple[str, ...] = ()  # what could not be read, and why
-    # symbols among the values whose scale or split is assumed, not read: good as a start, not as a reading
+    values: Mapping[str, float]  # SI, by symbol; parameters, and where read the lumped `J_eq`, `B_eq`
+    graphs: tuple[Graph, ...] = ()  # the graphs, for pictures
+    notes: tuple[str, ...] = ()  # symbols that could not be read, with the reason
+    # symbols whose scale or split is assumed, not read: usable as a start, not as a reading
     nominal: tuple[str, ...] = ()
 
 
 class AbstractRigTest(abc.ABC):
-    """One rig test of the paper: its boundary conditions, what it observes, how the paper reads it."""
+    """One rig test of the paper: its boundary conditions, its channels, and the paper's reading."""
 
     name: ClassVar[str]
     title: ClassVar[str]
     boundary: ClassVar[Boundary]
     drives: ClassVar[tuple[str, ...]]  # channels one of which must be there to drive the model; () if none
     observes: ClassVar[tuple[str, ...]]  # channels the model predicts, where they were logged
-    needs: ClassVar[tuple[tuple[str, ...], ...]]  # alternatives of channels without which the trace says nothing
+    needs: ClassVar[tuple[tuple[str, ...], ...]]  # groups of alternative channels, one of each of which is required
 
     @abc.abstractmethod
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:

@@ -1,13 +1,13 @@
-"""Columns of a table -> quantities in SI.
+"""Converts the columns of a table to quantities in SI.
 
-A header is `quantity [unit]`, or what [columns] of rig.toml maps to one.
+A header is `quantity [unit]`, or a name that [columns] of rig.toml maps to one.
 
-A current logged at the bridge's supply is made that of the motor.
+A current that was logged at the bridge's supply is converted to that of the motor:
 
     i = i_s / d,    d = duty, or v / V_s
 
-Where the duty is near zero the supply's current says nothing about the motor's: no value there. The noise grows as the
-duty falls, and is taken as one for all samples of a test.
+Where the duty is near zero the supply's current does not determine the motor's, and there is no value. The noise grows
+as the duty falls; one value is used for all samples of a test.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (full bridge: mean current of its source). Differs from source: no.
 """
@@ -31,17 +31,17 @@ from .user_text import toml_string
 DROP = ("", "ignore")  # right-hand sides in [columns] that leave a column out
 _FORM = re.compile(r"(?P<quantity>[^\[\]]+?)\s*\[\s*(?P<unit>[^\[\]]*?)\s*\]")
 SUPPLY_CURRENT = "supply_current"
-LEAST, SHARE = 0.1, 0.5  # of a duty that counts; of a trace's largest, where that is small
-_BITS = {"duty": (15, 10)}  # of the load; a setpoint may step across half of a converter's range
+LEAST, SHARE = 0.1, 0.5  # least duty that is used, and its share of a trace's largest duty, where that is small
+_BITS = {"duty": (15, 10)}  # possible sign bits; none for a setpoint, which may step across half of a converter's range
 _ANY = (15,)
-_FULL = 0.75  # of the range below the bit that neither part reaches: a count that grows through it is no sign
+_FULL = 0.75  # share of the range below the bit that neither part may reach; otherwise the bit is not a sign
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
     """One column, converted."""
 
-    header: str  # as it stands in the CSV
+    header: str  # as in the CSV
     quantity: str  # `time` or a channel
     unit: str  # as the user logged it
     conversion: Conversion  # logged -> SI
@@ -59,17 +59,17 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One CSV, converted, still row by row: what can be checked against the file's lines."""
+    """One CSV, converted but still by row, so that messages can name the lines of the file."""
 
     where: str  # path of the CSV as the user gave it
-    file: str  # the same, relative to the rig folder
+    file: str  # its path relative to the rig folder
     test: str  # the rig test
-    lines: np.ndarray  # where each row stands in the file, shape (n,)
-    columns: Mapping[str, Column]  # by quantity, `time` among them
+    lines: np.ndarray  # line of each row in the file, shape (n,)
+    columns: Mapping[str, Column]  # by quantity, including `time`
     row_mark: str = ":"  # as in `Table`
 
     def at(self, row: int) -> str:
-        """Where a row stands, for a message."""
+        """File and line of a row, for a message."""
         return f"{self.where}{self.row_mark}{self.lines[row]}"
 
     @property
@@ -79,18 +79,18 @@ class Log:
 
     @property
     def channels(self) -> dict[str, Column]:
-        """All columns but time."""
+        """All columns except time."""
         return {name: column for name, column in self.columns.items() if name != "time"}
 
 
 def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dict[str, Column]:
-    """Every column that is not to be ignored, by quantity.
+    """Every column that is not ignored, by quantity.
 
     Args:
-        toml: the rig.toml, which is at fault where [columns] names the header.
+        toml: the rig.toml, which an error names where [columns] contains the header.
 
     Raises:
-        MeasurementError: a header not known, of a wrong unit, or a quantity named twice; no time.
+        MeasurementError: an unknown header, a wrong unit, a quantity named twice, or no time.
     """
     columns: dict[str, Column] = {}
     for k, header in enumerate(table.header):
@@ -115,7 +115,8 @@ def read_columns(table: Table, config: RigConfig, where: str, toml: Toml) -> dic
 
 
 def _place(header: str, mapped: Mapping[str, str], where: str, toml: Toml) -> str:
-    """The line of rig.toml that names the header, else the CSV; where the config was never a file, without a line."""
+    """The line of rig.toml that names the header, otherwise the CSV; without a line where the config is not from a
+    file."""
     name = " ".join(header.split())
     return f"{toml.place(f'columns.{name}')} [columns], for {where}" if name in mapped else where
 
@@ -135,7 +136,7 @@ def _column(header: str, ours: str, cells: np.ndarray, config: RigConfig, place:
 
 
 class HeaderError(ValueError):
-    """A header that names no quantity or no unit; the three texts of a MeasurementError without its place."""
+    """A header without a known quantity or unit; it holds the three texts of a MeasurementError without its place."""
 
     def __init__(self, found: str, required: str, mend: str) -> None:
         self.found, self.required, self.mend = found, required, mend
@@ -169,10 +170,10 @@ def parse_header(header: str) -> tuple[str, str]:
 
 
 def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: str) -> Mapping[str, Column]:
-    """The columns, `current` in the place of `supply_current`.
+    """The columns with `current` in place of `supply_current`.
 
     Raises:
-        MeasurementError: `current` is there too, or the duty can be worked out of nothing.
+        MeasurementError: `current` is there too, or no column gives the duty.
     """
     logged = columns.get(SUPPLY_CURRENT)
     if logged is None:
@@ -191,7 +192,7 @@ def with_motor_current(columns: Mapping[str, Column], config: RigConfig, where: 
 
 
 def _duty(columns: Mapping[str, Column], config: RigConfig, where: str, header: str) -> np.ndarray:
-    """-1 to 1, shape (n,); NaN in rows that do not give it."""
+    """Duty from -1 to 1, shape (n,); NaN in rows without it."""
     if "duty" in columns:
         return columns["duty"].value
     volts = columns["supply"].value if "supply" in columns else config.supply_V
@@ -203,15 +204,15 @@ def _duty(columns: Mapping[str, Column], config: RigConfig, where: str, header: 
 
 
 def without_sign_bit(values: np.ndarray, bit: int) -> np.ndarray:
-    """raw below 2^bit, -(raw - 2^bit) from there on, shape (n,); what is negative already stays."""
+    """raw below 2^bit, -(raw - 2^bit) from there on, shape (n,); negative values are not changed."""
     most = float(2**bit)
     return np.where(values >= most, most - values, values)
 
 
 def sign_bit(values: np.ndarray, quantity: str) -> int | None:
-    """The bit that holds the sign of these numbers; None where they are no such register.
+    """The bit that holds the sign of these numbers; None where no bit does.
 
-    Both parts must lie well below the bit, with one sample next to the other across it.
+    Both parts must lie well below the bit, and adjacent samples must lie on either side of it.
     """
     there = values[np.isfinite(values)]
     if there.size < 3 or np.any(there < 0) or np.any(there != np.round(there)):

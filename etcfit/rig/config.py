@@ -1,4 +1,4 @@
-"""rig.toml -> RigConfig: every key checked, every value in SI."""
+"""Reads rig.toml as a RigConfig: every key is checked, every value converted to SI."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNIT_SLUGS = {"rad_s": "rad/s", "deg_s": "deg/s", "N_m": "N*m", "mN_m": "mN*m", 
 LEAST_TRAVEL = 0.1  # degrees between the stops
 
 
-# nameplates: limits so wide that only a slip of digits or units lies beyond them, not an unusual rig
+# nameplates: wide limits, which only a wrong digit or unit exceeds, not an unusual rig
 GEAR_RATIO = Limits(0.01, 1e4, "", "Count the teeth: motor turns for one turn of the plate, as 20.68.")
 SUPPLY = Limits(1.0, 100.0, " V", "Give it in volts, as 12.0.")
 STOP = Limits(-3600.0, 3600.0, " degrees", "Give it in degrees, as 90.0; inf and -inf mean no stop.")
@@ -41,7 +41,7 @@ def read_config(path: str | Path) -> RigConfig:
     """Read and check a rig.toml.
 
     Raises:
-        MeasurementError: it is not there, is no TOML, or holds an unknown key or a value of the wrong kind.
+        MeasurementError: the file is missing, is no TOML, or holds an unknown key or a value of the wrong kind.
     """
     return parse_config(read_text(path), str(path))
 
@@ -141,7 +141,7 @@ def _tps(toml: Toml) -> TpsCalibration | None:
                 f"[tps] needs {', '.join(TPS_KEYS)}.",
                 f"Add {key} = {EXAMPLE_VALUES[key]}, or put a # before every line of [tps].",
             )
-    # a sensor that falls while the plate opens is the second track of many throttles; closed_V > open_V says so
+    # closed_V > open_V: the sensor falls while the plate opens, as the second track of many throttles does
     closed, opened = (toml.within(f"tps.{key}", table[key], SENSOR) for key in TPS_KEYS[:2])
     if abs(opened - closed) < LEAST_TPS_VOLTS:
         raise toml.wrong("tps.open_V", f"found {shown(opened)}, the same as closed_V.", "The two ends must differ.",
@@ -237,7 +237,7 @@ def _knowledge(toml: Toml, symbol: str, value: Any) -> Knowledge:
 
 
 def _whole(symbol: str, value: Any) -> str:
-    """The symbol that somebody wrote without quotes, so that each point made a table of it."""
+    """The symbol that was written without quotes, so that TOML made a table at each point."""
     while isinstance(value, dict) and len(value) == 1 and "fixed" not in value:
         (name,) = value
         symbol, value = f"{symbol}.{name}", value[name]

@@ -1,12 +1,13 @@
 """Rig tests of a driven plate: parameters from its motion, or from its ECU's gains where no voltage was logged.
 
-The inverse model is read on torque, on current, or at a nominal scale on voltage. Under an ECU without a logged drive:
+The inverse model is fitted to torque, to current, or with a nominal scale to voltage. Under an ECU without a logged
+drive:
 
     v = K_p e + K_i int e dt + K_d de/dt + v_0,    e = setpoint - position
 
-Plate read from other tests: v of the inverse model is regressed on those terms whose gains are not given, and a
-constant for each trace. Else v is computed from the log and read as a logged one would be, at nominal gains where none
-are known; what the integral held at the begin, v_0, is taken as 0, so that no preload can be read.
+Where other tests give the plate's parameters, v of the inverse model is regressed on the terms whose gains are not
+given, and on a constant for each trace. Otherwise v is computed from the log and used like a logged voltage, with
+nominal gains where they are unknown; the initial integral v_0 is taken as 0, so the preload cannot be read.
 """
 
 from __future__ import annotations
@@ -36,11 +37,11 @@ from .ecu import GAINS
 from .inverse_model import LUMPED, Equations, equations, filter_for, held_values, solve
 from .signals import drive_voltage, even_grid, on_times
 
-MOTION = ("position", "motor_speed", "current", "emf")  # one of which must be there
-NOMINAL_SCALE = {symbol: TABLE_2[symbol] for symbol in ("R_a", "K_b", "N")}  # the scale where the data have none
-LOWEST_SHARE = 0.02  # of the whole: where a part that must be positive is put when it reads negative
+MOTION = ("position", "motor_speed", "current", "emf")  # at least one of these channels is required
+NOMINAL_SCALE = {symbol: TABLE_2[symbol] for symbol in ("R_a", "K_b", "N")}  # the scale where the data give none
+LOWEST_SHARE = 0.02  # share of the whole that a part gets where it must be positive but reads negative
 FEWEST_POSITIONS = 50
-FEWEST_ROWS = 20  # of a trace, for six unknowns at most
+FEWEST_ROWS = 20  # least number of rows of a trace, for six unknowns at most
 SYMBOLS = tuple(GAINS.values())
 PLATE = ("R_a", "K_b", "K_m", "J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f")
 NOMINAL_GAINS = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # of the order of the paper's: a scale where there is none
@@ -48,7 +49,7 @@ NOMINAL_GAINS = {"K_p": 6.0, "K_i": 30.0, "K_d": 0.1}  # of the order of the pap
 
 @dataclass(frozen=True)
 class Scale:
-    """Motor constants that turn volts into torque at the plate; `nominal` names those not known from the data."""
+    """Motor constants that convert voltage to torque at the plate; `nominal` names those unknown from the data."""
 
     R_a: float
     K_b: float
@@ -62,7 +63,7 @@ class Scale:
 
 
 def read_motion(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
-    """Inverse-model reading with the best right-hand side that was logged: torque, else current, else voltage."""
+    """Inverse-model reading with the best logged right-hand side: torque, otherwise current, otherwise voltage."""
     placed = [t for t in traces if "position" in t.channels and len(t.channels["position"].time) > FEWEST_POSITIONS]
     held = held_values(config, known["N"])
     used, systems = _rows(placed, lambda t: t.channels.get("torque"), config)
@@ -86,10 +87,10 @@ def _by_voltage(
     volts = solve(systems, nothing)
     notes = []
     if volts[1] < 0:
-        notes.append("drive and position run against each other: read with the drive's sign turned")
+        notes.append("drive and position have opposite signs: read with the drive's sign inverted")
         systems, volts = [s.scaled(-1.0) for s in systems], -volts
     scale = _scale(config, known, dict(zip(LUMPED, volts.tolist(), strict=True)))
-    back = scale.torque_per_volt * scale.N * scale.K_b  # N m s/rad: what the back-EMF brakes
+    back = scale.torque_per_volt * scale.N * scale.K_b  # N m s/rad: braking by the back-EMF
     held = held_values(config, scale.N)
     held |= {"B_eq": held["B_eq"] + back} if "B_eq" in held else {}
     systems = [s.scaled(scale.torque_per_volt) for s in systems]
@@ -98,7 +99,7 @@ def _by_voltage(
     reading = _reading(title, used, systems, plain, config, known, shown=lumped)
     if not scale.nominal:
         return replace(reading, notes=(*notes, *reading.notes))
-    # the nominal motor constants are among the values, named as such
+    # the values include the nominal motor constants, marked as nominal
     constants = {s: getattr(scale, s) for s in scale.nominal}
     word = ", ".join(f"{s} = {value:.4g}" for s, value in constants.items())
     note = f"scale from nominal {word} (SI): without a current only ratios of torques can be read"
@@ -109,17 +110,17 @@ def _by_voltage(
 def _rows(
     traces: Sequence[Measurement], right: Callable[[Measurement], Channel | None], config: RigConfig
 ) -> tuple[list[Measurement], list[Equations]]:
-    """Traces that have this right-hand side and enough motion, and their equations."""
+    """The traces with this right-hand side and enough motion, and their equations."""
     made = [(t, equations(t, channel, config)) for t in traces if (channel := right(t)) is not None]
     enough = [(t, s) for t, s in made if len(s.time) >= FEWEST_ROWS and np.any(s.right)]
     return [t for t, _ in enough], [s for _, s in enough]
 
 
 def _scale(config: RigConfig, known: Mapping[str, float], volts: Mapping[str, float]) -> Scale:
-    """Known motor constants, else nominal ones.
+    """Known motor constants, otherwise nominal ones.
 
-    `volts` are `LUMPED` seen by the voltage: its B_eq (V s/rad) bounds N K_b from above, so that B stays positive, and
-    a gravity torque given in rig.toml fixes N K_m/R_a.
+    `volts` are the `LUMPED` coefficients of the voltage equation: its B_eq (V s/rad) is an upper bound of N K_b,
+    because B is positive, and a gravity torque given in rig.toml determines N K_m/R_a.
     """
     N, drag, gravity = known["N"], volts["B_eq"], volts["T_g"]
 
@@ -151,7 +152,7 @@ def _reading(
     values = {symbol: float(v) for symbol, v in zip(LUMPED, lumped, strict=True) if symbol not in held}
     notes: list[str] = []
     if values.get("T_f", 1.0) <= 0:
-        notes.append(f"T_f read as {values['T_f']:.3g} N m, put at 0.001")
+        notes.append(f"T_f reads {values['T_f']:.3g} N m; it is set to 0.001")
         values["T_f"] = 1e-3
     assumed = _split("J", values, config, known, notes) + _split("B", values, config, known, notes)
     line = lumped if shown is None else shown
@@ -168,13 +169,14 @@ def _reading(
 def _split(
     letter: str, values: dict[str, float], config: RigConfig, known: Mapping[str, float], notes: list[str]
 ) -> tuple[str, ...]:
-    """whole = N^2 motor + load, J or B: the load from a known motor; half and half where neither is; those assumed."""
+    """whole = N^2 motor + load, J or B: the load from a known motor; half each where neither is known; and the assumed
+    symbols."""
     whole_name, motor, load = f"{letter}_eq", f"{letter}_m", f"{letter}_L"
     if whole_name not in values:
         return ()
     whole, gear = values[whole_name], known["N"] ** 2
     if whole <= 0:
-        notes.append(f"{whole_name} cannot be read: it comes out as {whole:.3g}")
+        notes.append(f"{whole_name} cannot be read: its value would be {whole:.3g}")
         del values[whole_name]
         return ()
     if motor in known:
@@ -183,19 +185,20 @@ def _split(
     if load in config.fixed:
         values[motor] = _at_least(whole - known[load], LOWEST_SHARE * whole, motor, notes) / gear
         return ()
-    notes.append(f"{whole_name} = N^2 {motor} + {load} only is read; half of it is given to each")
+    notes.append(f"only {whole_name} = N^2 {motor} + {load} is read; half of it is assigned to each")
     values[motor], values[load] = whole / 2 / gear, whole / 2
     return motor, load
 
 
 def _at_least(value: float, floor: float, symbol: str, notes: list[str]) -> float:
     if value < floor:
-        notes.append(f"{symbol} read as {value:.3g}, put at {floor:.3g}")
+        notes.append(f"{symbol} reads {value:.3g}; it is set to {floor:.3g}")
     return max(value, floor)
 
 
 def read_driven(title: str, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
-    """Traces with a drive by the inverse model; those without by the gains, or for the gains."""
+    """Read traces with a drive by the inverse model, and traces without one with the ECU's gains, or for these
+    gains."""
     own = [t for t in traces if config.ecu is None or set(DRIVES) & set(t.channels)]
     waiting = [t for t in traces if t not in own and {"setpoint", "position"} <= set(t.channels)]
     waiting = [t for t in waiting if len(t.channels["position"].time) > FEWEST_POSITIONS]
@@ -221,7 +224,8 @@ def read_driven(title: str, traces: Sequence[Measurement], config: RigConfig, kn
 
 
 def terms(trace: Measurement, ecu: Ecu) -> tuple[Channel, Channel, Channel]:
-    """What K_p, K_i and K_d multiply, as late as it acts: rad, rad s and rad/s, on an even grid."""
+    """The terms that K_p, K_i and K_d multiply, with the delay of their action: rad, rad s and rad/s, on an even
+    grid."""
     position, setpoint = trace.channels["position"], trace.channels["setpoint"]
     time, step = even_grid(position.time)
     smooth = filter_for(position).position(on_times(position, time))
@@ -234,7 +238,7 @@ def terms(trace: Measurement, ecu: Ecu) -> tuple[Channel, Channel, Channel]:
 
 
 def voltage(trace: Measurement, ecu: Ecu, gains: Mapping[str, float]) -> Channel:
-    """What the ECU put out, but for what its integral held at first, V."""
+    """Output voltage of the ECU without the initial value of its integral, V."""
     parts = terms(trace, ecu)
     volts = sum(gains[s] * part.value for s, part in zip(SYMBOLS, parts, strict=True))
     limited = np.clip(volts, -ecu.limit, ecu.limit)
@@ -267,7 +271,7 @@ def _gains(
 
 
 def _regression(trace: Measurement, ecu: Ecu, config: RigConfig, known: Mapping[str, float]) -> Equations:
-    """The terms' rows, and the voltage that the plate's motion needs, all through the inverse model's filters."""
+    """The rows of the terms, and the voltage that the plate's motion needs, all filtered as in the inverse model."""
     made = [equations(trace, term, config) for term in terms(trace, ecu)]
     gear, inner = known["N"], made[0]
     ohms = known["R_a"] / (gear * known["K_m"])
@@ -280,9 +284,9 @@ def _regression(trace: Measurement, ecu: Ecu, config: RigConfig, known: Mapping[
 
 
 class AbstractDriven(AbstractRigTest):
-    """The plate with nothing tied down, driven by any logged voltage, duty or torque, or by its ECU.
+    """The complete throttle, driven by any logged voltage, duty or torque, or by its ECU.
 
-    Under an ECU a trace without a logged drive is simulated with the ECU of [ecu], and not fitted without.
+    A trace without a logged drive is simulated with the ECU of [ecu]; without [ecu] it is not fitted.
     """
 
     boundary = Boundary()

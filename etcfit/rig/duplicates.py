@@ -1,19 +1,18 @@
-"""One record under two names: copies, cuts and overlaps are found and refused.
+"""Finds and refuses copies, cuts and overlaps of one record under two names.
 
     s_k = sign(y_(k+3) - 3 y_(k+2) + 3 y_(k+1) - y_k)
 
-A measurement never repeats another one's noise. The signs of a channel's third differences stay what they are in
-another unit, under another name, with other comments and shifted in time. Where W of them in a row, zigzags of noise
-among them, stand in two files, and the values of every common channel agree as far as the files overlap, the two are
-one record.
+A measurement never repeats the noise of another one. The signs of a channel's third differences do not change with the
+unit, the name, the comments or a shift in time. Where two files share W consecutive signs, including zigzags of noise,
+and the values of every common channel agree over the whole overlap of the files, they are one record.
 
 A zigzag is three changes of alternating direction, which a smooth signal never shows, however coarsely it is rounded,
-for rounding keeps a rise from becoming a fall; or three third differences of alternating sign, each larger than
-rounding alone could make it, 4 steps. So plates at rest, constant voltages and noiseless simulations, which repeat
-each other by right, are left alone; noiseless files that agree in every number are named in a warning.
+because rounding never turns a rise into a fall; or three third differences of alternating sign, each larger than
+rounding alone can cause (4 steps). So plates at rest, constant voltages and noiseless simulations, which may repeat
+each other, are not refused; noiseless files that agree in every number are named in a warning.
 
-Records that share a piece end to end are found: the later one's head lies within the earlier one. One thinned to every
-second row is not.
+Records that overlap are found where the head of the later one lies within the earlier one. A copy thinned to every
+second row is not found.
 """
 
 from __future__ import annotations
@@ -28,15 +27,15 @@ import numpy as np
 from ..errors import MeasurementError, first_names
 from .columns import Log
 
-COMMANDED = ("setpoint", "duty", "supply")  # what a rig plays it plays twice alike: no noise of a record's own
-_ROUNDING = 5.0  # steps; a third difference of rounding errors, half a step each at most, is within 4
-WINDOW = 32  # third differences in a row whose signs a first look compares, W
-ZIGZAGS = 8  # of noise within such a window, at least
-GLANCE = 128  # rows at the head of what two files may share that are compared before the rest
-EVIDENCE = 10  # zigzags and lone spikes in all that the two files share, at least
-AGREE = 0.98  # share of the common rows whose values must be the same; the rest is for digits lost in writing
-DIGITS = 0.02  # of the median change from row to row, by which the same value may differ
-NAMED = 5  # copies that a message names
+COMMANDED = ("setpoint", "duty", "supply")  # commanded channels may repeat exactly: they have no noise
+_ROUNDING = 5.0  # steps; a third difference of rounding errors, at most half a step each, is within 4
+WINDOW = 32  # W, number of third differences whose signs are compared first
+ZIGZAGS = 8  # least number of zigzags within such a window
+GLANCE = 128  # rows at the head of a possible overlap that are compared before the rest
+EVIDENCE = 10  # least number of zigzags and lone spikes in the overlap
+AGREE = 0.98  # least share of the common rows with equal values; the rest allows for digits lost in writing
+DIGITS = 0.02  # allowed difference of equal values, share of the median change from row to row
+NAMED = 5  # most copies that a message names
 _ODD = np.uint64(0x9E3779B97F4A7C15)  # odd, hence invertible modulo 2^64: the base of the rolling hash
 
 
@@ -56,14 +55,14 @@ class Shared:
 
 
 def refuse_duplicates(logs: Sequence[Log]) -> list[str]:
-    """Refuse records that lie in a folder twice, whole or in part.
+    """Refuse records that are in a folder twice, whole or in part.
 
     Returns:
-        a warning for each file that repeats another one number for number, but without noise that would tell a copy
-        from a simulation made twice.
+        a warning for each file that repeats another one number for number without noise, so that it may be a copy or a
+        repeated simulation.
 
     Raises:
-        MeasurementError: naming both files, or the first few where one was copied often.
+        MeasurementError: names both files, or the first few of many copies.
     """
     for one, other, row, same in _seen_twice(logs):
         before = min(row, same)  # rows in common above the same instant
@@ -76,7 +75,7 @@ def refuse_duplicates(logs: Sequence[Log]) -> list[str]:
 
 
 def _seen_twice(logs: Sequence[Log]) -> Iterator[tuple[Log, Log, int, int]]:
-    """Every log's first window of noise, wherever it stands in another log: the two logs, and a row of each."""
+    """Every occurrence of a log's first window of noise in another log: the two logs, and a row of each."""
     names = dict.fromkeys(name for log in logs for name in log.channels if name not in COMMANDED)
     for name in names:
         prints = [_fingerprint(log, name) for log in logs if name in log.channels]
@@ -95,7 +94,7 @@ class _Fingerprint:
     """Hash of each window of one channel."""
 
     log: Log
-    rows: np.ndarray  # where its samples stand in the log, shape (n,)
+    rows: np.ndarray  # rows of its samples in the log, shape (n,)
     hashes: np.ndarray  # shape (n - 2 - W,); empty where the channel is shorter
     head: int | None  # the first window with enough noise in it, or None
 
@@ -147,7 +146,7 @@ def _power(exponent: int) -> np.uint64:
 
 
 def _is_record(shared: Shared, evidence: int) -> bool:
-    """The values of every common channel agree, and there is noise in them."""
+    """Whether the values of every common channel agree and contain noise."""
     pieces = _common(shared)
     return all(_agree(a, b) for a, b in pieces.values()) and evidence <= sum(
         _erratic(a) for name, (a, _) in pieces.items() if name not in COMMANDED
@@ -198,21 +197,21 @@ def _refusal(shared: Shared, copies: Sequence[Log]) -> MeasurementError:
     k, j = rows[id(first)], rows[id(second)]
     if shared.whole:
         named = f"; so do {first_names([log.file for log in copies], NAMED)}" if copies else ""
-        found = f"it holds the same numbers as {first.file}, row by row, noise and all{named}."
+        found = f"it holds the same numbers as {first.file}, row by row, including the noise{named}."
     else:
         late = float(first.time[k] - second.time[j])
         moved = "at the same times" if late == 0.0 else f"with {abs(late):.6g} s {'taken off' if late > 0 else 'added'}"
         found = (f"its lines {second.lines[j]} to {second.lines[j + shared.rows - 1]} hold the same numbers as lines "
                  f"{first.lines[k]} to {first.lines[k + shared.rows - 1]} of {first.file}, {moved}.")  # fmt: skip
     return MeasurementError(second.where, found,
-                            "Every record counts once: the fit takes each file as new noise, and one that lies there "
-                            "twice makes intervals too narrow, or is predicted after it was fitted.",
+                            "Each record must be there only one time: the fit takes each file as independent data, "
+                            "and a copy makes intervals too narrow, or is predicted after it was fitted.",
                             "Delete one of them, or cut them where they overlap; the joint fit uses every channel of a "
                             "record, whichever folder it lies in.")  # fmt: skip
 
 
 def _alike(logs: Sequence[Log]) -> list[str]:
-    """Files that agree in every number, and move, but have no noise; or, with noise, were too rough for a window."""
+    """Warnings on moving files that agree in every number but have no noise, or too few samples for a window."""
 
     def key(log: Log) -> bytes:
         return b"".join(f"{name}:{len(log.lines)}".encode() + _shape(log, name) for name in sorted(log.channels))
@@ -226,14 +225,14 @@ def _alike(logs: Sequence[Log]) -> list[str]:
                 raise _refusal(shared, _copies(shared, logs))
             moves = any(np.ptp(a[np.isfinite(a)]) > 0.0 for a, _ in _common(shared).values() if np.isfinite(a).any())
             if moves and all(_agree(a, b) for a, b in _common(shared).values()):
-                warnings.append(f"{log.where}: the same numbers as {first.file}, and no noise in them that would tell "
-                                "a copy from a simulation made twice. Each counts as data of its own; delete one if "
-                                "it is a copy.")  # fmt: skip
+                warnings.append(f"{log.where}: the same numbers as {first.file}, without noise, so it may be a copy or "
+                                "a repeated simulation. Each counts as independent data; delete one if it is a copy."
+                                )  # fmt: skip
     return warnings
 
 
 def _shape(log: Log, name: str) -> bytes:
-    """Rises and falls of a channel, gaps included, in a digest's length."""
+    """Digest of the rises, falls and gaps of a channel."""
     column = log.columns[name]
     with np.errstate(invalid="ignore"):
         sign = np.sign(np.diff(column.logged * np.sign(column.conversion.scale)))

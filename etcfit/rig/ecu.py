@@ -1,4 +1,4 @@
-"""[ecu] of rig.toml: the controller of traces that log a setpoint and no voltage, its gains known or not."""
+"""[ecu] of rig.toml: the controller of traces that log a setpoint but no voltage, with known or unknown gains."""
 
 from __future__ import annotations
 
@@ -12,32 +12,33 @@ from .base import Fixed, Knowledge, Prior, Start
 from .toml import Limits, Toml, shown
 
 GAINS = {"P": "K_p", "I": "K_i", "D": "K_d"}
-TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # those with a default, and what `Ecu` calls them
-SUPPLY_SD = 0.1  # of the supply under load, a share of the nameplate's
+TIMES = {"filter_ms": "filter", "delay_ms": "delay"}  # times with a default, and their fields of `Ecu`
+SUPPLY_SD = 0.1  # standard deviation of the supply under load, share of the nameplate's
 CLOCK = Limits(0.01, 1000.0, " ms", "Correct it; an ECU's clock ticks every 1 to 10 ms.")
 TIME = CLOCK._replace(low=0.0)
 _MEND = "Correct it, or leave it out."
 LIMITS: Mapping[str, tuple[str, float, Limits]] = {
-    "duty": ("duty", 1.0, Limits(1e-3, 1.0, "", _MEND)),  # one of 0 would be no output at all
+    "duty": ("duty", 1.0, Limits(1e-3, 1.0, "", _MEND)),  # 0 would be no output
     "integral": ("integral", 1.0, Limits(0.0, 10.0, "", _MEND)),
     "slew_V_per_s": ("slew", 1.0, Limits(0.0, 1e6, "", _MEND)),
     "dead_band_deg": ("dead_band", math.pi / 180.0, Limits(0.0, 90.0, "", _MEND)),
     "setpoint_weight": ("setpoint_weight", 1.0, Limits(0.0, 1.0, "", _MEND)),
     "derivative_weight": ("derivative_weight", 1.0, Limits(0.0, 1.0, "", _MEND)),
 }
-"""Key -> what `Ecu` calls it, its unit in SI, and what it may be."""
+"""Key -> its field of `Ecu`, its unit in SI, and its range."""
 KEYS = ("P", "I", "D", "unit", "form", "period_ms", *TIMES, *LIMITS, "bias_percent")
 
 
 def read_ecu(
     toml: Toml, travel: tuple[float, float]
 ) -> tuple[Ecu | None, Notation | None, dict[str, Knowledge], BiasPoints]:
-    """What [ecu] says: the ECU's own limits, how it writes its gains, its parameters of the model, SI, and its bias.
+    """The content of [ecu]: limits of the ECU, notation of its gains, its parameters of the model (SI), and its bias.
 
-    None, None, {} and () where there is no [ecu]; no notation where it names no unit, as all its gains are free.
+    None, None, {} and () where there is no [ecu]; no notation where it names no unit, because all its gains are free.
 
     Raises:
-        MeasurementError: a key unknown, missing or of the wrong kind; no supply to clamp at; a gain given twice.
+        MeasurementError: a key is unknown, missing or of the wrong kind, the supply is missing, or a gain is given
+            twice.
     """
     table = toml.table("ecu", KEYS)
     if "ecu" not in toml.tables:
@@ -60,21 +61,21 @@ def read_ecu(
     scales = notation.units(ecu, travel[1] - travel[0])._asdict()
     read = {symbol: _gain(toml, key, table[key], scales[key]) for key, symbol in GAINS.items()}
     gains = {symbol: gain for symbol, gain in read.items() if gain is not None}
-    # The limit of the output is a nameplate value: the supply while the ECU was at its limit was not logged, so
-    # it is believed within a share of it; and where no gain gives voltages a scale, the limit must not either.
+    # The limit of the output is a nameplate value with an uncertainty, because the supply at the limit was not logged.
+    # Where no gain determines the scale of the voltage, the limit must not determine it either.
     volts = ecu.constants["V_e"]
     scaled = any(isinstance(gain, (Fixed, Prior)) and gain.value > 0.0 for gain in gains.values())
     gains |= {symbol: Fixed(value) for symbol, value in ecu.constants.items()}
     gains["V_e"] = Prior(volts, SUPPLY_SD * volts) if scaled else Start(volts)
     for symbol in (*GAINS.values(), *ecu.constants):
         if symbol in toml.table("parameters"):
-            raise toml.wrong(f"parameters.{symbol}", "is told by [ecu] already.", "One quantity has one place.",
+            raise toml.wrong(f"parameters.{symbol}", "is given by [ecu] already.", "A quantity is given in one place.",
                              "Delete it here.")  # fmt: skip
     return ecu, notation if "unit" in table else None, gains, _bias(toml, table.get("bias_percent", []), travel)
 
 
 def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> BiasPoints:
-    """Pairs of % of the travel and % of duty, rising: rad and shares here."""
+    """The bias points, rad and shares, from rising pairs of % of the travel and % of duty."""
     rows = value if isinstance(value, list) else [None]
     pairs = [row for row in rows if isinstance(row, list) and len(row) == 2 and all(
              isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= 100.0 for x in row)]  # fmt: skip
@@ -90,7 +91,7 @@ def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> BiasPoints:
 
 
 def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms, bias_percent: BiasPoints = ()) -> list[str]:
-    """[ecu] of a rig.toml; what is as where nothing is said is left out, the times apart."""
+    """The lines of [ecu] of a rig.toml; defaults are left out, except the times."""
     usual = Ecu()
     lines = ["[ecu]", *(f"{key} = {value:.10g}" for key, value in gains._asdict().items())]
     lines += [f'unit = "{notation.unit}"', f'form = "{notation.form}"', f"period_ms = {1e3 * ecu.period:.10g}"]
@@ -102,7 +103,7 @@ def ecu_lines(ecu: Ecu, notation: Notation, gains: Terms, bias_percent: BiasPoin
 
 
 def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float]) -> Notation:
-    """How it writes its gains; volts, radians and seconds where nothing is said."""
+    """The notation of the gains; volts, radians and seconds by default."""
     unit, form = table.get("unit"), toml.string("ecu.form", table.get("form", "seconds"))
     if form not in FORMS:
         raise toml.wrong("ecu.form", f"found {shown(form)}.", 'It must be "seconds" (I per s, D in s) or "ticks" '

@@ -35,7 +35,7 @@ class Resistance(AbstractRigTest):
     needs = (("voltage", "duty"), ("current",))
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
-        """R_a = 1/slope of i = v/R_a + offset of the sensor (paper, Fig. 11), less a series resistance of rig.toml."""
+        """R_a = 1/slope of i = v/R_a + sensor offset (paper, Fig. 11), less a series resistance given in rig.toml."""
         driven = [(drive_voltage(trace, config), trace.channels.get("current")) for trace in traces]
         points = settled_points((voltage, voltage, current) for voltage, current in driven)
         if not len(points) or not np.any(points[:, 0]):
@@ -46,7 +46,7 @@ class Resistance(AbstractRigTest):
         total, series = 1 / line.slope, config.series_ohm.get(self.name, 0.0)
         notes = [f"current at zero voltage {line.offset:.3g} A"]
         if series is None:
-            notes.append("the series resistance of this test is free, so R_a read here contains it")
+            notes.append("the series resistance of this test is free, so this R_a includes it")
         R_a = total - (series or 0.0)
         ends = np.array([min(0.0, points[:, 0].min()), points[:, 0].max()])
         graph = Graph(self.title, "voltage [V]", "steady current [A]", points[:, 0], points[:, 1], ends, line.at(ends),
@@ -79,8 +79,8 @@ def inductance(R_t: float, tau: float) -> float:
 def steps(trace: Measurement, config: RigConfig) -> list[VoltageStep]:
     """Every voltage step of a trace.
 
-    The step lies between two samples of the voltage; half way is its best guess. Differences across the step free
-    R_t of both sensors' offsets.
+    The step lies between two samples of the voltage; the middle is the best estimate. Differences across the step
+    remove the offsets of both sensors from R_t.
     """
     voltage, current = drive_voltage(trace, config), trace.channels.get("current")
     if voltage is None or current is None:
@@ -132,7 +132,7 @@ class Inductance(AbstractRigTest):
         values, notes = {"L_a": inductance(R_t, tau)}, [f"R_t = {R_t:.4g} ohm, tau = {1e3 * tau:.4g} ms"]
         gap = max(float(np.median(np.diff(trace.time))) for trace, _ in found)
         if gap > 0.2 * tau:
-            notes.append(f"samples {1e3 * gap:.3g} ms apart are coarse for tau; the joint fit will do better")
+            notes.append(f"samples {1e3 * gap:.3g} ms apart are coarse for tau; the joint fit is more accurate")
         if "R_a" in known and not isinstance(config.series_ohm.get(self.name), float):
             values[f"series_ohm.{self.name}"] = R_t - known["R_a"]
         return Reading(values, tuple(profile(t, s, R_t, tau) for t, s in found[:6]), tuple(notes))
@@ -149,13 +149,13 @@ def emf_of(trace: Measurement) -> Channel | None:
 
 
 def fast_part(trace: Measurement, config: RigConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Speed (rad/s) and EMF (V), equally smoothed, where the plate is off its stops and above 60 % of its top speed."""
+    """Speed (rad/s) and EMF (V), equally smoothed, off the stops and above 60 % of the plate's top speed."""
     emf, position = emf_of(trace), trace.channels.get("position")
     moved = None if emf is None or position is None else motion(position, smoothing_window(position))
     if emf is None or position is None or moved is None:
         return np.empty(0), np.empty(0)
     free = off_stops(moved.angle, config, position.sigma) & (moved.time >= emf.time[0]) & (moved.time <= emf.time[-1])
-    # half a window next to a stop mixes rest into the slope
+    # within half a window of a stop the slope includes rest
     inner = np.convolve(free, np.ones(moved.window), "same") >= moved.window - 0.5
     used = inner if inner.sum() >= 3 else free
     top = np.max(np.abs(moved.speed[used]), initial=0.0)
@@ -165,7 +165,7 @@ def fast_part(trace: Measurement, config: RigConfig) -> tuple[np.ndarray, np.nda
 
 @final
 class BackEmf(AbstractRigTest):
-    """Terminals open, plate let go from open: e_b = K_b N omega_L; the return spring moves the plate."""
+    """Terminals open, plate released from open: e_b = K_b N omega_L; the return spring moves the plate."""
 
     name = "back_emf"
     title = "Back electromotive force test"
@@ -181,7 +181,7 @@ class BackEmf(AbstractRigTest):
         if len(speed) < 3:
             return Reading({}, notes=("K_b cannot be read: no EMF of a moving plate",))
         ratio = robust_slope(speed, emf)
-        notes = () if ratio > 0 else ("EMF and position run against each other: its poles were swapped",)
+        notes = () if ratio > 0 else ("EMF and position have opposite signs: the leads of the EMF are exchanged",)
         K_b = back_emf_constant(abs(ratio), 1.0, known["N"])
         ends = np.array([0.0, speed[np.argmax(np.abs(speed))]])
         graph = Graph(self.title, "plate speed [rad/s]", "EMF [V]", speed, emf, ends, ratio * ends,

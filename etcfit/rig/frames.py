@@ -1,4 +1,4 @@
-"""Data frames -> Rig: what a notebook holds, checked by the same code and in the same words as a folder of CSV."""
+"""Makes a Rig from the data frames of a notebook, with the same checks and messages as for a folder of CSV."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from .table import Table, without_blanks
 from .toml import Toml, closest, shown
 from .user_text import refuse_foreign_names
 
-CONFIG = "config"  # what messages call it
-NAMELESS = "frames"  # a rig whose config gives no name
+CONFIG = "config"  # its name in messages
+NAMELESS = "frames"  # name of a rig whose config gives none
 
 
 def rig_from_frames(frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any] | RigConfig) -> Rig:
-    """As `Rig.from_frames`, which see.
+    """See `Rig.from_frames`.
 
-    Each frame and the config leave their SHA-256 in `Rig.digests`, under the name that a file would have there.
+    `Rig.digests` has the SHA-256 of each frame and of the config, under the name that a file would have.
     """
     if not frames:
         raise MeasurementError("frames", "none given.", "A rig needs one trace or more.",
@@ -46,7 +46,7 @@ def rig_from_frames(frames: Mapping[str, pd.DataFrame], config: Mapping[str, Any
 
 
 def _tables(config: Any, key: str = CONFIG) -> Any:
-    """A dictionary as TOML would have it: texts for keys, lists for tuples and arrays, plain numbers for NumPy's."""
+    """A dictionary in the types of TOML: text keys, lists for tuples and arrays, plain numbers for those of NumPy."""
     if isinstance(config, Mapping):
         for name in config:
             if not isinstance(name, str):
@@ -74,7 +74,7 @@ def _check_key(key: Any) -> None:
 
 
 def _table(frame: Any, where: str) -> Table:
-    """The frame's columns as text and its cells as numbers."""
+    """The frame with its columns as text and its cells as numbers."""
     if not isinstance(frame, pd.DataFrame):
         raise MeasurementError(where, f"found a {type(frame).__name__}.", "It must be a pandas DataFrame.",
                                "Write pandas.DataFrame({'time [s]': ..., 'voltage [V]': ...}).")  # fmt: skip
@@ -106,7 +106,7 @@ def _cells(column: pd.Series, name: str, table: Table, where: str) -> np.ndarray
 
 
 def _number(cell: Any, column: str, place: str) -> float:
-    """A cell of a column that holds other things than numbers too: texts are read as a CSV's are."""
+    """A cell of a column that does not hold numbers alone: texts are read as in a CSV."""
     if cell is None or cell is pd.NA:
         return np.nan
     if isinstance(cell, numbers.Real) and not isinstance(cell, (bool, np.bool_)):

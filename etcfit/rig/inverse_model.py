@@ -1,10 +1,10 @@
-"""The inverse-model reading of a driven plate: torque regressed on the motion that it made.
+"""The inverse-model reading of a driven plate: torque regressed on the resulting motion.
 
     torque = J a + B w + K_s theta + T_PL + T_f sgn(w) + T_g sin(theta)
 
 Source: Gautier's IDIM-LS as in Janot, Gautier, Brunot 2019 (EMPS): the position filtered without phase, differentiated
 centrally, both sides of the equation decimated by the same filter. Differs from source: samples on the end stops and at
-rest are left out, and the bandwidth is lowered where position noise would drown the acceleration.
+rest are left out, and the bandwidth is lowered where position noise would dominate the acceleration.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from .smoothing import butterworth, chebyshev
 
 LUMPED = ("J_eq", "B_eq", "K_s", "T_PL", "T_f", "T_g")
 BANDWIDTHS = (20.0, 14.0, 10.0, 7.0, 5.0)  # Hz; the first is that of the published EMPS figures
-LARGEST_NOISE = 0.4  # of the acceleration's rms
-LONGEST_PAD = 50  # samples that the filters reflect at each end, and a few
-AT_REST = 0.01  # of the top speed
+LARGEST_NOISE = 0.4  # largest share of noise in the rms of the acceleration
+LONGEST_PAD = 50  # samples that the filters reflect at each end, and some more
+AT_REST = 0.01  # share of the top speed below which the plate counts as at rest
 
 
 @dataclass(frozen=True)
 class Filter:
-    """Zero-phase filters for a bandwidth (Hz): position below 5 of it, both sides of the equation below 2."""
+    """Zero-phase filters for a bandwidth (Hz): position below 5 times it, both sides of the equation below 2 times
+    it."""
 
     bandwidth: float
     rate: float
@@ -51,11 +52,11 @@ class Filter:
         return butterworth(4, 2 * self.cutoff / self.rate)(angle)
 
     def below(self, rows: np.ndarray) -> np.ndarray:
-        """Chebyshev, eighth order, 0.05 dB, as in the source; as they are where nothing is decimated."""
+        """The rows filtered by Chebyshev, eighth order, 0.05 dB, as in the source; unfiltered without decimation."""
         return rows if self.ratio == 1 else chebyshev(8, 0.05, 0.8 / self.ratio)(rows)
 
     def decimated(self, rows: np.ndarray) -> np.ndarray:
-        """Every ratio-th row of what is below."""
+        """Every ratio-th filtered row."""
         return self.below(rows)[:: self.ratio]
 
     def __str__(self) -> str:
@@ -102,7 +103,7 @@ def equations(trace: Measurement, right: Channel, config: RigConfig | None = Non
 
 
 def moving(angle: np.ndarray, speed: np.ndarray, chosen: Filter, config: RigConfig, sigma: float) -> np.ndarray:
-    """True off the stops (by half a filter span) and unless at rest for a span: there friction is unknown."""
+    """True off the stops (by half a filter span) and not at rest for a span, because friction at rest is unknown."""
     on_stop = widened(~off_stops(angle, config, sigma), chosen.span // 2)
     noise = 3 * sigma * 2 * np.pi * chosen.cutoff * np.sqrt(2 * chosen.cutoff / chosen.rate)
     slow = np.abs(speed) < max(AT_REST * float(np.max(np.abs(speed))), noise)
@@ -112,7 +113,7 @@ def moving(angle: np.ndarray, speed: np.ndarray, chosen: Filter, config: RigConf
 
 
 def filter_for(position: Channel) -> Filter:
-    """The widest bandwidth at which position noise makes less than `LARGEST_NOISE` of the acceleration."""
+    """The widest bandwidth at which position noise is less than `LARGEST_NOISE` of the acceleration."""
     time, step = even_grid(position.time)
     angle, noise = on_times(position, time), position.error
     chosen = [Filter(bandwidth, 1 / step) for bandwidth in BANDWIDTHS if 4 / bandwidth < time[-1] - time[0]]
@@ -127,7 +128,7 @@ def filter_for(position: Channel) -> Filter:
 
 
 def solve(systems: Sequence[Equations], held: Mapping[str, float]) -> np.ndarray:
-    """Least squares for `LUMPED`; those held are moved to the other side."""
+    """Least squares for `LUMPED`; terms with held values are moved to the other side."""
     rows, right = np.concatenate([s.rows for s in systems]), np.concatenate([s.right for s in systems])
     lumped = np.array([held.get(symbol, 0.0) for symbol in LUMPED])
     free = np.array([symbol not in held for symbol in LUMPED])
@@ -137,7 +138,8 @@ def solve(systems: Sequence[Equations], held: Mapping[str, float]) -> np.ndarray
 
 
 def held_values(config: RigConfig, N: float) -> dict[str, float]:
-    """Which of `LUMPED` rig.toml fixes: J_eq and B_eq only where both their parts are; without gravity, T_g is 0."""
+    """Values of `LUMPED` that rig.toml fixes: J_eq and B_eq only where both their parts are fixed; T_g is 0 without
+    gravity."""
     fixed = config.fixed
     held = {symbol: fixed[symbol] for symbol in ("K_s", "T_PL", "T_f", "T_g") if symbol in fixed}
     if "gravity_load" not in config.effects:

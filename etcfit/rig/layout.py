@@ -1,4 +1,4 @@
-"""How a text is laid out: where its rows of numbers are, what names their columns and gives their units.
+"""Finds the layout of a text: its rows of numbers, and the names and units of their columns.
 
     lines above the header, a header, a row of units, blank lines       MoTeC, AiM, PicoScope, spreadsheets, loggers
     long names, units, short names                                      a header of three rows
@@ -23,11 +23,11 @@ from ..errors import MeasurementError
 from .rows import BLANKS, Numbers, cells_of, is_gap, is_instant, is_number, read_rows
 from .units import is_unit_text
 
-# what begins a line that is no row: comments of any program, PuTTY's mark of a new log, MegaLogViewer's marks
+# beginnings of lines that are no rows: comments of any program, PuTTY's mark of a new log, MegaLogViewer's marks
 _COMMENT = re.compile(r'\s*("?#|//|%(?!\s*[,;\t])|=~=~|MARK \d)')  # a row of units may begin with per cent
 _COMMENT_MARKS = '#%/ \t"'
-_BLOCK = 3  # rows in a row make a body
-_MOSTLY = 0.5  # of a row's cells are numbers: settings above a table stand in rows of equally many cells too
+_BLOCK = 3  # consecutive rows that make a body
+_MOSTLY = 0.5  # least share of numbers in a row: settings above a table may be rows of as many cells
 _TRIED = ("\t", ";", ",")
 _NUMBERED = re.compile(r"(?P<number>\d+)[.:)]?\s+(?P<name>\S.*)")  # a list of names in comments
 _TOKEN = re.compile(r"[^\s\[\](){}]+(?:\s?[\[(][^\[\]()]*[\])])?")  # a name, its unit in brackets with it
@@ -37,18 +37,18 @@ _PAIR = re.compile(
     rf"(?P<unit>{_UNIT}(?=[\s,;]|$)| {_UNIT}(?=\s*(?:[,;\t]|$)))?\s*(?:[,;\t ]|$)"
 )
 
-# Haltech's types -> what one count is, and of what unit; a type that is not here keeps its counts, and no unit
+# Haltech's types -> size of one count, and its unit; other types keep their counts without a unit
 HALTECH: dict[str, tuple[float, str]] = {
     "Percentage": (0.1, "%"), "BatteryVoltage": (1e-3, "V"), "EngineSpeed": (1.0, "rpm"), "Angle": (0.1, "deg"),
     "Speed": (0.1, "km/h"), "Pressure": (0.1, "kPa"), "AbsPressure": (0.1, "kPa"), "Temperature": (0.1, "K"),
     "Time_us": (1.0, "us"), "Time_ms": (1.0, "ms"), "Current_mA_as_A": (1e-3, "A"), "Current_uA_as_mA": (1e-3, "mA"),
 }  # fmt: skip
-_NO_READING = 8388607  # and beyond: what Haltech writes where a channel has none
+_NO_READING = 8388607  # values from here on mean in Haltech's logs that a channel has no reading
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What reading the rows needs."""
+    """The layout of a text, which reading the rows needs."""
 
     names: tuple[str, ...]  # of the columns; "" where there are none
     units: tuple[str, ...]  # of the columns; "" where there are none
@@ -56,21 +56,21 @@ class Layout:
     first: int  # line of the first row, counted from 0
     separator: str  # between cells
     short: str = ""  # as in `read_rows`
-    scales: tuple[float, ...] = ()  # of the numbers, column by column; () where they are what they say
-    remark: str = ""  # what had to be decided; "" where nothing
+    scales: tuple[float, ...] = ()  # factors of the numbers, column by column; () where there are none
+    remark: str = ""  # an assumption that was made; "" where there is none
 
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
     """Named columns of a text."""
 
-    layout: Layout  # how it was written
-    units: tuple[str, ...]  # of each column, that reading has settled among them
-    numbers: Numbers  # shape (n, m), and where they stand
+    layout: Layout  # its layout
+    units: tuple[str, ...]  # unit of each column, including those found while reading
+    numbers: Numbers  # the numbers, shape (n, m), and their lines
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What had to be decided."""
+        """The assumptions that were made."""
         return tuple(filter(None, (self.layout.remark, *self.numbers.remarks)))
 
 
@@ -78,14 +78,14 @@ def read_text(text: str, where: str) -> TextTable:
     """The table in a text of any known layout.
 
     Raises:
-        MeasurementError: no rows of numbers, or something else among them.
+        MeasurementError: no rows of numbers, or other text among them.
     """
     lines = text.split("\n")
     for begins, layout_of in LAYOUTS:
         if begins(lines):
             return _read(*layout_of(lines, where), where)
     bare, layout = _pairs(lines) or _with_header(lines, where)
-    # a row between the header and the body that is none because of a cell must not be lost unsaid
+    # a row between the header and the body that one bad cell invalidates must be reported
     for k in range(layout.head, layout.first):
         cells = cells_of(bare[k], layout.separator)
         filled = [cell for cell in cells if cell]
@@ -98,7 +98,7 @@ def read_text(text: str, where: str) -> TextTable:
 
 
 def read_msl(text: str, where: str) -> TextTable:
-    """MegaLogViewer's text: damaged rows are left out, and said.
+    """Read MegaLogViewer's text; damaged rows are left out and reported.
 
     Raises:
         MeasurementError: no header, or no rows of numbers below it.
@@ -134,13 +134,13 @@ def _read(lines: Sequence[str], layout: Layout, where: str) -> TextTable:
 
 
 def is_comment(line: str) -> bool:
-    """True for a line that no row is."""
+    """True for a line that cannot be a row."""
     return _COMMENT.match(line) is not None
 
 
 @dataclass(frozen=True)
 class _Body:
-    """Where the rows are: line of the first, counted from 0; what parts their cells; how many there are."""
+    """The rows: line of the first, counted from 0; separator of their cells; number of cells."""
 
     first: int
     separator: str
@@ -148,7 +148,7 @@ class _Body:
 
 
 def _with_header(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
-    """The lines without comments, and where their rows are.
+    """The lines without comments, and their layout.
 
     Raises:
         MeasurementError: there are no rows of numbers.
@@ -162,9 +162,9 @@ def _with_header(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
 
 
 def _find_body(lines: Sequence[str], where: str) -> _Body:
-    """The first lines that are rows of equally many numbers; of two separators that which leaves no words.
+    """The first lines that are rows of equally many numbers, with the separator that leaves no words.
 
-    Rows of words with numbers among them are a body only where none follows that is of numbers.
+    Rows with words and numbers are a body only where no rows of numbers follow.
     """
     filled = [(k, line) for k, line in enumerate(lines) if line.strip()]
     for size, least in ((_BLOCK, _MOSTLY), (_BLOCK, 0.0), (2, 0.0)):
@@ -180,7 +180,7 @@ def _find_body(lines: Sequence[str], where: str) -> _Body:
 
 
 def _body_at(block: Sequence[str], first: int, least: float) -> _Body | None:
-    """The body that begins with these lines, if more than `least` of its filled cells are numbers or instants."""
+    """The body that begins with these lines, if a share above `least` of its filled cells are numbers or instants."""
     best, share = None, least
     for separator in (*_TRIED, BLANKS):
         rows = [cells_of(line, separator) for line in block]
@@ -194,7 +194,8 @@ def _body_at(block: Sequence[str], first: int, least: float) -> _Body | None:
 
 
 def _is_row(cells: Sequence[str]) -> bool:
-    """Two numbers or more, or one next to an instant; one alone among gaps, where a channel is logged now and then."""
+    """Whether cells are a row: two numbers or more, a number next to an instant, or one number among gaps, as in a log
+    with slow channels."""
     numbers = sum(map(is_number, cells))
     instants = sum(map(is_instant, cells))
     sparse = len(cells) > 2 and numbers + sum(map(is_gap, cells)) == len(cells)
@@ -202,7 +203,8 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _header_above(lines: Sequence[str], body: _Body) -> tuple[list[str], list[str], int]:
-    """Names, units, and the names' line, counted from 1: of the last lines above the rows that may name columns."""
+    """Names, units, and the line of the names, counted from 1, from the last lines above the rows that may name
+    columns."""
     numbered = [(k, cells_of(line, body.separator)) for k, line in enumerate(lines[: body.first]) if line.strip()]
     if body.separator == BLANKS:
         numbered = [(k, _TOKEN.findall(lines[k])) for k, _ in numbered]
@@ -218,20 +220,20 @@ def _header_above(lines: Sequence[str], body: _Body) -> tuple[list[str], list[st
 
 
 def _may_name(cells: Sequence[str], width: int) -> bool:
-    """True for a line with as many cells as a row, empty ones at its end aside, and no number."""
+    """True for a line without numbers and with as many cells as a row, not counting empty cells at its end."""
     named = len("\0".join(cells).rstrip("\0").split("\0"))
     return any(cells) and named > width // 2 and len(cells) <= width + 1 and not any(map(is_number, cells))
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """All but one are units, or half of many: an ECU has units that no throttle has."""
+    """Whether all cells except one are units, or half of many cells: an ECU has many units that are unknown here."""
     filled = [cell for cell in cells if cell.strip("[]() ")]
     known = sum(map(is_unit_text, filled))
     return bool(filled) and (known >= max(1, len(filled) - 1) or (len(filled) > 3 and 2 * known >= len(filled)))
 
 
 def _names_in_comments(lines: Sequence[str], body: _Body) -> tuple[list[str], int]:
-    """Names in a comment line above the rows, or in a numbered list of comments; and the line."""
+    """Names in a comment line above the rows, or in a numbered list of comments; and their line."""
     said = [(k + 1, line.strip(_COMMENT_MARKS)) for k, line in enumerate(lines) if is_comment(line)]
     listed = {int(m["number"]): (k, m["name"]) for k, text in said if (m := _NUMBERED.fullmatch(text))}
     start = min(listed, default=0)
@@ -249,10 +251,11 @@ def _padded(cells: Sequence[str], width: int) -> tuple[str, ...]:
 
 
 def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
-    """Lines of a label before each number, its unit behind it or not, as rows parted by tabs; None of another text."""
+    """Lines with a label before each number, and perhaps a unit after it, as rows separated by tabs; None for other
+    texts."""
 
     def are_pairs(line: str) -> bool:
-        start = line.lstrip()[:1]  # most texts are no pairs, and are not searched
+        start = line.lstrip()[:1]  # most texts have no pairs and are not searched
         return (start.isalpha() or start == "_") and not _PAIR.sub("", line).strip()
 
     found = [(k, _PAIR.findall(line)) for k, line in enumerate(lines) if are_pairs(line)]
@@ -271,7 +274,8 @@ def _pairs(lines: Sequence[str]) -> tuple[list[str], Layout] | None:
 
 
 def _hp_tuners(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
-    """Ids, names and units below `[Channel Information]`; rows end with the last channel that has a reading."""
+    """HP Tuners: ids, names and units below `[Channel Information]`; rows end with the last channel that has a
+    reading."""
     stripped = [line.strip() for line in lines[:200]]
     data = stripped.index("[Channel Data]")
     above = [k for k in range(data) if stripped[k]]
@@ -283,7 +287,7 @@ def _hp_tuners(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
     cells = [cells_of(lines[k], ",") for k in block]
     width = max(len(cells[0]), len(cells[-1]))
     names: list[str] = []
-    for name in cells[1]:  # one that holds commas within brackets is one piece
+    for name in cells[1]:  # a name with commas within brackets is one name
         cut = len(cells[1]) > width and names and names[-1].count("(") > names[-1].count(")")
         names = [*names[:-1], f"{names[-1]},{name}"] if cut else [*names, name]
     units = _padded(cells[2] if len(cells) > 2 else [], width)
@@ -291,7 +295,7 @@ def _hp_tuners(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
 
 
 def _haltech(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
-    """A block of lines for each channel, in the order of the columns; then rows without a header."""
+    """Haltech: a block of lines for each channel, in the order of the columns; then rows without a header."""
     names, types, head = [], [], 0
     for k, line in enumerate(lines):
         if is_instant(line.partition(",")[0].strip()):
@@ -310,7 +314,7 @@ def _haltech(lines: Sequence[str], where: str) -> tuple[list[str], Layout]:
                                "whole numbers scaled by their Type, as Haltech's export has them")  # fmt: skip
 
 
-# (does a text begin like it?, its layout); what fits none has any header above any rows
+# (test of the beginning of a text, its layout); any other text has a header above rows
 LAYOUTS: tuple[
     tuple[Callable[[Sequence[str]], bool], Callable[[Sequence[str], str], tuple[list[str], Layout]]], ...
 ] = (

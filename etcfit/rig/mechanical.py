@@ -1,4 +1,5 @@
-"""The paper's rig tests of what moves: viscous friction of the motor alone, static load, moment of inertia."""
+"""The paper's rig tests of mechanical parameters: viscous friction of the motor alone, static load, moment of
+inertia."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ from .signals import (
     smoothing_window,
 )
 
-LOWEST_SHARE = 0.02  # of J_eq: where J_L is put when N^2 J_m alone exceeds J_eq
+LOWEST_SHARE = 0.02  # share of J_eq that J_L gets where N^2 J_m alone exceeds J_eq
 
 
 def viscous_whole(B_m: float, N: float, B_L: float = 0.0) -> float:
@@ -36,7 +37,7 @@ def viscous_whole(B_m: float, N: float, B_L: float = 0.0) -> float:
 def inertia(delay: float, B_m: float, known: Mapping[str, float]) -> float:
     """J_m from the delay of the speed: delay = (J_m R_a + L_a B_m)/(K_m K_b + R_a B_m), kg m2.
 
-    That is the sum of both time constants of Eqs. 1-2; L_a B_m is some 1 % of it and left out.
+    The delay is the sum of both time constants of Eqs. 1-2; L_a B_m is about 1 % of it and neglected.
     """
     return delay * (known["K_m"] * known["K_b"] + known["R_a"] * B_m) / known["R_a"]
 
@@ -72,7 +73,7 @@ class Viscous(AbstractRigTest):
         logged = [(drive_voltage(t, config), t.channels.get("motor_speed"), t.channels.get("current")) for t in traces]
         points = settled_points((drive or current, speed, current) for drive, speed, current in logged)
         if not len(points) or not np.any(points[:, 0]):
-            return Reading({}, notes=("B_m cannot be read: the motor does not turn steadily anywhere",))
+            return Reading({}, notes=("B_m cannot be read: there is no plateau with a steady motor speed",))
         speed, torque = points[:, 0], known["K_m"] * points[:, 1]
         line = robust_line(speed, torque)
         values, notes = {}, [f"motor torque at zero speed {line.offset:.3g} N m"]
@@ -94,7 +95,7 @@ class Viscous(AbstractRigTest):
 def branches(trace: Measurement, config: RigConfig, known: Mapping[str, float]) -> np.ndarray:
     """Rows (angle, torque, direction) where the plate moves: rad, N m at the plate, +1 opening or -1 closing.
 
-    Moving: the slope of the position over 2 % of the trace, above a tenth of its own upper level, off both stops.
+    Moving: the slope of the position over 2 % of the trace is above a tenth of its upper level, off both stops.
     """
     position, push = trace.channels.get("position"), trace.channels.get("torque", trace.channels.get("current"))
     moved = None if position is None else motion(position, 0.02 * float(position.time[-1] - position.time[0]))
@@ -108,7 +109,7 @@ def branches(trace: Measurement, config: RigConfig, known: Mapping[str, float]) 
 
 @final
 class StaticLoad(AbstractRigTest):
-    """A slow voltage ramp up and down: torque over angle has a hysteresis 2 T_f wide, and the spring in its middle."""
+    """A slow voltage ramp up and down: torque over angle has a hysteresis 2 T_f wide with the spring in its middle."""
 
     name = "static_load"
     title = "Static load test"
@@ -127,7 +128,7 @@ class StaticLoad(AbstractRigTest):
             return Reading({}, notes=("K_s, T_PL and T_f cannot be read: no slow opening and closing",))
         K_s, T_PL, T_f = (float(c) for c in robust_fit(np.column_stack([angle, np.ones_like(angle), way]), torque))
         values = {"K_s": K_s, "T_PL": T_PL, "T_f": max(T_f, 1e-6)}
-        notes = () if T_f > 0 else (f"T_f read as {T_f:.3g} N m: no hysteresis",)
+        notes = () if T_f > 0 else (f"T_f reads {T_f:.3g} N m: there is no hysteresis",)
         ends = np.array([angle.min(), angle.max()])
         graphs = tuple(
             Graph(f"{self.title}, {name}", "plate angle [rad]", "motor torque at the plate [N m]", angle[way * s > 0],
@@ -139,21 +140,21 @@ class StaticLoad(AbstractRigTest):
 
 
 def load_torque(angle: np.ndarray, speed: np.ndarray, B_eq: float, known: Mapping[str, float]) -> np.ndarray:
-    """What opposes the motion, N m: B_eq w + K_s theta + T_PL + T_f sgn(w).
+    """Torque that opposes the motion, N m: B_eq w + K_s theta + T_PL + T_f sgn(w).
 
-    Source: Eq. 7. Differs from source: there friction is + T_f, which would speed a closing plate up.
+    Source: Eq. 7. Differs from source: friction there is + T_f, which would accelerate a closing plate.
     """
     return B_eq * speed + known["K_s"] * angle + known["T_PL"] + known["T_f"] * np.sign(speed)
 
 
 def fall(moved: Motion, speed: np.ndarray, config: RigConfig, sigma: float) -> slice:
-    """From a tenth of the top closing speed to the stop or the top speed, whichever comes first."""
+    """The fall from a tenth of the top closing speed to the stop or the top speed, whichever comes first."""
     free = off_stops(moved.angle, config, sigma)
     falling = slice(*max(runs(free & (speed < 0.1 * speed.min())), key=lambda run: run[1] - run[0], default=(0, 0)))
     if falling.stop - falling.start < 3:
         return falling
     top = falling.start + int(np.argmin(speed[falling]))
-    # a plate that reaches the stop at speed leaves half a smoothing window of mixed slope behind
+    # where a plate reaches the stop at speed, the slope within half a smoothing window of it includes rest
     inside = falling.stop - moved.window // 2
     stop = min(falling.stop, max(inside, falling.start + 3))
     return slice(falling.start, stop if top >= inside else max(min(stop, top + 1), falling.start + 3))
@@ -161,7 +162,7 @@ def fall(moved: Motion, speed: np.ndarray, config: RigConfig, sigma: float) -> s
 
 @final
 class Inertia(AbstractRigTest):
-    """Terminals open, plate let go from open: the return spring's torque over its acceleration is J_eq."""
+    """Terminals open, plate released from open: the return spring's torque over the acceleration is J_eq."""
 
     name = "inertia"
     title = "Moment of inertia test"
@@ -171,14 +172,14 @@ class Inertia(AbstractRigTest):
     needs = (("position", "emf", "voltage"),)
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:
-        """J_eq (Eq. 7, friction's sign mended), averaged over the fall: impulse of the load against speed gained."""
+        """J_eq (Eq. 7, with the sign of friction corrected), averaged over the fall: impulse of the load over speed."""
         missing = [s for s in ("K_s", "T_PL", "T_f") if s not in known]
         if missing:
             return Reading({}, notes=(f"J_eq cannot be read: {', '.join(missing)} not known",))
         graphs = [g for trace in traces if (g := self._graph(trace, config, known)) is not None]
         if not graphs:
             return Reading({}, notes=("J_eq cannot be read: no free fall of the plate",))
-        # each fall's slope counts with its speed gained
+        # the slope of each fall is weighted by its gain of speed
         gained = np.array([np.ptp(g.line_x) for g in graphs])
         slopes = np.array([np.ptp(g.line_y) / np.ptp(g.line_x) for g in graphs])
         J_eq = float(np.sum(slopes * gained**2) / np.sum(gained**2))
@@ -186,7 +187,7 @@ class Inertia(AbstractRigTest):
             return Reading({"J_eq": J_eq}, tuple(graphs),
                            ("J_L cannot be read: J_m is not known; J_eq = N^2 J_m + J_L is",))  # fmt: skip
         J_L, floor = J_eq - known["N"] ** 2 * known["J_m"], LOWEST_SHARE * J_eq
-        heavy = f"J_L = J_eq - N^2 J_m = {J_L:.3g} kg m2, put at {floor:.3g}: J_m takes it all"
+        heavy = f"J_L = J_eq - N^2 J_m = {J_L:.3g} kg m2; it is set to {floor:.3g}, because J_m alone explains J_eq"
         return Reading({"J_eq": J_eq, "J_L": max(J_L, floor)}, tuple(graphs), () if floor <= J_L else (heavy,))
 
     def _graph(self, trace: Measurement, config: RigConfig, known: Mapping[str, float]) -> Graph | None:
@@ -206,7 +207,7 @@ class Inertia(AbstractRigTest):
         B_eq = known["N"] ** 2 * known.get("B_m", 0.0) + known.get("B_L", 0.0)
         load = load_torque(angle, moved.speed[part], B_eq, known)
         impulse = -np.r_[0.0, np.cumsum((load[1:] + load[:-1]) / 2)] * moved.step
-        # the impulse is smooth, the speed noisy: regress the speed on it, slope 1/J_eq
+        # the impulse is smooth and the speed noisy: regress the speed on the impulse, slope 1/J_eq
         line = robust_line(impulse, w)
         if line.slope <= 0:
             return None

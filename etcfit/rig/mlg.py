@@ -1,4 +1,4 @@
-"""MegaLogViewer's binary log (.mlg) as a table.
+"""Reads MegaLogViewer's binary log (.mlg) as a table.
 
     header   "MLVLG\\0", version, timestamp, start of info, start of data, bytes of a record, number of fields
     field    type, name (34), unit (10), display style, scale, transform, digits [, category (34) in version 2]
@@ -11,9 +11,9 @@ All big-endian; start of info is 0 where there is none.
 
 Source: EFI Analytics, MLG binary log format, versions 1 and 2, as rusEFI quotes it (mlg_types.h), as its firmware and
 its console write it, and as mlg-converter and LibreTune read it. Differs from source: bit fields (types 10 to 12, which
-have a style, an index of names and a number of bits in place of scale, transform and digits) are skipped, as nothing
-here is a switch. A field of a type that the format does not name is skipped too: its width is what the others leave of
-a record, its meaning is unknown (mlg-converter, whose v2.mlg has such a field, reads one byte).
+have a style, an index of names and a number of bits in place of scale, transform and digits) are skipped, because no
+quantity here is a switch. A field of a type that the format does not name is skipped too: its width is the rest of the
+record, its meaning is unknown (mlg-converter, whose v2.mlg has such a field, reads one byte).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _BITS = (10, 11, 12)
 _RECORD, _MARKER = 0, 1  # types of block
 _MESSAGE = 50  # bytes of a marker's
 _TICK, _WRAP = 1e-5, 1 << 16  # s, ticks
-_FITTING = 0.5  # share of the check sums below which the writer's is not the sum of the bytes
+_FITTING = 0.5  # share of right check sums below which the writer uses another check sum
 TIME = "Time [s]"
 
 
@@ -51,34 +51,35 @@ class Field:
 
     @property
     def is_scalar(self) -> bool:
-        """A number; neither bits nor of a type that the format does not name."""
+        """Whether the field is a number: neither bits nor of an unknown type."""
         return self.kind in _TYPES and self.kind not in _BITS
 
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """What follows the header, markers left out."""
+    """The records after the header, without markers."""
 
-    at: np.ndarray  # where the values of each begin, shape (n,)
-    ticks: np.ndarray  # when each was logged, 10 us since the first block, shape (n,)
-    fits: np.ndarray  # true where the check sum is that of the values, shape (n,)
-    end: int  # where the last block ends, or would end
+    at: np.ndarray  # begin of the values of each, bytes, shape (n,)
+    ticks: np.ndarray  # time of each, 10 us since the first block, shape (n,)
+    fits: np.ndarray  # true where the check sum is right, shape (n,)
+    end: int  # end of the last block, also if it is cut off
 
     @property
     def sound(self) -> Records:
-        """Without those that were spoilt on the way to the card.
+        """The records with a right check sum.
 
-        All of them where hardly any fits: some writers sum otherwise, and no other reader minds.
+        All records where hardly any check sum is right: some writers compute it differently, and other readers accept
+        them.
         """
         keep = self.fits if np.sum(self.fits) >= _FITTING * self.fits.size else np.ones_like(self.fits)
         return replace(self, at=self.at[keep], ticks=self.ticks[keep], fits=self.fits[keep])
 
 
 def read_mlg(raw: bytes, where: str) -> Table:
-    """Columns named `name [unit]`; NaN where a value is none.
+    """The table with columns named `name [unit]`; NaN for a value that is no number.
 
-    Records whose check sum is wrong are left out, which `losses` says; so is what was cut off. A log without a time of
-    its own gets that of its blocks, which cannot tell a pause of more than 0.3 s.
+    Records with a wrong check sum and a record that is cut off are left out, and `losses` reports them. A log without a
+    time column gets the time of its blocks, which does not show pauses above 0.3 s.
 
     Raises:
         MeasurementError: another format or version, damaged, or cut off before the second record.
@@ -108,14 +109,14 @@ def read_mlg(raw: bytes, where: str) -> Table:
 
 
 def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
-    """Layout of a record of so many bytes; fields of unknown type share equally what the others leave."""
+    """Layout of a record of `size` bytes; fields of unknown type share the remaining bytes equally."""
     unknown = [field for field in fields if field.kind not in _TYPES]
     known = sum(np.dtype(_TYPES[field.kind]).itemsize for field in fields if field.kind in _TYPES)
     width, odd = divmod(size - known, len(unknown)) if unknown else (0, size - known)
     if odd or width < bool(unknown):
         kinds = f", {len(unknown)} more of unknown type {unknown[0].kind}" if unknown else ""
         raise _unreadable(where, f"its records have {size} bytes, its fields {known}{kinds}.")
-    # of several unknown types each may have a width of its own, unless there is but one byte for each
+    # several unknown types may have different widths, unless there is one byte for each
     if width > 1 and len({field.kind for field in unknown}) > 1:
         kinds = " and ".join(str(kind) for kind in sorted({field.kind for field in unknown}))
         raise _unreadable(where, f"fields of unknown types {kinds}, whose widths cannot be told apart.")
@@ -123,7 +124,7 @@ def _layout(fields: list[Field], size: int, where: str) -> np.dtype:
 
 
 def _header(raw: bytes, where: str) -> tuple[int, int, list[Field]]:
-    """Where the data begin, bytes of a record, fields."""
+    """Begin of the data, bytes of a record, fields."""
     if len(raw) < _PREFIX.size or raw[: len(_MAGIC)] != _MAGIC:
         raise _unreadable(where, "it does not begin with MLVLG.")
     version = _PREFIX.unpack_from(raw)[1]
@@ -149,22 +150,22 @@ def _text(padded: bytes) -> str:
 
 
 def _records(raw: bytes, at: int, size: int, where: str) -> Records:
-    """Every whole record; a clock that starts anew every 0.65536 s is unrolled over all blocks, markers too."""
+    """Every whole record; the clock, which restarts every 0.65536 s, is unrolled over all blocks, including markers."""
     found: list[tuple[int, int, bool]] = []
     lengths = {_RECORD: size + 1, _MARKER: _MESSAGE}
-    # a card's unwritten bytes follow the log where the power was cut
+    # where the power was cut, unwritten bytes of the card follow the log
     written, clock, last = min(len(raw.rstrip(b"\0")), len(raw.rstrip(b"\xff"))), 0, None
     while at < written and at + _HEAD.size <= len(raw):
         kind, _, tick = _HEAD.unpack_from(raw, at)
         if kind not in lengths:
             raise _unreadable(where, f"a block of unknown type {kind} at byte {at}.")
-        if last is not None:  # a step back by less than half the clock's range is no new start of it
+        if last is not None:  # a step back by less than half the clock's range is no restart
             clock += tick - last + (_WRAP if last - tick > _WRAP // 2 else 0)
         at, last = at + _HEAD.size, tick
         if kind == _RECORD and at + size < len(raw) and (at + size < written or any(raw[at : at + size])):
             found.append((at, clock, sum(raw[at : at + size]) % 256 == raw[at + size]))
         at += lengths[kind]
-    if at < written:  # a piece of the next block's head
+    if at < written:  # a part of the next block's head
         at += _HEAD.size
     places, ticks, fits = zip(*found, strict=True) if found else ((), (), ())
     return Records(np.array(places, dtype=int), np.array(ticks, dtype=int), np.array(fits, dtype=bool), at)

@@ -1,11 +1,11 @@
-"""Noise and resolution of a channel, from its samples alone.
+"""Estimates noise and resolution of a channel from its samples alone.
 
     d = sum_j w_j y_j / |w|,   w_j = 1 / prod_(k != j) (t_j - t_k)
 
-A divided difference of order p over p + 1 neighbours is blind to polynomials below degree p on any time base, and
-scaled to unit norm it passes white noise with its own standard deviation. Its spread is measured by Huber's
-Proposal 2, which steps and impacts hardly touch. Every order sees all of the noise and less and less of a smooth
-signal, so the smallest one counts.
+A divided difference of order p over p + 1 neighbours removes polynomials below degree p on any time base, and scaled to
+unit norm it keeps the standard deviation of white noise. Its spread is estimated by Huber's Proposal 2, on which steps
+and impacts have little influence. Each higher order has all of the noise and less of a smooth signal, so the smallest
+estimate is used.
 
 Source: von Neumann 1941 (successive differences), Huber 1964 (Proposal 2). Differs from source: orders 2 to 5.
 """
@@ -21,20 +21,22 @@ from statistics import median
 import numpy as np
 
 ORDERS = (2, 3, 4, 5)
-ROBUST = 1.0  # Huber's c; half of the differences may be foreign
-COARSE = 3.0  # Huber's c where the resolution shows: most differences are then zero, and the rare ones are the noise
-LEVELS = 8  # distinct values below which a trace alone cannot tell a resolution from a few commanded levels
-FINE = 0.02  # of the rig's range of the channel; what so few levels show is a resolution only if it is that fine
-MANY_LEVELS = 40  # and enough of them to see it through decimals that round the converter's own steps
-REVISITED = 0.4  # levels per sample at most; a smooth noise-free ramp is evenly spaced too, but meets each level once
-STEPS = 16  # rises or falls by one level that a quantised ramp shows and a staircase of commands does not
-BLOCK = 1 << 13  # samples at a time: what stays in the processor's cache is done in a third of the time
-FLOOR = 1e-6  # of the range: noise-free (simulated) data must still have a noise
+ROBUST = 1.0  # Huber's c; half of the differences may be outliers
+COARSE = (
+    3.0  # Huber's c where the resolution is visible: most differences are then zero, and the rare ones are the noise
+)
+LEVELS = 8  # number of distinct values below which one trace may show commanded levels instead of a resolution
+FINE = 0.02  # share of the rig's range of the channel; with so few levels only a finer step is a resolution
+MANY_LEVELS = 40  # number of levels from which on a resolution is found although decimals round the converter's steps
+REVISITED = 0.4  # most levels per sample; a smooth noise-free ramp is evenly spaced too, but has each level one time
+STEPS = 16  # least number of changes by one level: a quantised ramp has them, a staircase of commands has not
+BLOCK = 1 << 13  # samples in a block that stays in the processor's cache, which takes a third of the time
+FLOOR = 1e-6  # least noise as a share of the range, for noise-free (simulated) data
 
 
 @dataclass(frozen=True)
 class Texture:
-    """How one trace of one channel looks close up, SI."""
+    """Noise, resolution and span of one channel of one trace, SI."""
 
     sigma: float
     quantum: float
@@ -42,7 +44,7 @@ class Texture:
 
 
 def textures(time: np.ndarray, values: Sequence[np.ndarray]) -> list[Texture]:
-    """Those of several channels logged at the same instants: what depends on these alone is done once for all."""
+    """The textures of several channels that were logged at the same instants, whose weights are computed together."""
     quanta = [quantum(value) for value in values]
     fine = _noises(time, values, [(ROBUST, COARSE) if q else (ROBUST,) for q in quanta])
     found = []
@@ -55,8 +57,9 @@ def textures(time: np.ndarray, values: Sequence[np.ndarray]) -> list[Texture]:
 def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, float]:
     """Noise and resolution of one sensor in one rig test.
 
-    The median over all traces of this sensor; where this test's median differs by more than a factor of 2, its range
-    or its instrument was another one and its own median counts. Never below the rounding error q/sqrt(12).
+    It is the median over all traces of this sensor. Where the median of this test differs by more than a factor of 2,
+    the test had another range or instrument, and its own median is used. The noise is at least the rounding error
+    q/sqrt(12).
 
     Args:
         own: traces of this test.
@@ -80,7 +83,7 @@ def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, fl
 def _noises(
     time: np.ndarray, values: Sequence[np.ndarray], clips: Sequence[tuple[float, ...]]
 ) -> list[tuple[float, ...]]:
-    """The noise of each channel, at each of its own clips."""
+    """The noise of each channel, for each of its values of Huber's c."""
     least = [[np.inf] * len(own) for own in clips]
     for order in (p for p in ORDERS if len(time) >= 2 * (p + 1)):
         for known, own, d in zip(least, clips, _divided_differences(time, values, order), strict=True):
@@ -89,9 +92,9 @@ def _noises(
 
 
 def quantum(value: np.ndarray) -> float:
-    """Smallest common increment of the values; 0 where none is seen.
+    """Smallest common increment of the values; 0 where they show none.
 
-    Levels held for long, with jumps between them, are commands, not the steps of a converter; they have no quantum.
+    Long levels with jumps between them are commands, not steps of a converter, and have no quantum.
     """
     levels = np.unique(value)
     gaps = np.diff(levels)
@@ -125,7 +128,7 @@ def _weights(time: np.ndarray, order: int) -> tuple[list[np.ndarray], np.ndarray
     """w_j and |w|, each of shape (n - order,)."""
     n = len(time) - order
     first, whole = time[:n], time[order:] - time[:n]
-    # the scale of time drops out in d; this keeps the products finite
+    # d does not depend on the scale of time; this one keeps the products finite
     t = [(time[j : j + n] - first) / whole for j in range(order + 1)]
     w = [1 / reduce(np.multiply, [t[j] - t[k] for k in range(order + 1) if k != j]) for j in range(order + 1)]
     return w, np.sqrt(reduce(np.add, [each * each for each in w]))
@@ -145,7 +148,7 @@ def _spread(d: np.ndarray, c: float) -> float:
 
 
 def _lattice(gaps: np.ndarray, start: float) -> float:
-    """q such that every gap is a multiple of it, but for the decimals that a converter's steps were rounded to."""
+    """q of which every gap is a multiple, to within the decimals to which the converter's steps were rounded."""
     q = start
     for _ in range(5):
         k = np.maximum(np.round(gaps / q), 1)
@@ -156,7 +159,7 @@ def _lattice(gaps: np.ndarray, start: float) -> float:
 
 
 def _is_command(value: np.ndarray, q: float) -> bool:
-    """Held levels with lone jumps between them, larger than one level or too few for a quantised ramp."""
+    """Whether a channel has held levels with single jumps, larger than one level or too few for a quantised ramp."""
     jumps = np.abs(np.diff(value))
     moves = jumps > 0.5 * q
     alone = moves & ~np.roll(moves, 1) & ~np.roll(moves, -1)

@@ -1,4 +1,4 @@
-"""The paper's way: every rig test's graphs read one after the other; the baseline to beat and the fit's start."""
+"""Reads the graphs of all rig tests one after the other, as the paper does; the result is the start of the fit."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ DEFAULT_TIES = {"K_m": "K_b"}  # energy conservation, SI
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """What all graphs say together."""
+    """The readings of all graphs."""
 
-    # SI, by symbol; the first test that reads a symbol has it. Also `J_eq`, `B_eq`, `series_ohm.<test>`
+    # SI, by symbol, from the first test that reads it. Also `J_eq`, `B_eq`, `series_ohm.<test>`
     values: Mapping[str, float]
     source: Mapping[str, str]  # the test each value comes from
     nominal: frozenset[str]  # symbols whose scale or split is assumed, not read
-    tests: Mapping[str, Reading]  # each test's own reading, in order, for those tests that have traces
+    tests: Mapping[str, Reading]  # the reading of each test that has traces, in order
 
     @property
     def graphs(self) -> dict[str, tuple[Graph, ...]]:
@@ -30,8 +30,7 @@ class Readings:
 def read_graphs(rig: Rig) -> Readings:
     """Run all tests' readings, in order, over the traces that are neither held out nor set aside.
 
-    What one test reads is known to those after it; a value that rig.toml fixes stays what it is there, any other is
-    replaced by its reading.
+    Later tests use the readings of earlier ones; a reading replaces a value of rig.toml unless rig.toml fixes it.
     """
     values: dict[str, float] = {}
     source: dict[str, str] = {}

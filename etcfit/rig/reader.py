@@ -1,4 +1,4 @@
-"""A measurement folder -> Rig: the only input I/O."""
+"""Reads a measurement folder as a Rig; all input of measurements goes through here."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from .toml import Toml, closest, read_text, written
 from .toml import parse as parse_toml
 from .user_text import refuse_foreign_names
 
-# rig test -> groups of channels; a trace must hold one of each group
+# rig test -> groups of channels; a trace needs one channel of each group
 KNOWN_TESTS: dict[str, tuple[tuple[str, ...], ...]] = {test.name: test.needs for test in TESTS}
-_LINES_ABOVE = 50  # with which a last line without an end is compared
+_LINES_ABOVE = 50  # lines with which a last line without an end is compared
 
 
 def read_folder(folder: str | Path, common: Toml | None = None) -> Rig:
@@ -34,14 +34,14 @@ def read_folder(folder: str | Path, common: Toml | None = None) -> Rig:
 
     Args:
         folder: as the user gave it; every message names files below it in the same way.
-        common: what a fleet's rigs have in common, under the folder's own rig.toml, which may then be missing.
+        common: tables that hold for all units of a fleet; the folder's own rig.toml overrides them and may be missing.
 
     Raises:
         MeasurementError: anything in it is wrong.
     """
     base = str(folder).rstrip("/\\") or str(folder)
     refuse_foreign_names(base)
-    refuse_foreign_names(Path(folder).absolute().name)  # what a rig without a name is called
+    refuse_foreign_names(Path(folder).absolute().name)  # the name of a rig without a name in rig.toml
     if not Path(folder).is_dir():
         raise MeasurementError(base, "no such folder.", "A measurement folder with a rig.toml is required.",
                                "Check the path.")  # fmt: skip
@@ -54,10 +54,10 @@ def read_folder(folder: str | Path, common: Toml | None = None) -> Rig:
 
 
 def rig_toml(base: str, common: Toml | None = None) -> Toml:
-    """The tables of a folder's rig.toml, laid over those that are common.
+    """The tables of a folder's rig.toml, merged over common tables.
 
     Args:
-        common: None where nothing is; else the folder needs no rig.toml.
+        common: common tables, with which the folder needs no rig.toml; None: there are none.
 
     Raises:
         MeasurementError: it cannot be read, or is no TOML.
@@ -71,7 +71,7 @@ def rig_toml(base: str, common: Toml | None = None) -> Toml:
 
 
 def digests_of(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file of a measurement folder that `read_folder` would read, as it lies there now.
+    """SHA-256 of every file of a measurement folder that `read_folder` would read now.
 
     Raises:
         MeasurementError: there is no trace in it.
@@ -85,7 +85,7 @@ def _digests(folder: Path, files: Iterable[str]) -> dict[str, str]:
 
 
 def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
-    """The config, once it names only tests and traces that are there.
+    """The config, after a check that it names only tests and traces that exist.
 
     Raises:
         MeasurementError: an unknown test, or a held-out trace that is not there.
@@ -107,13 +107,13 @@ def checked(config: RigConfig, files: Iterable[str], toml: Toml) -> RigConfig:
 def assembled(
     folder: str, config: RigConfig, read: Sequence[tuple[Log, list[str]]], odd: Iterable[str], toml: Toml
 ) -> Rig:
-    """The rig that these logs make.
+    """The rig of these logs.
 
     Args:
         read: each log, and warnings about it.
 
     Raises:
-        MeasurementError: all logs of a test together cannot be, or one record lies there twice.
+        MeasurementError: the logs of a test are impossible together, or one record is there twice.
     """
     logs = tuple(log for log, _ in read)
     for test in KNOWN_TESTS:
@@ -143,7 +143,7 @@ def _csv_files(folder: Path, base: str) -> tuple[list[str], list[str]]:
             odd.append(f"{base}/{place.name}: no known rig test, its {len(inside)} CSV are not read. "
                        f"{closest(place.name, KNOWN_TESTS, 'Known: ' + ', '.join(KNOWN_TESTS) + '.')}")  # fmt: skip
     if empty:
-        odd.append(f"{base}: no CSV in {', '.join(empty)}. Add traces, or delete what stays empty.")
+        odd.append(f"{base}: no CSV in {', '.join(empty)}. Add traces, or delete the empty folders.")
     loose = sorted(p.name for p in folder.iterdir() if _is_csv(p))
     refuse_foreign_names(base, *loose)
     odd += [f"{base}/{name}: not in a folder of a rig test, not read." for name in loose]
@@ -167,7 +167,7 @@ def _read_log(base: str, file: str, config: RigConfig, toml: Toml) -> tuple[Log,
                                "Check its permissions.") from err  # fmt: skip
     text = decode(raw, where)
     log, odd = log_of(parse(text, where), where, file, config, toml)
-    if not text.endswith("\n"):  # where the last cell is shorter than each above, digits may be lost
+    if not text.endswith("\n"):  # digits may be lost where the last cell is shorter than all above
         *above, last = (re.split(r"[,;\t]", line)[-1].strip() for line in text.split("\n")[-_LINES_ABOVE:])
         if last and len(above) >= 3 and len(last) < min(map(len, above)):
             odd.append(f"{where}: the last line has no end, and its last number, {last}, is shorter than those above: "
@@ -182,7 +182,7 @@ def log_of(table: Table, where: str, file: str, config: RigConfig, toml: Toml) -
         file: `<test>/<name>`.
 
     Raises:
-        MeasurementError: a column, a row or the trace as a whole cannot be.
+        MeasurementError: a column, a row or the whole trace is impossible.
     """
     columns = with_motor_current(read_columns(table, config, where, toml), config, where)
     empty = [name for name, column in columns.items() if np.isnan(column.logged).all() and name != "time"]
@@ -230,7 +230,7 @@ def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement
         time = _frozen(log.time)
         channels = {name: _channel(column, time) for name, column in log.channels.items()}
         bare.append(Measurement(log.file, log.test, time, channels, log.file in config.holdout))
-        together: dict[bytes, list[str]] = {}  # channels logged at the same instants are looked at together
+        together: dict[bytes, list[str]] = {}  # channels logged at the same instants are evaluated together
         for name, channel in channels.items():
             together.setdefault(channel.time.tobytes(), []).append(name)
         for names in together.values():
@@ -250,7 +250,7 @@ def _measurements(logs: tuple[Log, ...], config: RigConfig) -> tuple[Measurement
 
 
 def _channel(column: Column, time: np.ndarray) -> Channel:
-    """What a column holds; one without an empty cell has its time in common with the others."""
+    """The channel of a column; channels without empty cells share one time array."""
     value, there = column.value, ~np.isnan(column.logged)
     if not there.all():
         time, value = _frozen(time[there]), value[there]

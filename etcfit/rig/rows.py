@@ -1,11 +1,11 @@
 """Turns rows of text into numbers: splits cells, finds the decimal mark, reads times of day, takes gaps as NaN.
 
-`table` reads the CSV of a measurement folder with it: strictly, a cell that is no number is refused. `layout` reads the
-text files of other programs with it: tolerantly, a column of words is no signal, and what an instrument writes in place
-of a reading is a gap.
+`table` uses it for the CSV of a measurement folder: strictly, so that a cell that is no number is refused. `layout`
+uses it for the text files of other programs: tolerantly, so that a column of words is no signal, and the text that an
+instrument writes in place of a reading is a gap.
 
 There are two readers. `fast_cells` reads plain rows by NumPy's C reader, in a tenth of the time, and returns None where
-the rows are not plain. `read_rows` then reads the same rows cell by cell, and either takes them or says what is wrong.
+the rows are not plain. `read_rows` then reads the same rows cell by cell, and either accepts them or reports the error.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ import numpy as np
 from ..errors import MeasurementError
 
 SEPARATORS = (",", ";", "\t")
-BLANKS = " "  # any white space parts the cells
-HUGE = 1e100  # no reading is larger, and no unit turns a smaller one into infinity
+BLANKS = " "  # any white space separates the cells
+HUGE = 1e100  # larger than any reading; no unit converts a smaller number to infinity
 NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-PLAIN = frozenset("0123456789+-.eE,; \t")  # nothing that float() would take and a reader would not
+PLAIN = frozenset("0123456789+-.eE,; \t")  # without characters that float() accepts and the reader refuses
 _EITHER_MARK = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?", re.ASCII)
 _MARKED = re.compile(r"[+-]?[\d.,]*[.,][\d.,]*([eE][+-]?\d+)?", re.ASCII)
-# what instruments write where a sample was beyond the range, or none came
+# texts of instruments for a sample beyond the range, or for a missing one
 _NONE = frozenset(
     {"", "-", "---", "∞", "-∞", "+∞", "inf", "-inf", "+inf", "nan", "ol", "over", "overload", "#n/a", "n/a"}
 )
@@ -35,26 +35,26 @@ _INSTANT = re.compile(
     r"(?:\d{1,4}[-/.](?:\d\d?|[A-Za-z]{3})[-/.]\d{1,4}[ T]+)?(?P<h>\d\d?):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)"
     r"\s*(?P<half>[AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
 )
-_LAP = re.compile(r"(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")  # minutes and seconds, as stop watches and spreadsheets have it
+_LAP = re.compile(r"(?P<m>\d{1,3}):(?P<s>\d\d[.,]\d+)")  # minutes and seconds, as in stop watches and spreadsheets
 _HOUR, _DAY = 3600.0, 86400.0  # s
-_FEW = 3  # rows from which a last one that is short was cut off
+_FEW = 3  # number of rows above which a short last row counts as cut off
 LINES_TO_LOOK_AT = 20
 GROUPED = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}", re.ASCII) for mark in ".,"}
-_OF_NUMBERS = "0123456789+-eE \n"  # what plain rows consist of, with a decimal mark and the separator
+_OF_NUMBERS = "0123456789+-eE \n"  # characters of plain rows, besides a decimal mark and the separator
 
 
 class Numbers(NamedTuple):
-    """What the rows hold."""
+    """The numbers of rows."""
 
     cells: np.ndarray  # shape (n, width); NaN where there is no number
-    units: tuple[str, ...]  # that reading the cells has settled; "" elsewhere
-    lines: np.ndarray  # where each row stands, shape (n,), counted from 1
-    remarks: tuple[str, ...] = ()  # what had to be decided
-    losses: tuple[str, ...] = ()  # rows or cells that were left out, each in a sentence
+    units: tuple[str, ...]  # units found while reading the cells; "" elsewhere
+    lines: np.ndarray  # line of each row, shape (n,), counted from 1
+    remarks: tuple[str, ...] = ()  # the assumptions that were made
+    losses: tuple[str, ...] = ()  # a sentence for rows or cells that were left out
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """The cells of a line, quotes and blanks about them off."""
+    """The cells of a line without quotes and blanks around them."""
     if separator == BLANKS:
         return line.split()
     if '"' not in line:
@@ -63,10 +63,10 @@ def cells_of(line: str, separator: str) -> list[str]:
 
 
 def quoted_cells(line: str, separator: str, where: str) -> list[str]:
-    """The cells of a line as they stand.
+    """The cells of a line unchanged.
 
     Raises:
-        MeasurementError: a quote without its other.
+        MeasurementError: an unpaired quote.
     """
     if '"' not in line:
         return line.split() if separator == BLANKS else line.split(separator)
@@ -83,12 +83,12 @@ def is_number(cell: str) -> bool:
 
 
 def is_instant(cell: str) -> bool:
-    """True for a time of day, a date before it or not, and for minutes with seconds and their fraction."""
+    """True for a time of day with or without a date, and for minutes with seconds and their fraction."""
     return _INSTANT.fullmatch(cell) is not None or _LAP.fullmatch(cell) is not None
 
 
 def is_gap(cell: str) -> bool:
-    """True for a cell that says that there is no reading: empty, nan, inf, OL and the like."""
+    """True for a cell without a reading: empty, nan, inf, OL and the like."""
     return cell.casefold() in _NONE
 
 
@@ -116,16 +116,16 @@ def read_rows(
     tolerant: bool,
     short: str = "",
 ) -> Numbers:
-    """The numbers of rows. A column of instants becomes seconds since the first one.
+    """The numbers of rows. A column of instants is converted to seconds since the first one.
 
     Args:
         rows: line, counted from 1, and its text; not blank.
         names: of the columns, for messages; "" where one has none.
-        tolerant: take what instruments write in place of a number as a gap, a column of words as none.
-        short: what a row with too few cells is: "" a mistake, "fill" one whose last cells are empty, "drop" a damaged
-            one, as is a cell that is no number.
+        tolerant: whether texts of instruments in place of a number are gaps, and columns of words are left out.
+        short: treatment of a row with too few cells: "" is an error, "fill" takes its last cells as empty, "drop"
+            leaves it out as damaged, and likewise a cell that is no number.
     Raises:
-        MeasurementError: a row of another length, a cell that is no number, or marks that may part thousands.
+        MeasurementError: a row of another length, a cell that is no number, or marks that may separate thousands.
     """
     plain = None if short == "drop" else fast_cells("\n".join(text for _, text in rows), separator, len(names))
     if plain is not None:
@@ -155,7 +155,7 @@ def read_rows(
 def _of_one_width(
     rows: list[tuple[int, list[str]]], separator: str, width: int, where: str, tolerant: bool, short: str
 ) -> tuple[list[tuple[int, list[str]]], list[str]]:
-    """The rows of this width, and what was left out."""
+    """The rows of this width, and sentences on those left out."""
     losses = []
     if short == "fill":
         rows = [(line, [*cells, *[""] * width][:width] if not any(cells[width:]) else cells) for line, cells in rows]
@@ -178,7 +178,7 @@ def _of_one_width(
 
 
 def _decimal_mark(rows: Sequence[tuple[int, list[str]]], separator: str, where: str, tolerant: bool) -> str:
-    """The decimal mark; thousands separators are refused wherever they could be meant."""
+    """The decimal mark; a mark that may be a thousands separator is refused."""
     marked = [(line, cell.strip()) for line, cells in rows for cell in cells if "," in cell or "." in cell]
     marked = [(line, cell) for line, cell in marked if _MARKED.fullmatch(cell)]
     point, comma = (next((each for each in marked if mark in each[1]), None) for mark in ".,")
@@ -201,7 +201,7 @@ def _decimal_mark(rows: Sequence[tuple[int, list[str]]], separator: str, where: 
 def _values(
     texts: Sequence[str], lines: np.ndarray, mark: str, called: str, where: str, tolerant: bool, drop: bool
 ) -> tuple[np.ndarray, str]:
-    """One column, and what had to be decided about it."""
+    """The values of one column, and a remark on an assumption."""
     texts = [text.replace(",", ".") for text in texts] if mark == "," else texts
     if PLAIN.issuperset("".join(texts)):
         try:
@@ -209,7 +209,7 @@ def _values(
             if not np.any(np.abs(values) > HUGE):
                 return values, ""
         except ValueError:
-            pass  # some cell is odd: look at each
+            pass  # some cell is no number: each is examined below
     found = [number_in(text) for text in texts]
     odd = [k for k, value in enumerate(found) if value is None]
     words = [k for k in odd if not (tolerant and is_gap(texts[k]))]
@@ -221,7 +221,7 @@ def _values(
     said = ""
     lost = [texts[k] for k in odd if texts[k]]
     if drop:
-        said = f"'{called}': {len(odd)} cells that hold no number are gaps" if 0 < 2 * len(odd) < len(texts) else ""
+        said = f"'{called}': {len(odd)} cells without a number are gaps" if 0 < 2 * len(odd) < len(texts) else ""
     elif words:
         values, said = np.full(len(texts), np.nan), f"column '{called}': words, no numbers"
     elif lost:
@@ -233,7 +233,7 @@ def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: s
     """True for a column of instants and empty cells.
 
     Raises:
-        MeasurementError: most are instants, and another is something else.
+        MeasurementError: most cells are instants, and another one is not.
     """
     if not any(map(is_instant, texts[:_FEW])):
         return False
@@ -244,7 +244,7 @@ def _are_instants(texts: Sequence[str], lines: np.ndarray, called: str, where: s
 
 
 def _seconds(texts: Sequence[str]) -> np.ndarray:
-    """Seconds since the first instant, NaN where there is none; what falls back began another day, or hour."""
+    """Seconds since the first instant, NaN where there is none; a fall means the next day, or hour."""
     found = [(k, match) for k, text in enumerate(texts) if (match := _INSTANT.fullmatch(text) or _LAP.fullmatch(text))]
 
     def seconds_of_day(match: re.Match[str]) -> float:
@@ -284,7 +284,7 @@ def fast_cells(body: str, separator: str, width: int) -> np.ndarray | None:
 
 
 def _plain_mark(body: str, separator: str) -> str | None:
-    """`.` or `,`; None where one could part thousands, which the careful reader decides from every cell."""
+    """`.` or `,`; None where a mark may separate thousands, which the careful reader decides from every cell."""
     if separator == ",":
         return "."
     point, comma = "." in body, "," in body
@@ -297,7 +297,7 @@ def _plain_mark(body: str, separator: str) -> str | None:
 
 
 def _numbers(rows: bytes, separator: str) -> np.ndarray | None:
-    """None where a cell is no number or rows are of unequal width."""
+    """The numbers of the rows; None where a cell is no number or rows have unequal width."""
     try:
         return np.loadtxt(io.BytesIO(rows), delimiter=separator, comments=None, ndmin=2)
     except ValueError:

@@ -1,6 +1,6 @@
-"""Is this trace possible at all? Ranges, durations and motion that no throttle rig can have, and the likely slip.
+"""Refuses impossible traces: ranges, durations and motion that no throttle rig has, with the likely mistake.
 
-Limits are wide: they catch a unit off by a thousand, not an unusual rig.
+The limits are wide: they find a unit that is wrong by a thousand, not an unusual rig.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ POSSIBLE: dict[str, tuple[float, float]] = {
     "temperature": (-60.0, 250.0),
 }
 SHORTEST, LONGEST, FINEST = 1e-3, 86400.0, 1e-6  # s: a trace, a trace, the time between two samples
-BEYOND_STOP, BEYOND_STOP_RAD = 0.05, np.radians(2.0)  # of the travel, and at least so much
-SENSOR_FAILS = 0.02  # share of the samples up to which a sensor beyond its end points has failed now and then
-SETPOINT_BEYOND = 0.5  # of the travel: a setpoint may ask for more than the plate can do
+BEYOND_STOP, BEYOND_STOP_RAD = 0.05, np.radians(2.0)  # allowed distance beyond a stop: share of the travel, and least
+SENSOR_FAILS = 0.02  # largest share of samples beyond the end points that counts as single failures of the sensor
+SETPOINT_BEYOND = 0.5  # share of the travel by which a setpoint may lie beyond the stops
 OHMS = (0.02, 1e3)  # peak voltage over peak current with the plate held; real windings have 0.1 to 100 ohm
-OHMS_VOLTAGE, OHMS_CURRENT = 0.1, 0.2  # V, A: below these peaks the ratio is one of noise
+OHMS_VOLTAGE, OHMS_CURRENT = 0.1, 0.2  # V, A: below these peaks the ratio is dominated by noise
 
 
 @dataclass(frozen=True)
 class Plausible:
-    """What a trace of one rig test must show."""
+    """Limits for a trace of one rig test."""
 
-    varies: tuple[str, ...] = ()  # channels that cannot be constant
-    # channel -> the least peak, SI, that at least one trace of the test must reach
+    varies: tuple[str, ...] = ()  # channels that must not be constant
+    # channel -> least peak, SI, in at least one trace of the test
     peaks: Mapping[str, float] = field(default_factory=dict)
-    stroke: float = 0.0  # the least part of the travel that the plate must sweep
-    shortest: float = SHORTEST  # s, the least duration
-    coarsest: float = float("inf")  # s, the greatest median time between samples
+    stroke: float = 0.0  # least share of the travel that the plate sweeps
+    shortest: float = SHORTEST  # s, least duration
+    coarsest: float = float("inf")  # s, greatest median time between samples
 
 
 DRIVEN = {"voltage": 0.02, "duty": 0.02, "torque": 1e-4}
@@ -59,7 +59,7 @@ PLAUSIBLE: dict[str, Plausible] = {
     "drive": Plausible((), {}, 0.0, 0.1, 2.0),
 }
 
-# unit -> what the numbers may really be in
+# unit -> units that the numbers may really have
 TOO_LARGE = {"V": "mV", "A": "mA", "N m": "mN m", "Nm": "mNm", "N*m": "mN*m", "1": "%", "-": "%", "rad": "deg or %",
              "s": "ms or us", "rad/s": "rpm", "mV": "uV", "mA": "uA", "ms": "us", "degC": "K"}  # fmt: skip
 TOO_SMALL = {"mV": "V", "mA": "A", "mN m": "N m", "mNm": "Nm", "%": "1", "deg": "rad", "ms": "s", "us": "ms or s",
@@ -67,10 +67,10 @@ TOO_SMALL = {"mV": "V", "mA": "A", "mN m": "N m", "mNm": "Nm", "%": "1", "deg": 
 
 
 def check_log(log: Log, config: RigConfig) -> None:
-    """Refuse a trace that cannot be.
+    """Refuse an impossible trace.
 
     Raises:
-        MeasurementError: at the first impossible thing.
+        MeasurementError: for the first violation.
     """
     test = PLAUSIBLE.get(log.test, Plausible())
     _check_time(log, test)
@@ -100,10 +100,10 @@ def check_log(log: Log, config: RigConfig) -> None:
 
 
 def check_peaks(test: str, logs: Iterable[Log]) -> None:
-    """Refuse a rig test in all of whose traces a channel is too small to be anything but a slip of units.
+    """Refuse a rig test in all of whose traces a channel is so small that its unit must be wrong.
 
     Raises:
-        MeasurementError: naming the first file.
+        MeasurementError: names the first file.
     """
     logs = tuple(logs)
     for name, least in PLAUSIBLE.get(test, Plausible()).peaks.items():
@@ -175,7 +175,7 @@ def _peak(column: Column) -> float:
 
 
 def _logged(value: float, column: Column) -> str:
-    """An SI value as the user's log would show it."""
+    """An SI value in the logged unit, for a message."""
     return f"{(value - column.conversion.offset) / column.conversion.scale:.4g} {column.unit}"
 
 

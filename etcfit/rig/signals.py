@@ -1,4 +1,5 @@
-"""What the graph readings share: robust lines, steps and plateaus, slow derivatives, the moving part of a trace."""
+"""Functions that the graph readings share: robust lines, steps and plateaus, slow derivatives, the moving part of a
+trace."""
 
 from __future__ import annotations
 
@@ -12,8 +13,8 @@ from .smoothing import slope, smoothed
 
 BISQUARE = 4.685  # 95 % efficient on Gaussian noise (Tukey)
 MAD_TO_SIGMA = 1.4826
-FEWEST = 7  # samples of a position to be called a motion
-MOST_FILLED = 20  # times the logged samples on an even grid: a log with a long hole must not fill the memory
+FEWEST = 7  # least number of samples of a motion
+MOST_FILLED = 20  # most samples of an even grid over the logged ones: a log with a long gap must not fill the memory
 WAY_63 = float(1 - np.exp(-1))
 
 
@@ -30,7 +31,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Plateau:
-    """A stretch over which the drive stands still: its settled samples are the last part of it."""
+    """A stretch with a constant drive; its settled samples are the last part of it."""
 
     start: float
     stop: float
@@ -43,7 +44,7 @@ class Plateau:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Plate motion on an even grid: s, rad, rad/s; `smooth` filters any other channel just as the speed was."""
+    """Plate motion on an even grid: s, rad, rad/s; `smooth` filters any other channel in the same way as the speed."""
 
     time: np.ndarray
     angle: np.ndarray
@@ -71,7 +72,7 @@ def robust_fit(columns: np.ndarray, y: np.ndarray, rounds: int = 20) -> np.ndarr
 
 
 def robust_line(x: np.ndarray, y: np.ndarray) -> Line:
-    """Straight line with an offset; through the origin where fewer than three points would have to carry it."""
+    """Straight line with an offset; through the origin for fewer than three points."""
     if len(x) < 3:
         return Line(robust_slope(x, y), 0.0)
     slope, offset = robust_fit(np.column_stack([x, np.ones_like(x)]), y)
@@ -101,7 +102,8 @@ def drive_voltage(trace: Measurement, config: RigConfig) -> Channel | None:
 
 
 def jumps(channel: Channel, noises: float, share: float) -> np.ndarray:
-    """True where two samples differ by more than so many noises and this share of the span, shape (n - 1,)."""
+    """True where two samples differ by more than `noises` standard deviations of the noise and `share` of the span,
+    shape (n - 1,)."""
     return np.abs(np.diff(channel.value)) > max(noises * channel.sigma, share * float(np.ptp(channel.value)))
 
 
@@ -123,10 +125,10 @@ def plateaus(channel: Channel, least: float = 0.02) -> list[Plateau]:
 
 
 def settled_points(logged: Iterable[tuple[Channel | None, Channel | None, Channel | None]]) -> np.ndarray:
-    """Settled values of two channels at every plateau of a drive, SI, shape (n, 2): those that were logged there.
+    """Settled values of two channels at every plateau of a drive at which both were logged, SI, shape (n, 2).
 
     Args:
-        logged: of each trace the drive and both channels.
+        logged: the drive and both channels of each trace.
     """
     there = [(d, x, y) for d, x, y in logged if d is not None and x is not None and y is not None]
     points = np.array([(p.settled(x), p.settled(y)) for d, x, y in there for p in plateaus(d)]).reshape(-1, 2)
@@ -134,7 +136,7 @@ def settled_points(logged: Iterable[tuple[Channel | None, Channel | None, Channe
 
 
 def rise_time(channel: Channel, start: float, first: float, last: float, stop: float) -> float:
-    """t_63 from `start`: when the channel has gone 1 - 1/e of its way from level `first` to level `last`.
+    """t_63 from `start`: time until the channel has moved 1 - 1/e of its way from level `first` to level `last`.
 
     An exponential makes ln(1 - y) = -(t - t_0)/tau; a line through the samples between 35 and 85 % of the way
     averages their noise and its crossing of -1 is the 63 % instant. With fewer than three such samples: interpolation.
@@ -158,8 +160,8 @@ def rise_time(channel: Channel, start: float, first: float, last: float, stop: f
 def mean_delay(channel: Channel, start: float, first: float, last: float, stop: float) -> float:
     """Area between a step and its response over the step: integral (1 - y) dt, s; for tau alone it is t_63.
 
-    Of a chain of lags, oscillating or not, it is the sum of their time constants, where t_63 is not. The tail beyond
-    ten 63 % times only adds noise.
+    For a chain of lags, oscillating or not, it is the sum of their time constants; t_63 is not. The tail beyond ten 63
+    % times is left out, because it only adds noise.
     """
     rise = rise_time(channel, start, first, last, stop)
     inside = (channel.time >= start) & (channel.time <= min(stop, start + 10 * rise))
@@ -178,7 +180,7 @@ def even_grid(time: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def in_gap(logged: np.ndarray, time: np.ndarray, step: float, longest: float = 5.0) -> np.ndarray:
-    """True at times that no sample lies near: inside a hole of more than `longest` steps, or beyond the ends."""
+    """True at times without a near sample: in a gap of more than `longest` steps, or beyond the ends."""
     after = np.searchsorted(logged, time)
     ends = np.r_[-np.inf, logged, np.inf]
     return (ends[after + 1] - ends[after] > longest * step) & (ends[after + 1] > time)
@@ -195,7 +197,7 @@ def motion(position: Channel, window: float) -> Motion | None:
 
 
 def smoothing_window(position: Channel, relative: float = 0.05) -> float:
-    """Seconds over which a slope of the position is known to `relative` of its mean speed while it moves.
+    """Duration (s) over which a slope of the position is known to `relative` of its mean speed in motion.
 
     sigma_slope = sqrt(12 dt / W^3) sigma for W seconds of samples dt apart.
     """
@@ -229,12 +231,12 @@ def off_stops(angle: np.ndarray, config: RigConfig, sigma: float) -> np.ndarray:
 
 
 def widened(mask: np.ndarray, samples: int) -> np.ndarray:
-    """The mask, true also up to `samples` away from where it is."""
+    """The mask, extended by `samples` on either side of each stretch of True."""
     reach = np.convolve(mask.astype(float), np.ones(2 * samples + 1), mode="full")
     return reach[samples : samples + len(mask)] > 0.5
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """First place, and the one behind the last, of every stretch of True."""
+    """Begin and end (exclusive) of every stretch of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0]))))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]

@@ -1,11 +1,11 @@
-"""Local parabolas, and low passes without phase: what SciPy has too, without the second that its import takes.
+"""Local parabolas and zero-phase low-passes; SciPy has them too, but its import takes a second.
 
 Smoothing and derivative by a parabola through the samples about each one:
 
     y(t + k step) ~ c_0 + c_1 k + c_2 k^2,   |k| <= window // 2,   least squares;   y ~ c_0,   dy/dt ~ c_1 / step
 
 Source: Savitzky and Golay 1964 (Anal. Chem. 36), eq. 11. Differs from source: within half a window of an end the
-parabola of the end's own window is read off next to its middle. It is SciPy's `savgol_filter(y, window, 2)`.
+parabola of the window at the end is evaluated off its middle. It is SciPy's `savgol_filter(y, window, 2)`.
 
 Low passes without phase: a recursive filter of even order run forwards, then backwards.
 
@@ -28,7 +28,7 @@ _FADED = np.log(1e-16)  # of an impulse response
 
 
 def smoothed(y: Float[np.ndarray, " n"], window: int) -> Float[np.ndarray, " n"]:
-    """On an even grid.
+    """Smooth samples on an even grid.
 
     Args:
         y: n >= window samples.
@@ -45,7 +45,8 @@ def slope(y: Float[np.ndarray, " n"], window: int, step: float) -> Float[np.ndar
 def _read_off(
     y: np.ndarray, window: int, at: Callable[[np.ndarray, np.ndarray], np.ndarray]
 ) -> Float[np.ndarray, " n"]:
-    """`at` of coefficients (3, ...) and places k: in the middle of each window, and all along the first and last."""
+    """`at` of coefficients (3, ...) and places k: in the middle of each window, and at all places of the first and
+    last."""
     half = window // 2
     k = np.arange(-half, half + 1.0)
     fit = np.linalg.pinv(np.vander(k, 3, increasing=True))
@@ -59,17 +60,17 @@ class LowPass:
     """A filter."""
 
     poles: tuple[complex, ...]  # p_k in the z plane, one of each conjugate pair
-    gain: float = 1.0  # g, by which it passes a constant
+    gain: float = 1.0  # g, gain of a constant
 
     @property
     def pad(self) -> int:
-        """Samples by which both ends are continued; fewer cannot be filtered."""
+        """Number of samples by which both ends are extended; more samples are needed for filtering."""
         return 3 * (2 * len(self.poles) + 1)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Forwards, then backwards, along the first axis.
+        """Filter forwards, then backwards, along the first axis.
 
-        Both ends are continued by their own reflection through the end point.
+        Both ends are extended by their reflection through the end point.
 
         Raises:
             ValueError: n is not larger than pad.
@@ -78,8 +79,8 @@ class LowPass:
         if len(x) <= pad:
             raise ValueError(f"more than {pad} samples are needed, and there are {len(x)}")
         longer = np.concatenate((2 * x[0] - x[pad:0:-1], x, 2 * x[-1] - x[-2 : -pad - 2 : -1]))
-        memory = int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))  # samples: nothing is left of an impulse
-        size = 1 << (len(longer) + memory - 1).bit_length()  # h has faded away before it comes round
+        memory = int(np.ceil(_FADED / np.log(max(map(abs, self.poles)))))  # samples after which an impulse has decayed
+        size = 1 << (len(longer) + memory - 1).bit_length()  # so long that the circular convolution has no overlap
         z = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)  # z^-1 at the frequencies of a real transform
         response = np.ones_like(z)  # H/g
         for pole in self.poles:
@@ -87,7 +88,7 @@ class LowPass:
             response *= 0.25 * (1.0 + a1 + a2) * (1.0 + z) ** 2 / (1.0 + z * (a1 + a2 * z))
 
         def one_way(x: np.ndarray) -> np.ndarray:
-            """y = x_0 + h * (x - x_0), shape (n,): what came before the first sample is taken to be like it."""
+            """y = x_0 + h * (x - x_0), shape (n,): samples before the first are assumed equal to it."""
             return x[0] + np.fft.irfft(response * np.fft.rfft(x - x[0], size), size)[: len(x)]
 
         forwards = np.apply_along_axis(one_way, 0, longer)
@@ -101,7 +102,7 @@ def butterworth(order: int, cutoff: float) -> LowPass:
 
     Args:
         order: n, even.
-        cutoff: where it passes 1/sqrt(2), in parts of half the sampling rate.
+        cutoff: frequency of gain 1/sqrt(2), share of half the sampling rate.
     """
     return LowPass(_bilinear(1j * np.exp(1j * _angles(order)), cutoff))
 
@@ -114,7 +115,7 @@ def chebyshev(order: int, ripple: float, cutoff: float) -> LowPass:
     Args:
         order: n, even.
         ripple: dB.
-        cutoff: where it leaves the ripples, in parts of half the sampling rate.
+        cutoff: end of the ripples, share of half the sampling rate.
     """
     e = np.sqrt(10.0 ** (0.1 * ripple) - 1.0)
     theta = np.pi / 2 - _angles(order)

@@ -1,8 +1,9 @@
-"""A CSV file as a table of numbers: encoding, separator and decimal mark found out, every oddity refused by line.
+"""Reads a CSV file as a table of numbers: finds encoding, separator and decimal mark, and refuses errors by line.
 
 Accepted where unambiguous: comma, semicolon or tab; decimal comma; UTF-8 with or without BOM, UTF-16, Windows-1252;
 any line ending; Excel's `sep=;`; quoted cells. Lines that begin with `#` and blank lines are skipped but counted.
-Any other layout that `layout` knows, lines above the header or units below it say, is read as `etcfit import` reads it.
+Any other layout that `layout` knows, for example lines above the header or units below it, is read as by `etcfit
+import`.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from ..errors import MeasurementError
 from .layout import read_text
 from .rows import LINES_TO_LOOK_AT, NUMBER, SEPARATORS, fast_cells, quoted_cells, read_rows
 
-LINES_OF_A_TOP = 200  # comments and header; a file with more above its rows is read the careful way
-CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all but tab and line ends
+LINES_OF_A_TOP = 200  # most lines of comments and header for the fast reader
+CONTROL = bytes((*range(0x09), *range(0x0E, 0x20), 0x7F))  # all control characters except tab and line ends
 EXCEL_ERROR = re.compile(r"#(N/A|NV|[A-ZÜ0-9/]+[!?])\s*([,;\t]|$)")  # a failed formula in the first cell is no comment
 _BOMS = (  # UTF-32 before UTF-16: its little-endian mark begins with UTF-16's
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -37,23 +38,23 @@ class Table:
     """Header cells as written, numbers below them."""
 
     header: tuple[str, ...]  # shape (m,)
-    header_line: int  # where the header stands in the file, counted from 1; 0 where there is no file
-    lines: np.ndarray  # where each row stands in the file, shape (n,)
+    header_line: int  # line of the header in the file, counted from 1; 0 where there is no file
+    lines: np.ndarray  # line of each row in the file, shape (n,)
     cells: np.ndarray  # shape (n, m); NaN where the cell is empty, finite elsewhere
-    row_mark: str = ":"  # what a message puts between the table's name and the number of a row
+    row_mark: str = ":"  # text between the table's name and the number of a row in a message
     losses: tuple[str, ...] = ()  # rows that were left out because they are damaged, each in a sentence
 
     def head(self, where: str) -> str:
-        """Where the header stands, for a message."""
+        """File and line of the header, for a message."""
         return f"{where}:{self.header_line}" if self.header_line else where
 
     def at(self, where: str, row: int) -> str:
-        """Where a row stands, for a message."""
+        """File and line of a row, for a message."""
         return f"{where}{self.row_mark}{self.lines[row]}"
 
 
 def decode(raw: bytes, where: str) -> str:
-    """The text in these bytes, line ends made `\\n`.
+    """The text in these bytes, with line ends `\\n`.
 
     Raises:
         MeasurementError: it is no text.
@@ -64,7 +65,7 @@ def decode(raw: bytes, where: str) -> str:
         raise _not_text(where, f"the bytes at offset {err.start} are no {err.encoding} text.") from err
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     plain = text.encode("utf-8") if text.isascii() else b""
-    is_clean = plain and len(plain.translate(None, CONTROL)) == len(plain)  # else it is searched letter by letter
+    is_clean = plain and len(plain.translate(None, CONTROL)) == len(plain)  # otherwise each letter is examined
     if not is_clean and (control := re.search(rf"[{CONTROL.decode('ascii')}]", text)):
         line = text.count("\n", 0, control.start()) + 1
         raise _not_text(f"{where}:{line}", f"control character {control[0]!r} found.")
@@ -74,8 +75,9 @@ def decode(raw: bytes, where: str) -> str:
 def parse(text: str, where: str) -> Table:
     """The table in this text.
 
-    A plain one is read fast, any other with care; the table is the same, and so are the messages. One of another layout
-    is read as `etcfit import` reads it; where that fails too, the message is that on the first line's header.
+    A plain text is read by the fast reader, any other by the careful one; tables and messages are the same. A text of
+    another layout is read as by `etcfit import`; where that fails too, the message is that on the header in the first
+    line.
 
     Raises:
         MeasurementError: empty, header only, rows of unequal length, or anything but numbers below the header.
@@ -87,12 +89,12 @@ def parse(text: str, where: str) -> Table:
 
 
 def headed(name: str, unit: str) -> str:
-    """A header as our CSVs have it."""
+    """A header in the form of our CSV files."""
     return f"{name} [{unit}]" if unit and not name.rstrip().endswith("]") else name
 
 
 def _of_another_layout(text: str, where: str) -> Table | None:
-    """The table of a text whose header is not its first line, or has units below it; None where there is no such."""
+    """The table of a text whose header is not its first line, or has units below it; None for other texts."""
     numbered = _content(text, where)
     try:
         found = read_text(text, where)
@@ -102,7 +104,7 @@ def _of_another_layout(text: str, where: str) -> Table | None:
     first_line = layout.head == _announced_separator(numbered)[1][0][0]
     if not layout.head or (first_line and not any(layout.units)) or len(layout.names) < 2:
         return None
-    # without columns that have neither name nor number, which a trailing separator makes
+    # without columns that have neither name nor number, which a trailing separator causes
     cells = found.numbers.cells
     there = [k for k, name in enumerate(layout.names) if name or np.isfinite(cells[:, k]).any()]
     header = tuple(headed(layout.names[k] or f"column {k + 1}", found.units[k]) for k in there)
@@ -111,7 +113,7 @@ def _of_another_layout(text: str, where: str) -> Table | None:
 
 
 def parse_plain(text: str, where: str) -> Table | None:
-    """The table in this text where a fast reader is sure of it; else None, and no message.
+    """The table in this text where the fast reader can read it; otherwise None, without a message.
 
     Raises:
         MeasurementError: numbers in a column without a name.
@@ -130,7 +132,7 @@ def parse_plain(text: str, where: str) -> Table | None:
 
 
 def parse_with_care(text: str, where: str) -> Table:
-    """The table in this text, line by line: takes all that is unambiguous, and says what is wrong with the rest.
+    """The table in this text, read line by line: unambiguous content is accepted, and errors are reported.
 
     Raises:
         MeasurementError: as `parse`.
@@ -142,7 +144,7 @@ def parse_with_care(text: str, where: str) -> Table:
 
 
 class Top(NamedTuple):
-    """The header, the line it stands in, and what separates the cells."""
+    """The header, its line, and the separator of the cells."""
 
     line: int
     header: list[str]
@@ -150,7 +152,7 @@ class Top(NamedTuple):
 
 
 def _top(text: str, where: str) -> tuple[Top, list[tuple[int, str]]]:
-    """What the rows below it need to be read, and those rows, numbered."""
+    """The header, and the numbered rows below it."""
     numbered = _content(text, where)
     separator, numbered = _announced_separator(numbered)
     (line, header_text), body = numbered[0], numbered[1:]
@@ -179,7 +181,7 @@ def _encoding(raw: bytes) -> str:
     try:
         _ = raw.isascii() or raw.decode("utf-8")
     except UnicodeDecodeError:
-        return "cp1252"  # what Excel writes in western Europe; digits are the same in it
+        return "cp1252"  # Excel's encoding in western Europe; its digits are the same
     return "utf-8"
 
 
@@ -208,7 +210,7 @@ def _announced_separator(numbered: list[tuple[int, str]]) -> tuple[str | None, l
 
 
 def _separator(header: str, rows: Sequence[str], at: str) -> str:
-    """The one separator that cuts header and first rows into equally many cells, two at least."""
+    """The one separator that gives equally many cells in header and first rows, two at least."""
     counts = {s: _count(header, s) for s in SEPARATORS}
     possible = [s for s in SEPARATORS if counts[s] > 1]
     if not possible:
@@ -223,7 +225,7 @@ def _separator(header: str, rows: Sequence[str], at: str) -> str:
 
 
 def _count(row: str, separator: str) -> int:
-    """Cells in a row, quotes taken as they come."""
+    """Number of cells in a row; quotes are not interpreted."""
     try:
         return len(next(csv.reader([row], delimiter=separator))) if '"' in row else row.count(separator) + 1
     except csv.Error:
@@ -231,7 +233,7 @@ def _count(row: str, separator: str) -> int:
 
 
 def without_blanks(table: Table, where: str) -> Table:
-    """Drop what spreadsheets add: rows without any number, and columns with neither name nor number."""
+    """Drop rows without any number, and columns with neither name nor number, which spreadsheets add."""
     filled = np.isfinite(table.cells)
     for k, name in enumerate(table.header):
         if not name and filled[:, k].any():
@@ -242,6 +244,6 @@ def without_blanks(table: Table, where: str) -> Table:
                                    f"Name it{line}, or delete the column.")  # fmt: skip
     rows, columns = filled.any(axis=1), np.array([bool(name) for name in table.header])
     if rows.all() and columns.all():
-        return table  # a long one is not copied
+        return table  # without a copy
     header = tuple(name for name in table.header if name)
     return replace(table, header=header, lines=table.lines[rows], cells=table.cells[rows][:, columns])

@@ -1,4 +1,4 @@
-"""A TOML file that can say what is wrong with it, and where."""
+"""A TOML file with error messages that name the line and the cure."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .table import decode
 from .toml_slips import DOTS_FOUND, DOTS_REQUIRED, filled, left_blank, slip
 from .user_text import toml_string
 
-MOST_BYTES = 16_000_000  # of a rig.toml: an import notes every guess in it, some 100 bytes a column
+MOST_BYTES = 16_000_000  # largest rig.toml: an import notes every guess in it, about 100 bytes a column
 
 
 class Limits(NamedTuple):
-    """Least and greatest value, and the cure for one beyond them."""
+    """Least and greatest value, and the cure for a value beyond them."""
 
     low: float
     high: float
@@ -31,30 +31,30 @@ class Limits(NamedTuple):
 
 @dataclass(frozen=True)
 class Toml:
-    """A parsed rig.toml that knows its own path and where each key stands."""
+    """A parsed rig.toml with its path and its text, from which the line of each key is found."""
 
-    path: str  # what messages call it
+    path: str  # its name in messages
     source: str  # its text
-    tables: Mapping[str, Any]  # what it says
-    layers: tuple[Toml, ...] = ()  # the files that it was laid together from, uppermost first; () where it is one file
+    tables: Mapping[str, Any]  # its content
+    layers: tuple[Toml, ...] = ()  # the files from which it was merged, uppermost first; () for one file
 
     def over(self, common: Toml) -> Toml:
-        """This file laid over another: each key of a table as it stands here, else as it stands there."""
+        """This file merged over another: each key of a table is taken from this file, otherwise from the other."""
         names = dict.fromkeys([*common.tables, *self.tables])
         tables = {name: _laid(self.tables.get(name), common.tables.get(name)) for name in names}
         return Toml(self.path, self.source, tables, (self, common))
 
     def place(self, key: str) -> str:
-        """Where `table.key` stands: in the uppermost file that has it."""
+        """File and line of `table.key`, in the uppermost file that has it."""
         file = next((layer for layer in self.layers if _holds(layer.tables, key)), self)
         return place_of(file.path, file.source, key)
 
     def wrong(self, key: str, found: str, required: str, mend: str) -> MeasurementError:
-        """The error for `table.key`, with its line where it can be found."""
+        """The error for `table.key`, with its line if it can be found."""
         return MeasurementError(self.place(key), f"{key}: {found}", required, mend)
 
     def table(self, name: str, keys: Iterable[str] | None = None) -> Mapping[str, Any]:
-        """The table of that name, {} where absent; only the given keys may stand in it."""
+        """The table of that name, {} where absent; keys other than the given ones are refused."""
         value = self.tables.get(name, {})
         if not isinstance(value, dict):
             raise self.wrong(name, f"found {shown(value)}.", "It must be a table.",
@@ -64,7 +64,7 @@ class Toml:
         return value
 
     def only(self, value: Mapping[str, Any], keys: tuple[str, ...], prefix: str = "") -> None:
-        """Refuse keys that are not known."""
+        """Refuse unknown keys."""
         for key in value:
             if key not in keys:
                 raise self.wrong(f"{prefix}{key}", "unknown key.", f"Known here: {', '.join(keys)}.",
@@ -119,7 +119,8 @@ class Toml:
 
 
 def _laid(own: Any, common: Any) -> Any:
-    """A table key by key; what is no table in one of them is taken from the upper one, and refused later."""
+    """Merge tables key by key; a value that is a table in only one of them is taken from the upper one and refused
+    later."""
     if isinstance(own, Mapping) and isinstance(common, Mapping):
         return {**common, **own}
     return common if own is None else own
@@ -132,15 +133,15 @@ def _holds(tables: Mapping[str, Any], key: str) -> bool:
 
 
 def read_text(path: str | Path) -> str:
-    """The text of a rig.toml, whatever Unicode encoding its editor chose.
+    """The text of a rig.toml in any Unicode encoding.
 
     Raises:
-        MeasurementError: it cannot be read, is no file, or is larger than any rig.toml.
+        MeasurementError: it cannot be read, is no file, or is too large for a rig.toml.
     """
     try:
         return decode(read_regular(Path(path), str(path), MOST_BYTES), str(path)).removeprefix("\ufeff")
     except OSError as err:
-        folder = Path(path).parent  # it may be one level down, or the folder may be another kind
+        folder = Path(path).parent  # rig.toml may be one level down, or the folder may be of another kind
         below = sorted(place.parent.name for place in folder.glob("*/rig.toml"))
         mend = 'Create it with two lines: [rig] and name = "bench".'
         if (folder / "run.json").is_file():
@@ -155,7 +156,7 @@ def parse(text: str, path: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        MeasurementError: it is no TOML, with the line, or a value is still to be filled in.
+        MeasurementError: it is no TOML, or a value is still to be filled in; names the line.
     """
     try:
         tables = tomllib.loads(text)
@@ -183,7 +184,7 @@ def closest(name: str, known: Iterable[str], otherwise: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as a message shows it: short, whatever it is."""
+    """A value in a message, shortened."""
     try:
         text = repr(value)
     except ValueError:  # Python refuses to print integers of thousands of digits
@@ -192,13 +193,13 @@ def shown(value: Any) -> str:
 
 
 def place_of(path: str, source: str, key: str) -> str:
-    """Where `table.key` stands, for a message: `path:line`, or the path alone where no line can be found."""
+    """File and line of `table.key`, for a message: `path:line`, or the path alone where no line is found."""
     line = _line_of(source, key)
     return f"{path}:{line}" if line else path
 
 
 def _line_of(text: str, key: str) -> int | None:
-    """The line of `table.key`, by eye: good enough to point at."""
+    """The line of `table.key` by a simple search, good enough for a message."""
     parts = key.split(".")
     whole = [(parts[:k], ".".join(parts[k:])) for k in range(len(parts) - 1, -1, -1)]  # a key may have points in quotes
     for tables, sought in (*whole, (parts[:-2], ".".join(parts[-2:-1]))):
@@ -214,7 +215,7 @@ def _line_of(text: str, key: str) -> int | None:
 
 
 def written(toml: Toml) -> str:
-    """A text that `toml.parse` makes the same tables of."""
+    """A text from which `toml.parse` gives the same tables."""
     if not toml.layers:
         return toml.source
     plain = {name: value for name, value in toml.tables.items() if not isinstance(value, Mapping)}
@@ -227,7 +228,7 @@ def written(toml: Toml) -> str:
 
 
 def _value(value: Any) -> str:
-    """Tables within a table inline."""
+    """A value in TOML; tables within a table are inline."""
     if isinstance(value, Mapping):
         return "{" + ", ".join(f"{toml_string(key)} = {_value(inner)}" for key, inner in value.items()) + "}"
     if isinstance(value, list):

@@ -1,6 +1,6 @@
-"""What is wrong in a line of TOML that somebody wrote by hand, and what to write instead.
+"""Finds the mistake in a line of TOML that was written by hand, and the text to write instead.
 
-The parser says where it gave up, in words for programmers.
+The parser reports only the place where it stopped, in the terms of programmers.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 DOTS = ("...", "…")
 DOTS_FOUND = "the dots stand for a value that only you know."
 DOTS_REQUIRED = "Each of them must be filled in."
-# key -> a value to show how it is written
+# key -> an example of its value
 EXAMPLES = {"name": '"bench"', "gear_ratio": "20.68", "supply_V": "12.0", "travel_deg": "90.0", "closed_V": "0.45",
             "open_V": "4.73", "files": '["response/2.csv"]', "effects": '["limp_home_spring"]'}  # fmt: skip
 
@@ -25,18 +25,18 @@ _QUOTED = re.compile(r"\"(?:[^\"\\]|\\.)*\"|'[^']*'")
 class Slip(NamedTuple):
     """One slip."""
 
-    line: int  # where, counted from 1
-    found: str  # what stands there
-    mend: str  # what to write instead
-    required: str = ""  # what must stand there; "" for valid TOML
+    line: int  # line, counted from 1
+    found: str  # the mistake
+    mend: str  # the text to write instead
+    required: str = ""  # the requirement; "" for valid TOML
 
 
 class Line(NamedTuple):
-    """One line without its remark."""
+    """One line without its comment."""
 
     number: int  # counted from 1
-    code: str  # what stands before a #
-    table: str  # the table that it belongs to, "" before the first
+    code: str  # the text before a #
+    table: str  # the table to which it belongs, "" before the first
 
     @property
     def key(self) -> str:
@@ -48,7 +48,7 @@ class Line(NamedTuple):
 
     @property
     def bare(self) -> str:
-        """The value without what stands in quotes."""
+        """The value without quoted texts."""
         return _QUOTED.sub("", self.value)
 
     def put(self, value: str) -> str:
@@ -57,10 +57,10 @@ class Line(NamedTuple):
 
 
 def slip(text: str, message: str, number: int) -> Slip | None:
-    """What is wrong in a text that is no TOML; None where no slip is known that looks so.
+    """The mistake in a text that is no TOML; None where no known mistake fits.
 
     Args:
-        number: of the line at which it gave up.
+        number: line at which the parser stopped.
     """
     lines = list(_lines(text))
     here = next((line for line in reversed(lines) if line.number <= number and line.code), None)
@@ -77,7 +77,7 @@ def slip(text: str, message: str, number: int) -> Slip | None:
 
 
 def left_blank(tables: Mapping[str, Any], prefix: str = "") -> str | None:
-    """The key of the first text that is nothing but dots; None where there is none."""
+    """The key of the first text that consists of dots only; None where there is none."""
     for key, value in tables.items():
         inner = f"{prefix}{key}"
         if isinstance(value, Mapping):
@@ -93,13 +93,13 @@ def filled(key: str) -> str:
     name = key.rpartition(".")[2].strip("\"' ")
     example = f"{name} = {EXAMPLES[name]}" if name in EXAMPLES else ""
     written = f"Write your value there{f', as in {example}' if example else ''}"
-    return f"{written}; or put a # before the line, and before its whole table where that means nothing without it."
+    return f"{written}; or put a # before the line, and before its whole table if the table needs this line."
 
 
 def _lines(text: str) -> Iterator[Line]:
     table = ""
     for number, raw in enumerate(text.split("\n"), 1):
-        masked = _QUOTED.sub(lambda match: "_" * len(match[0]), raw)  # a # in quotes begins no remark
+        masked = _QUOTED.sub(lambda match: "_" * len(match[0]), raw)  # a # in quotes begins no comment
         code = (raw[: masked.find("#")] if "#" in masked else raw).strip(" \t\r")
         if header := re.fullmatch(r"\[+\s*([^\[\]=]+?)\s*\]+", code):
             table = header[1]
@@ -117,19 +117,19 @@ def _dots(line: Line, lines: Iterable[Line]) -> Slip | None:
     return Slip(line.number, f"{line.code}: {DOTS_FOUND}", filled(line.key) + too, DOTS_REQUIRED)
 
 
-# Found and mend of the first slip that a line shows. The order counts: what stands first explains the line better.
+# Found and mend of the first mistake in a line. The order matters: earlier tests explain the line better.
 
 
 def _of_signs(line: Line) -> tuple[str, str] | None:
-    """Slips in TOML's own signs and in names."""
+    """Mistakes in TOML's own signs and in names."""
     code, key = line.code, line.key
     straight = re.sub("[“”„«»]", '"', re.sub("[‘’]", "'", code))
     if straight != code:
         return "the quotes are those of a word processor.", f"Use straight quotes: {straight}"
     if any(each.isspace() and each not in " \t" for each in code):
-        return "there is a blank that is no ordinary space.", "Type the line anew; do not copy it."
+        return "there is a blank that is no ordinary space.", "Type the line again; do not copy it."
     if match := re.search(r"(?:^|\s)(//|;)", _QUOTED.sub("", code)):
-        return f"{match[1]} begins no remark in TOML.", f"Write # instead of {match[1]}."
+        return f"{match[1]} begins no comment in TOML.", f"Write # instead of {match[1]}."
     if line.value.startswith("="):
         return "found ==.", f"{line.put(line.value[1:].strip())}."
     if "=" not in code and re.fullmatch(r"\[+[^\[\]]+|[^\[\]]+\]+", code):
@@ -144,7 +144,7 @@ def _of_signs(line: Line) -> tuple[str, str] | None:
 
 
 def _of_value(line: Line) -> tuple[str, str] | None:
-    """Slips in numbers and switches, and values that are missing."""
+    """Mistakes in numbers and switches, and missing values."""
     key, value = line.key, line.value
     if re.fullmatch(r"[+-]?\d+,\d+", value):
         return f"{value} has a decimal comma.", f"{line.put(value.replace(',', '.'))}."
@@ -169,9 +169,9 @@ def _of_value(line: Line) -> tuple[str, str] | None:
 
 
 def _of_text(line: Line) -> tuple[str, str] | None:
-    """Slips in braces and quotes."""
+    """Mistakes in braces and quotes."""
     if line.value.startswith("{") and "}" not in line.value:
-        return "what begins with { goes on in the next line.", "Put all of it, up to }, in one line."
+        return "a table that begins with { continues in the next line.", "Write all of it, up to }, in one line."
     for quote in "\"'":
         if _QUOTED.sub("", line.code).count(quote) == 1:
             return "a text has no closing quote.", f"Put {quote} at both ends of the text."
@@ -196,13 +196,13 @@ def _twice(lines: Iterable[Line]) -> Slip | None:
         what = ("", f"[{line.table}]") if header else (f"{line.table} {seen[line.table]}", line.key.strip("\"'"))
         if what[1] and what in first:
             mend = "Put all its keys below one of the two." if header else "Delete one of the two lines."
-            return Slip(line.number, f"{what[1]} stands here and in line {first[what]}.", mend)
+            return Slip(line.number, f"{what[1]} is here and in line {first[what]}.", mend)
         first.setdefault(what, line.number)
     return None
 
 
 def _unclosed(lines: Iterable[Line], here: Line) -> Slip | None:
-    """Where the list or the table in braces begins at which the parser still was."""
+    """The mistake in the list or the inline table that is not closed where the parser stopped."""
     before = [line for line in lines if line.number <= here.number]
     begun = next((line for line in reversed(before) if re.match(r"[\[{]", line.value)), None)
     if begun is None:

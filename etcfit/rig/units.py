@@ -1,9 +1,9 @@
-"""Units of column headers and [noise] keys, turned into SI.
+"""Converts units of column headers and [noise] keys to SI.
 
     value_SI = scale * logged + offset
 
-Source: pint's registry. It takes a quarter of a second to load, so the units that nearly every log has are answered by
-a table of what pint makes of them.
+Source: pint's registry. It takes a quarter of a second to load, so a table has pint's results for the most frequent
+units.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from .base import CHANNELS, TpsCalibration
 from .rows import NUMBER
 
-# quantity -> the unit pint converts it to
+# quantity -> the unit to which pint converts it
 SI_UNIT: dict[str, str] = {
     **CHANNELS,
     "duty": "dimensionless",
@@ -42,7 +42,7 @@ EXAMPLES: dict[str, str] = {
     "supply_current": "A or mA",
 }
 
-# spellings that pint does not know or, worse, reads as something else (Nm is its number-metre)
+# spellings that pint does not know, or reads as another unit (Nm is its number-metre)
 SPELLINGS: dict[str, str] = {
     **dict.fromkeys(("u/min", "rev/min", "r/min", "rpm", "revs/min"), "rpm"),
     **dict.fromkeys(("-", "1", "fraction"), "dimensionless"),
@@ -56,7 +56,7 @@ SPELLINGS: dict[str, str] = {
     **dict.fromkeys(("celsius", "degc", "deg c", "°c"), "degC"),
 }
 
-# (unit wanted, as pint spells it; unit logged) -> scale: pint's own answers, which the tests hold it to
+# (required unit in pint's spelling, logged unit) -> scale: pint's results, which the tests compare
 USUAL: dict[tuple[str, str], float] = {
     **{(unit, unit): 1.0 for unit in SI_UNIT.values()},
     **{(unit, f"m{unit}"): 1e-3 for unit in ("V", "A", "s")},
@@ -65,13 +65,13 @@ USUAL: dict[tuple[str, str], float] = {
     ("dimensionless", "percent"): 0.01,
 }
 
-# names, each with a small power, joined by * / . or a space: all that a unit needs, and nothing pint could choke on
+# names, each with a small power, joined by * / . or a space: enough for all units, and safe for pint
 _NAME = r"[^\W\d_]{1,20}|[°%µμΩ][^\W\d_]{0,3}|1"
 _POWERED = rf"(?:{_NAME})(?:\^-?\d|\*\*-?\d|[²³])?"
 _GRAMMAR = re.compile(rf"{_POWERED}(?:\s*[*/·.]\s*{_POWERED}|\s+{_POWERED})*")
 _NEWTON_METRE = re.compile(r"([mkµμ]?N)[-·. ]?([cm]?m)")
 
-# what stands in a row of units, brackets off, in small letters: of benches, and of engines and cars
+# texts in rows of units, without brackets, in small letters: of benches, engines and cars
 _UNIT_TEXTS = frozenset("""
     s sec secs second seconds ms msec us µs usec min h hour v mv volt volts kv a ma amp amps ampere ua ohm kohm w kw hp
     % pct percent deg degree degrees ° rad mrad turn rev rpm u/min 1/min min-1 rpm/s rad/s deg/s °/s %/s v/s kpa/s
@@ -88,12 +88,12 @@ def usual_unit(quantity: str) -> str:
 
 
 def is_unit_text(text: str) -> bool:
-    """True for what a row of units holds, of anything that is logged."""
+    """True for a text that is a unit in a row of units, of any logged quantity."""
     return text.strip("[]() ").casefold() in _UNIT_TEXTS
 
 
 class UnitError(ValueError):
-    """A unit that is none, or of the wrong dimension; the text is what was found."""
+    """An unknown unit, or one of the wrong dimension; the text describes it."""
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,11 @@ def is_percent(unit: str) -> bool:
 
 @cache
 def conversion(quantity: str, unit: str) -> Conversion:
-    """How a column of this quantity, logged in this unit, becomes SI.
+    """The conversion of a column of this quantity and unit to SI.
 
     A number may stand before the unit, as in `-1 A` or `1.02 s`, for a channel with the wrong sign or scale.
 
-    Angles and their rates must name an angle: pint takes 1/min for 0.017 rad/s where a German log means rpm.
+    Angles and their rates must name an angle: pint reads 1/min as 0.017 rad/s, but in a German log it means rpm.
 
     Raises:
         UnitError: not a unit, or not one of this quantity.
@@ -138,7 +138,7 @@ def by_pint(quantity: str, unit: str) -> Conversion:
     try:
         same = len({str(_quantity(1.0, each).to_root_units().units) for each in (logged, si)}) == 1
         zero, one = (float(_quantity(x, logged).to(si).magnitude) for x in (0.0, 1.0)) if same else (0.0, 0.0)
-    except Exception as err:  # whatever pint, or its tokenizer, makes of a text that is no unit
+    except Exception as err:  # any error of pint, or of its tokenizer, for a text that is no unit
         raise UnitError(f"unit '{unit}' is not known.") from err
     if not same:
         raise UnitError(f"unit '{unit}' is not one of {quantity}.")
@@ -147,7 +147,7 @@ def by_pint(quantity: str, unit: str) -> Conversion:
 
 @cache
 def to_si(unit: str) -> tuple[str, Conversion]:
-    """The SI unit that any unit comes down to, as pint writes it, and the conversion to it.
+    """The SI unit of any unit, as pint writes it, and the conversion to it.
 
     Raises:
         UnitError: not a unit.
@@ -157,7 +157,7 @@ def to_si(unit: str) -> tuple[str, Conversion]:
         zero, one = (_quantity(x, spelt).to_base_units() for x in (0.0, 1.0))
     except UnitError:
         raise
-    except Exception as err:  # whatever pint makes of a text that is no unit
+    except Exception as err:  # any error of pint for a text that is no unit
         raise UnitError(f"unit '{unit}' is not known.") from err
     return f"{one.units:~C}", Conversion(float(one.magnitude - zero.magnitude), float(zero.magnitude))
 
@@ -185,13 +185,13 @@ def _quantity(magnitude: float, unit: str) -> Any:
 def to_channel(
     quantity: str, unit: str, travel: tuple[float, float], tps: TpsCalibration | None
 ) -> tuple[str, Conversion]:
-    """The channel that a quantity belongs to, and its conversion, with what only the rig knows.
+    """The channel of a quantity, and its conversion with the data of the rig.
 
         percent:  theta = travel_0 + x/100 (travel_1 - travel_0)
         tps:      theta = (V - V_closed)/(V_open - V_closed) travel_tps
 
     Raises:
-        UnitError: as `conversion`; also percent of an endless travel, or sensor volts without calibration.
+        UnitError: as `conversion`; also for percent of an endless travel, or sensor voltage without a calibration.
     """
     if quantity in ("position", "setpoint") and is_percent(unit):
         span = travel[1] - travel[0]

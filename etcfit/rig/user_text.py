@@ -1,8 +1,7 @@
-"""Text of a user: names that can be read, and comments and strings of other languages that it cannot end.
+"""Makes texts of a user safe: visible names, and comments and strings of other languages that a text cannot end.
 
-Whatever a text holds, it stays inside and is data: one function a language knows what ends a comment, or a string,
-there. Names of rigs, files and folders go into reports, JSON files and exported code: they must be UTF-8 that can be
-seen.
+Any text remains data: one function for each language escapes what ends a comment, or a string, there. Names of rigs,
+files and folders go into reports, JSON files and exported code: they must be visible UTF-8.
 """
 
 from __future__ import annotations
@@ -18,18 +17,18 @@ from ..errors import MeasurementError, unseen
 
 _C_MARKS = re.compile(r"(?<=\*)(?=/)|(?<=/)(?=\*)|(?<=\?)(?=\?)")
 _HYPHENS = re.compile(r"(?<=-)(?=-)")
-VISIBLE = "A name must hold no control characters and no marks of direction: they hide what is written."
+VISIBLE = "A name must hold no control characters and no marks of direction, because they hide its text."
 
 
 def one_line(text: str) -> str:
-    """Printable characters alone: any white space is one space, what is invisible is its number, as (U+202E)."""
+    """Printable characters only: any white space becomes one space, an invisible character its number, as (U+202E)."""
     return "".join(c if c.isprintable() else f"(U+{ord(c):04X})" for c in " ".join(text.split()))
 
 
 def in_c(text: str) -> str:
     """A line inside a block comment of C or C++.
 
-    A backslash becomes a slash, for at the end of a line it would join that line with the next one; so would ??/.
+    A backslash becomes a slash, because at the end of a line it would join that line with the next one; so would ??/.
     """
     return _C_MARKS.sub(" ", one_line(text).replace("\\", "/"))
 
@@ -45,15 +44,15 @@ def hash_comment(lines: Iterable[str]) -> str:
 
 
 def toml_string(text: str) -> str:
-    """A text in quotes, as TOML reads it: as JSON writes it, but for one character."""
+    """A text in quotes for TOML: as in JSON, except for one character."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def python_comment(lines: Iterable[str]) -> str:
     """Comment lines for the top of a file in Python.
 
-    The first line is a coding line of its own: Python obeys the first that it finds in two lines (PEP 263), and a text
-    could hold one.
+    The first line is a coding line: Python obeys the first one that it finds in two lines (PEP 263), and a text could
+    contain one.
     """
     return f"# -*- coding: utf-8 -*-\n{hash_comment(lines)}"
 
@@ -69,19 +68,19 @@ def xml_comment(lines: Iterable[str]) -> str:
 
 
 def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str, width: int = 110) -> str:
-    """A comment line or more for each, as far in as the line itself."""
+    """One or more comment lines for each line, with the indentation of the line."""
     marks = ((line, mark + " " * (len(line) - len(line.lstrip(" ")))) for line in lines)
     return "\n".join(textwrap.fill(safe(line), width, initial_indent=begin, subsequent_indent=begin) or begin.rstrip()
                      for line, begin in marks)  # fmt: skip
 
 
 def refuse_foreign_names(folder: str, *names: str) -> None:
-    r"""Refuse a name that is no UTF-8, or holds what is invisible; Linux allows any bytes.
+    r"""Refuse a name that is no UTF-8, or has invisible characters; Linux allows any bytes.
 
     Args:
-        folder: where they lie, as the user gave it; its own name counts too.
+        folder: the folder of the names, as the user gave it; its own name is checked too.
     Raises:
-        MeasurementError: at the first, its foreign bytes written as \xe9, its unseen characters as (U+202E).
+        MeasurementError: names the first, with foreign bytes as \xe9 and invisible characters as (U+202E).
     """
     for path in (folder, *(f"{folder}/{name}" for name in names)):
         try:
@@ -95,8 +94,8 @@ def refuse_foreign_names(folder: str, *names: str) -> None:
 
 
 def escaped(path: str) -> str:
-    """The path with every byte that is no UTF-8 written out."""
+    """The path with every byte that is no UTF-8 escaped."""
     try:
         return os.fsencode(path).decode("utf-8", "backslashreplace")
-    except UnicodeEncodeError:  # half a character that no file system made
+    except UnicodeEncodeError:  # a lone surrogate that is not from a file system
         return path.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -203,7 +203,7 @@ def inductance(bench: Path, folder: Path, unit: str = "A") -> Path:
 @pytest.mark.parametrize(
     ("columns", "tests", "message"),
     [
-        (["Channel A=current [A]", "Channel B=voltage [V]"], ["scope.csv=inductance"], "current runs ahead of voltage"),
+        (["Channel A=current [A]", "Channel B=voltage [V]"], ["scope.csv=inductance"], "current leads voltage"),
         (["Channel A=current [A]", "Channel B=voltage [V]"], ["scope.csv=viscous"], "no motor_speed among"),
         (["Channel B=current [1000 A]"], [], "beyond|do not belong together|must lie between"),
         (["Channel B=current [-1 A]"], [], "current has the opposite sign of the voltage"),

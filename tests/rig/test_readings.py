@@ -184,7 +184,7 @@ def test_a_motor_heavier_than_the_whole_is_said_and_floored() -> None:
     heavy = {**TRUTH, "J_m": 1e-4}
     reading = TEST_BY_NAME["inertia"].reading([release("inertia", 0.0)], RIG, heavy)
     assert reading.values["J_L"] == pytest.approx(0.02 * reading.values["J_eq"])
-    assert "J_m takes it all" in reading.notes[0]
+    assert "J_m alone explains J_eq" in reading.notes[0]
 
 
 @pytest.mark.parametrize("test", [t.name for t in TESTS])
@@ -218,7 +218,7 @@ def test_with_duty_only_the_ratios_are_read_and_the_scale_is_said_to_be_nominal(
     assert read.values["T_f"] / read.values["K_s"] == pytest.approx(TRUTH["T_f"] / TRUTH["K_s"], rel=0.05)
     assert {"R_a", "K_b", "J_L", "K_s", "T_PL", "T_f"} <= set(read.nominal)
     assert any("scale from nominal" in note for note in read.notes)
-    assert any("against each other" in note for note in read.notes) == (sign < 0)
+    assert any("opposite signs" in note for note in read.notes) == (sign < 0)
 
 
 def test_a_line_ignores_a_gross_outlier_and_a_step_between_samples_is_found() -> None:

@@ -1,6 +1,6 @@
-"""What the records tell of the rig's own mistakes before any fit; a newcomer adds one function here and its line below.
+"""Finds mistakes of the rig in its records before any fit; a new detector is one function and its line below.
 
-A detector is a function from `Records` to findings, called as the kind of mistake that it finds. Thresholds are
+A detector is a function from `Records` to findings; its name is the kind of mistake that it finds. Its thresholds are
 constants at the top of its file.
 """
 
@@ -19,7 +19,7 @@ from .lags import slow_current, slow_log
 from .levels import channel_offset, saturation
 from .signs import channel_sign, swapped_columns
 
-# the one registration; what stands first explains what a later one would find in the same test
+# the registry of detectors; a finding of an earlier one explains what a later one would find in the same test
 EXPLAIN = (
     *(switched_voltage, supply_current, unsigned_current, slow_current, swapped_columns, channel_sign),
     *(unit_scale, channel_offset, saturation),
@@ -29,24 +29,24 @@ DETECTORS: tuple[Detector, ...] = (*(Detector(find, True) for find in EXPLAIN), 
 
 
 def refuse(folder: str, found: Iterable[Finding]) -> None:
-    """Refuse data that physics rules out.
+    """Refuse data that physics excludes.
 
     Raises:
-        MeasurementError: naming the first such find, and how many more there are.
+        MeasurementError: names the first such finding, and the number of further ones.
     """
     sure = [finding for finding in found if finding.sure]
     if sure:
         first, more = sure[0], f" ({len(sure) - 1} more like it.)" if len(sure) > 1 else ""
         place = first.file or first.test
         raise MeasurementError(f"{folder}/{place}" if place else folder, f"{first.kind}: {first.found}{more}",
-                               "No motor does this, so no fit takes it.", first.mend)  # fmt: skip
+                               "No motor can do this, so these data cannot be fitted.", first.mend)  # fmt: skip
 
 
 def findings(config: RigConfig, traces: Iterable[Measurement]) -> tuple[Finding, ...]:
-    """What every detector finds in these traces, held out ones too.
+    """The findings of every detector in these traces, including held-out ones.
 
-    Where a finding explains, the circuit of its test is read wrong: of the test that it names or, of what lies in every
-    test, of all tests that logged its channel.
+    A finding of a detector that `explains` makes the circuit of its test wrong for later detectors: that of the test
+    that it names or, where it names none, of all tests that logged its channel.
     """
     records, out = Records(config, tuple(traces)), []
     for detector in DETECTORS:

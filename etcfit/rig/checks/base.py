@@ -1,4 +1,5 @@
-"""What every detector is, and what it sees: the traces, and the circuit that each of them and each rig test shows."""
+"""The class of detectors, and the records that they evaluate: the traces, and the circuit of each trace and rig
+test."""
 
 from __future__ import annotations
 
@@ -15,23 +16,23 @@ from .circuit import Circuit, OtherCurrent, other_current, read_circuit
 from .line import Spectrum, spectrum
 
 LOWER_MAINS = 50.0  # Hz
-COMMANDS = ("setpoint", "duty")  # channels of no sensor: they rest wherever they like, and carry no noise
-_ALIKE = 2.0  # factor within which a reading of one trace is that of its test turned round
+COMMANDS = ("setpoint", "duty")  # channels without a sensor: they may rest at any value, and have no noise
+_ALIKE = 2.0  # factor within which a reading of one trace counts as that of its test with the opposite sign
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """All traces of a rig, held out ones too, and what several detectors read off them."""
+    """All traces of a rig, including held-out ones, and evaluations that several detectors share."""
 
     config: RigConfig
     traces: tuple[Measurement, ...]
-    # tests whose circuit is known to be read wrong, because of a mistake found before
+    # tests whose circuit is wrong because of a mistake found before
     blamed: frozenset[str] = frozenset()
 
     def without(self, tests: Iterable[str]) -> Records:
-        """The records, the circuit of these tests not trusted."""
+        """The records with these tests marked as having an untrusted circuit."""
         blamed = self.blamed | {*tests}
         return self if blamed == self.blamed else replace(self, blamed=blamed)
 
@@ -48,37 +49,38 @@ class Records:
 
     @cached_property
     def circuits(self) -> Mapping[str, Circuit]:
-        """The circuit by rig test, where it shows."""
+        """The circuit by rig test, where the traces show it."""
         return _present({name: read_circuit(traces, self.config) for name, traces in self._trusted.items()})
 
     @cached_property
     def currents(self) -> Mapping[str, OtherCurrent]:
-        """The current of each rig test in each of its readings, where enough windows compare them."""
+        """The current of each rig test in each of its interpretations, where enough windows compare them."""
         return _present({name: other_current(traces, self.config) for name, traces in self._trusted.items()})
 
     @cached_property
     def circuit_of(self) -> Mapping[str, Circuit]:
-        """The circuit by file, where it shows."""
+        """The circuit by file, where the trace shows it."""
         return _present({t.file: read_circuit((t,), self.config) for t in self.traces if t.test not in self.blamed})
 
     @cached_property
     def spectra(self) -> Mapping[tuple[str, str], Spectrum]:
-        """Spectra about the mains' frequencies, by file and measured channel, where the record is fit for one."""
+        """Spectra about the mains' frequencies, by file and measured channel, where the record allows one."""
         logged = [(t.file, name, c) for t in self.traces for name, c in t.channels.items() if name not in COMMANDS]
         return _present({(file, name): spectrum(channel, LOWER_MAINS) for file, name, channel in logged})
 
     def where(
         self, read: Callable[[Measurement, RigConfig], Value | None]
     ) -> Iterator[tuple[tuple[Measurement, ...], dict[str, Value]]]:
-        """The traces of each rig test in which something is read, and what is, by file."""
+        """The traces of each rig test in which a function gives a result, and the results by file."""
         for traces in self.tests.values():
             if found := _present({t.file: read(t, self.config) for t in traces}):
                 yield traces, found
 
     def signs(self, trace: Measurement, errors: float) -> Signs | None:
-        """Signs of R, L and k in a trace; where it shows none, that of all traces of its test.
+        """Signs of R, L and k in a trace; where it shows none, those of all traces of its test.
 
-        One trace separates little: a sign of its own is believed against its test's only for a value about as large.
+        One trace separates the values poorly: its own sign is accepted against that of its test only where its value is
+        about as large.
         """
         both = [c for c in (self.circuit_of.get(trace.file), self.circuits.get(trace.test)) if c is not None]
         if not both:
@@ -95,7 +97,7 @@ class Records:
 
 
 class Signs(NamedTuple):
-    """-1, 1, or 0 where the sign is not significant."""
+    """Signs: -1, 1, or 0 where the sign is not significant."""
 
     R: int
     L: int
@@ -106,8 +108,8 @@ class Signs(NamedTuple):
 class Detector:
     """Finds one kind of mistake or habit of the rig before any fit."""
 
-    find: Callable[[Records], Iterator[Finding]]  # every finding, the surest first; the function's name is the kind
-    explains: bool = False  # a finding makes the circuit of its test wrong: no later detector reads it
+    find: Callable[[Records], Iterator[Finding]]  # gives every finding, the surest first; its name is the kind
+    explains: bool = False  # whether a finding makes the circuit of its test wrong, so that later detectors skip it
 
     @property
     def kind(self) -> str:
@@ -127,17 +129,17 @@ def found_in(files: Iterable[str], traces: tuple[Measurement, ...], finding: Fin
 
 
 def by_chance(errors: float) -> float:
-    """Probability that noise puts a reading so many standard errors away, either way."""
+    """Probability that noise moves a reading by so many standard errors, in either direction."""
     return erfc(errors / 2**0.5)
 
 
 def column(channel: Channel, factor: float = 1.0) -> str:
-    """The header under which a channel's numbers, times this factor, are what they should be."""
+    """The header with which a channel's numbers times this factor are right."""
     return f"{channel.name} [{scaled_unit(channel.unit, factor)}]"
 
 
 def scaled_unit(unit: str, factor: float) -> str:
-    """The unit of which `unit` times the factor is one, as a header may name it: a number may stand before it."""
+    """The unit that is `unit` times the factor, as a header may name it: with a number before the unit if needed."""
     head, _, rest = unit.partition(" ")
     if rest and NUMBER.fullmatch(head):
         factor, unit = factor * float(head), rest

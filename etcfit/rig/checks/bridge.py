@@ -1,26 +1,26 @@
-"""What a bridge, its supply and the instruments there make of current and voltage.
+"""Mistakes in current and voltage caused by the bridge, its supply and the instruments there.
 
-The supply's current in the place of the motor's: i_s = d i, d = v / V_s. A held winding then shows V/i = R V_s / V,
-less the higher the voltage is, which no winding does, and i_s V_s / v shows the one resistance that it has.
+Current of the supply instead of the motor: i_s = d i, d = v / V_s. A held winding then shows V/i = R V_s / V, which
+falls as the voltage rises; no winding does that, and i_s V_s / v shows a constant resistance.
 
-A current without its sign: never below zero while the voltage drives both ways. For both see `circuit.py`.
+Current without its sign: never below zero although the voltage drives in both directions. For both see `circuit.py`.
 
-A voltage channel that samples the PWM itself: nothing or all of the supply, while the current does not follow.
+A voltage channel that samples the PWM itself: it shows zero or the full supply, while the current does not follow.
 
     R^2 of the voltage in   i_(k+1) - i_k = a + b i_k + sum_j c_j v_(k+1-j),   j = 0 ... 4
 
-A voltage that really jumps so drives the current up and down with it. One sampled out of a PWM that is far faster jumps
-at random, or in a slow beat of the two frequencies, and neither the current's steps nor the circuit's equation, v = R i
-+ L di/dt + k w over windows of some samples, have to do with it.
+A voltage that really jumps like this drives the current up and down. A voltage sampled from a much faster PWM jumps at
+random, or in a slow beat of the two frequencies; the steps of the current and the circuit's equation, v = R i + L di/dt
++ k w over windows of some samples, do not follow it.
 
 A bridge that coasts in its off time: where the current stops within a period, the mean voltage is not duty x supply.
 
     share = (d omega / d V) / (omega / V)   at settled speeds,   V = duty x supply
 
 With dry and viscous friction omega = (V - V_f)/k, so the share is 1 or more; a drag that grows with the square of speed
-makes it 1/2 at least. A bridge that leaves the terminals open in the off time hands the EMF of the turning motor to
-them as soon as the current has stopped: a light load then soon turns nearly as fast as under the whole supply, and the
-share falls towards 0.
+makes it 1/2 at least. Where a bridge leaves the terminals open in the off time, they show the EMF of the turning motor
+as soon as the current has stopped: a light load then turns nearly as fast as under the full supply, and the share falls
+towards 0.
 
 Source: Erickson and Maksimovic 2020, ch. 5 (discontinuous conduction). Differs from source: no converter is calculated.
 """
@@ -37,33 +37,33 @@ from ..signals import Plateau, drive_voltage, on_times, plateaus
 from .base import Records, found_in
 from .circuit import OtherCurrent, Value, left_by, supply_of, values_of, windows_of
 
-# Times less that another reading of the current must leave of the voltage. Where a test shows the current of a supply
-# so, and none shows the opposite as clearly, every current is one of the supply.
+# Factor by which another interpretation of the current must reduce the unexplained voltage. Where a test shows the
+# current of a supply by this, and no test shows the opposite as clearly, every current is one of the supply.
 TIMES = 4.0
 SAME_WINDING = 1.4  # largest over smallest resistance of one winding, warm and cold
-VOLTS_SPAN = 1.5  # largest over smallest voltage of the windows, at least
-NEGATIVE = 6  # windows in which the sign is negative, at least
-BELOW = 6.0  # noises by which a current of one sign may lie below zero
+VOLTS_SPAN = 1.5  # least ratio of the largest to the smallest voltage of the windows
+NEGATIVE = 6  # least number of windows in which the sign is negative
+BELOW = 6.0  # standard deviations of the noise by which an unsigned current may be below zero
 
-PWM_SAMPLES = 40  # of a trace, at least
-WITHIN = 0.06  # of the highest level, how near to a level a sample must lie
-LEVELS_APART = 50.0  # noises
-ON_LEVEL = 0.97  # share of the samples that must lie on a level
-LEAST_JUMPS = 8  # from one level to the other
+PWM_SAMPLES = 40  # least number of samples of a trace
+WITHIN = 0.06  # largest distance of a sample from a level, share of the highest level
+LEVELS_APART = 50.0  # least distance of the levels, standard deviations of the noise
+ON_LEVEL = 0.97  # least share of the samples on a level
+LEAST_JUMPS = 8  # least number of jumps from one level to the other
 LAGS = 4  # samples by which the current may be late
-FOLLOWS = 0.1  # share of the current's steps that the voltage explains, at most
-MISSES = 0.025  # share of the voltage that the circuit's equation must leave in half of the windows
+FOLLOWS = 0.1  # largest share of the current's steps that the voltage explains
+MISSES = 0.025  # least share of the voltage that the circuit's equation leaves unexplained in half of the windows
 
-CONCAVE = 0.4  # share, at most
+CONCAVE = 0.4  # largest share
 CONCAVE_ERRORS = 3.0  # standard errors by which it must be lower
-SPEEDS = 4  # settled speeds in one direction, at least
-SPEEDS_SPAN = 1.3  # of their voltages, largest over smallest, at least
-SETTLED = 0.02  # relative change of the speed over the last part of a plateau, at most
-SPEED_NOISES = 20.0  # of a speed sample, that a speed must reach
+SPEEDS = 4  # least number of settled speeds in one direction
+SPEEDS_SPAN = 1.3  # least ratio of their largest to their smallest voltage
+SETTLED = 0.02  # largest relative change of the speed over the last part of a plateau
+SPEED_NOISES = 20.0  # least speed over the noise of a speed sample
 
 
 def supply_current(records: Records) -> Iterator[Finding]:
-    """A current of the supply, in every test where none contradicts."""
+    """A current of the supply instead of the motor, in every test unless a test contradicts it."""
     read = {test: current.better(current.supply, 0.9) for test, current in records.currents.items()
             if _spans(current)}  # fmt: skip
     shown = {test: found for test, found in read.items() if found is not None and found[0] > TIMES}
@@ -76,8 +76,8 @@ def supply_current(records: Records) -> Iterator[Finding]:
 
 
 def _same_winding(records: Records, R: Value, against: Sequence[str]) -> bool:
-    """Whether R, read from a current of the supply, is that of the tests whose current is the motor's; True where these
-    show no R, or where the supply's voltage is unknown, for then R is not in ohm."""
+    """Whether R from a current of the supply equals that of the tests whose current is the motor's; True where these
+    show no R, or where the supply's voltage is unknown, because R is then not in ohm."""
     others = [values["R"].value for test in against if (values := values_of(records.currents[test].motor))
               and "R" in values]  # fmt: skip
     if not others or any(supply_of(records.tests[test], records.config) is None for test in records.currents):
@@ -103,14 +103,14 @@ def _of_supply(records: Records, shown: Mapping[str, tuple[float, Value]], place
              f"duty it leaves {times:.0f} times less of the voltage unexplained there{ohms}.")  # fmt: skip
     where = f"of {place}" if place else "of every test that logged it so"
     unknown = "" if known else " Write [rig] supply_V, the supply's voltage, in rig.toml."
-    mend = (f"Head the column 'supply_current [{channel.unit}]' in each trace {where}, and it is divided by the "
+    mend = (f"Name the column 'supply_current [{channel.unit}]' in each trace {where}, so that it is divided by the "
             f"duty; or log the motor's own current.{unknown}")  # fmt: skip
     return Finding("supply_current", R.value if known else times, "ohm" if known else "", 0.0, found, mend, place,
                    channel="current")  # fmt: skip
 
 
 def unsigned_current(records: Records) -> Iterator[Finding]:
-    """A current that leaves far less of the voltage with a sign, in windows in which that sign is negative."""
+    """A current without its sign: with the reconstructed sign it leaves far less of the voltage unexplained."""
     for test, current in records.currents.items():
         channels = [t.channels["current"] for t in records.tests[test] if "current" in t.channels]
         rows = (current.sign < 0.0) & (current.motor.volts < 0.0)
@@ -134,8 +134,8 @@ def switched_voltage(records: Records) -> Iterator[Finding]:
         highest = np.max(np.abs(channel.logged(channel.value)))
         yield found_in(found, traces, Finding(
             "switched_voltage", jumps, "jumps", 0.0,
-            f"'{channel.header}' shows the switching of a PWM, sampled now and then: it "
-            f"is nothing or {highest:.3g} {channel.unit}, jumps {jumps} times, and the current does not follow.",
+            f"'{channel.header}' shows the switching of a PWM at single instants: it "
+            f"is 0 or {highest:.3g} {channel.unit}, jumps {jumps} times, and the current does not follow.",
             "Log the duty and the supply instead ('duty [%]', and 'supply [V]' or [rig] supply_V in rig.toml), or the "
             "voltage behind a filter that is far slower than the PWM and far faster than the motor.",
             channel="voltage", sure=True,
@@ -143,7 +143,7 @@ def switched_voltage(records: Records) -> Iterator[Finding]:
 
 
 def _pwm_jumps(trace: Measurement, config: RigConfig) -> int | None:
-    """Jumps between the levels, where the voltage is that of a PWM; else None."""
+    """Number of jumps between the levels, where the voltage is that of a PWM; otherwise None."""
     voltage, current = trace.channels.get("voltage"), trace.channels.get("current")
     if voltage is None or current is None or voltage.value.size < PWM_SAMPLES:
         return None
@@ -164,7 +164,7 @@ def _pwm_jumps(trace: Measurement, config: RigConfig) -> int | None:
 
 
 def _explained(voltage: Channel, current: Channel) -> float:
-    """Share of the steps of the current, beyond what it does by itself, that the voltage about them explains."""
+    """Share of the current's steps, without the part that its own past predicts, that the voltage explains."""
     i, v = current.value, on_times(voltage, current.time)
     last = np.column_stack([np.ones(i.size - 1), i[:-1]])[LAGS - 1 :]
     volts = np.column_stack([v[LAGS - j : v.size - j] for j in range(LAGS + 1)])
@@ -177,7 +177,7 @@ def _explained(voltage: Channel, current: Channel) -> float:
 
 
 def coasting_bridge(records: Records) -> Iterator[Finding]:
-    """Settled speeds that hardly grow with the voltage."""
+    """A bridge that coasts in its off time: settled speeds that hardly grow with the voltage."""
     for test, traces in records.tests.items():
         if TEST_BY_NAME[test].boundary.terminals_open:
             continue
@@ -191,10 +191,10 @@ def coasting_bridge(records: Records) -> Iterator[Finding]:
                 yield Finding(
                     "coasting_bridge", share, "", 0.0,
                     f"In {test} the settled speed hardly grows with the voltage: from {low:.3g} to {high:.3g} V it "
-                    f"grows by {100.0 * share:.0f} +- {100.0 * error:.0f} % of what is in proportion to it. Friction "
-                    "makes that 100 % or more, the drag of air 50 % at least. A bridge that coasts in its off time "
-                    "makes it so, for its mean voltage is not duty x supply once the current stops within a period of "
-                    "the PWM.",
+                    f"grows by {100.0 * share:.0f} +- {100.0 * error:.0f} % of a proportional growth. With friction "
+                    "this share is 100 % or more, with the drag of air 50 % or more. A bridge that coasts in its off "
+                    "time reduces it: where the current stops within a period of the PWM, the mean voltage is not duty "
+                    "x supply.",
                     "Let the bridge short the motor in the off time (switch the inputs, not the enable pin: slow "
                     "decay), or log the mean voltage at the terminals; a limit of current or speed would look the "
                     "same.", test,
@@ -203,7 +203,7 @@ def coasting_bridge(records: Records) -> Iterator[Finding]:
 
 
 def _speeds(trace: Measurement, config: RigConfig) -> Iterator[tuple[float, float]]:
-    """Voltage and settled speed of each plateau, V and rad/s; settled: the same before its last 15 %."""
+    """Voltage and settled speed of each plateau, V and rad/s; settled: equal before its last 15 %."""
     drive, speed = drive_voltage(trace, config), trace.channels.get("motor_speed")
     if drive is None or speed is None:
         return
@@ -215,10 +215,10 @@ def _speeds(trace: Measurement, config: RigConfig) -> Iterator[tuple[float, floa
 
 
 def _concave(pairs: np.ndarray) -> tuple[float, float, float, float] | None:
-    """Share, its error, and the span of the voltages; None where the curve is not bent so.
+    """Share, its error, and the span of the voltages; None where the curve is not concave.
 
     Args:
-        pairs: voltage and speed, without their signs, shape (n, 2).
+        pairs: absolute values of voltage and speed, shape (n, 2).
     """
     if len(pairs) < SPEEDS:
         return None

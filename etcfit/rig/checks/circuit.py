@@ -1,22 +1,26 @@
-"""The circuit's equation, read off windows of a trace without a fit of the motion.
+"""Reads R, L, k and the brushes' drop from windows of a trace by the circuit's equation, without a fit of the motion.
+
+The detectors of this room (`constants`, `signs`, `bridge`, `clock`, `levels`, `lags`) compare these readings between
+traces and rig tests, by way of `base.Records`.
 
     integral v dt = R integral i dt + L [i] + k [theta] + V_b integral sgn i dt
 
-over windows of some samples, [x] being what x gained over the window. Nothing is differentiated, so noise hardly
-matters, and it holds whatever torque acts on the plate: with the plate held [theta] = 0, with open terminals i = 0,
-with the gear apart theta is the motor's angle and k its K_b; at the plate k = N K_b. Robust least squares: L over all
-windows, all else over those without a jump of the voltage, whose instant within a sample is unknown.
+over windows of some samples, [x] being the change of x over the window. No signal is differentiated, so noise has
+little influence, and the equation holds for any torque on the plate: with the plate held [theta] = 0, with open
+terminals i = 0, with the gear apart theta is the motor's angle and k its K_b; at the plate k = N K_b. Robust least
+squares: L over all windows, the others over windows without a jump of the voltage, because its instant within a sample
+is unknown.
 
 Source: integral of the paper's Eq. 1, with a voltage drop V_b of the brushes.
 
-Is the logged current that of the motor, or what another place or another instrument makes of it?
+Is the logged current that of the motor, or one that was measured at another place or by another instrument?
 
     of the motor       i
     of the supply      i_s = d i,  d = v / V_s      so   i = i_s V_s / v
     without its sign   |i|                          so   i = |i| sgn(v - k w)
 
-Each reading is put into the equation, over the same windows, and the right one leaves the least. What is near no
-voltage says nothing: the duty d is zero there.
+Each interpretation is put into the equation over the same windows, and the right one leaves the smallest residual.
+Windows with almost no voltage are left out, because the duty d is zero there.
 
 Source: Mohan, Undeland and Robbins 2003, ch. 7 (mean current of the source of a bridge). Differs from source: no.
 """
@@ -34,13 +38,14 @@ from .. import TEST_BY_NAME
 from ..base import Channel, Measurement, RigConfig
 from ..signals import BISQUARE, MAD_TO_SIGMA, drive_voltage, jumps, on_times, robust_fit
 
-SAMPLES, LEAST_SAMPLES, WINDOWS = 20, 5, 20  # in a window, at least, and how many windows a short trace is cut into
-FEWEST = 12  # windows that carry a reading
-SEEN = 5.0  # noises that a gain over a window must reach, rms, to say anything
-JUMP, JUMP_SHARE = 8.0, 0.02  # noises, and of the span: a change from sample to sample that is a jump
+# samples in a window, the least number of them, and the number of windows of a short trace
+SAMPLES, LEAST_SAMPLES, WINDOWS = 20, 5, 20
+FEWEST = 12  # least number of windows for a reading
+SEEN = 5.0  # least rms change over a window, in standard deviations of the noise
+JUMP, JUMP_SHARE = 8.0, 0.02  # standard deviations of the noise, and share of the span: a larger change is a jump
 ALIKE = 0.97  # correlation at which brushes and resistance cannot be separated
-NEAR = 0.1  # of the largest voltage: windows at a smaller one are left out where currents are compared
-ROUNDS = 3  # in which the sign of the current and k are found together
+NEAR = 0.1  # share of the largest voltage below which windows are left out of the comparison of currents
+ROUNDS = 3  # rounds in which the sign of the current and k are found together
 
 
 class Value(NamedTuple):
@@ -50,7 +55,7 @@ class Value(NamedTuple):
     error: float
 
     def sign(self, errors: float) -> int:
-        """-1 or 1; 0 where it lies within so many standard errors of zero."""
+        """-1 or 1; 0 where the value is within so many standard errors of zero."""
         return 0 if abs(self.value) <= errors * self.error else (1 if self.value > 0.0 else -1)
 
 
@@ -64,25 +69,25 @@ def weighted_mean(values: Iterable[Value]) -> Value:
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Integrals and gains over each window, SI, shape (n,) each."""
+    """Integrals and changes over each window, SI, shape (n,) each."""
 
     volts: np.ndarray  # integral of the voltage, V s; with open terminals of the EMF
     amperes: np.ndarray  # integral of the current, A s
-    rise: np.ndarray  # gain of the current, A
-    # gain of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held
+    rise: np.ndarray  # change of the current, A
+    # change of the angle, rad: of the plate, or of the motor where the gear is apart; 0 with the plate held
     turn: np.ndarray
     brushes: np.ndarray  # integral of the current's sign, s
     seconds: np.ndarray  # length of the window, s
     calm: np.ndarray  # 1 where the voltage does not jump within the window, else 0
-    heard: tuple[float, float]  # noises of rise and turn, to tell a gain from noise
+    noise: tuple[float, float]  # standard deviations of the noise of rise and turn
 
     def where(self, rows: np.ndarray) -> Windows:
-        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "heard"})
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "noise"})
 
 
 @dataclass(frozen=True)
 class Circuit:
-    """What the windows say; None where they say nothing of it."""
+    """The values that windows show; None for a value that they do not show."""
 
     R: Value | None  # ohm; of the whole circuit
     L: Value | None  # H
@@ -102,13 +107,13 @@ def joined(parts: Iterable[Windows | None]) -> Windows | None:
     there = [part for part in parts if part is not None]
     if not there:
         return None
-    names = [f.name for f in fields(Windows) if f.name != "heard"]
+    names = [f.name for f in fields(Windows) if f.name != "noise"]
     arrays = {name: np.concatenate([getattr(part, name) for part in there]) for name in names}
-    return Windows(**arrays, heard=max(part.heard for part in there))
+    return Windows(**arrays, noise=max(part.noise for part in there))
 
 
 def windows_of(trace: Measurement, config: RigConfig) -> Windows | None:
-    """The trace cut into windows; None where it lacks what the equation needs, or is too short."""
+    """The trace cut into windows; None where it lacks a channel that the equation needs, or is too short."""
     boundary = TEST_BY_NAME[trace.test].boundary
     emf = trace.channels.get("emf", trace.channels.get("voltage"))
     volts = emf if boundary.terminals_open else drive_voltage(trace, config)
@@ -122,7 +127,7 @@ def windows_of(trace: Measurement, config: RigConfig) -> Windows | None:
 
 
 def _angle(trace: Measurement, gear_apart: bool) -> Channel | None:
-    """Angle of the plate, or of the motor alone by its speed, rad."""
+    """Angle of the plate, or of the motor alone from its speed, rad."""
     channel = trace.channels.get("motor_speed" if gear_apart else "position")
     if channel is None or not gear_apart:
         return channel
@@ -154,13 +159,13 @@ def _cut(volts: Channel, current: Channel | None, angle: Channel | None) -> Wind
         brushes=gain(_integral(time, sign)),
         seconds=gain(time),
         calm=(gain(passed) == 0).astype(float),
-        heard=(0.0 if current is None else current.sigma, 0.0 if angle is None else angle.sigma),
+        noise=(0.0 if current is None else current.sigma, 0.0 if angle is None else angle.sigma),
     )
     return whole if current is None else whole.where(gain(np.cumsum(_in_gaps(current.time, time))) == 0.0)
 
 
 def _in_gaps(logged: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """1 at instants about which a channel has no sample for three of its intervals, shape (n,)."""
+    """1 at instants around which a channel has no sample for three of its intervals, shape (n,)."""
     steps = np.concatenate(([np.inf], np.diff(logged), [np.inf]))
     about = np.minimum(np.searchsorted(logged, time), steps.size - 1)
     inside = (time > logged[0]) & (time < logged[-1])
@@ -184,7 +189,7 @@ def excess(traces: Sequence[Measurement], config: RigConfig, drop: float) -> Val
 
 
 def left_by(values: Mapping[str, Value], w: Windows) -> np.ndarray:
-    """What these values leave of the voltage in each window, V, shape (n,)."""
+    """The part of the voltage in each window that these values do not explain, V, shape (n,)."""
     columns = {"R": w.amperes, "L": w.rise, "k": w.turn, "drop": w.brushes}
     return (w.volts - sum(value.value * columns[name] for name, value in values.items())) / w.seconds
 
@@ -199,9 +204,9 @@ def _solved(w: Windows) -> Circuit | None:
 
 
 def values_of(w: Windows) -> dict[str, Value] | None:
-    """R, L, k and drop, those of them that these windows show; None where there are too few."""
+    """Those of R, L, k and drop that these windows show; None where there are too few windows."""
     columns = {"R": w.amperes} if np.any(w.amperes) else {}
-    for name, gain, noise in (("L", w.rise, w.heard[0]), ("k", w.turn, w.heard[1])):
+    for name, gain, noise in (("L", w.rise, w.noise[0]), ("k", w.turn, w.noise[1])):
         if gain.size and np.sqrt(np.mean(gain**2)) > SEEN * noise and np.any(gain):
             columns[name] = gain
     both = np.sqrt(np.sum(w.amperes**2) * np.sum(w.brushes**2))
@@ -213,7 +218,7 @@ def values_of(w: Windows) -> dict[str, Value] | None:
 
 
 def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[str, Value]:
-    """Coefficients with standard errors from the scatter of the windows that were not thrown out."""
+    """Coefficients with standard errors from the scatter of the windows that were not rejected as outliers."""
     scale = np.array([np.sqrt(np.mean(c**2)) for c in columns.values()])
     rows = np.column_stack(list(columns.values())) / scale
     solution = robust_fit(rows, right)
@@ -229,11 +234,11 @@ def _least_squares(columns: dict[str, np.ndarray], right: np.ndarray) -> dict[st
 
 @dataclass(frozen=True, eq=False)
 class OtherCurrent:
-    """One rig test, its current read in three ways."""
+    """The windows of one rig test for three interpretations of its current."""
 
     motor: Windows  # windows with the current as logged
-    supply: Windows  # with that of the motor, were a supply's logged; for a supply of `volts`
-    volts: float  # of the supply; 1 where it is unknown, and then R is one of 1 V
+    supply: Windows  # windows with the motor's current if the supply's was logged, for a supply of `volts`
+    volts: float  # voltage of the supply; 1 where it is unknown: R is then not in ohm
 
     @cached_property
     def sign(self) -> np.ndarray:
@@ -250,12 +255,12 @@ class OtherCurrent:
         return _signed(self.motor, self.sign)
 
     def better(self, other: Windows, part: float, rows: np.ndarray | None = None) -> tuple[float, Value] | None:
-        """How many times less another reading leaves, and the R that it shows; None where it shows no motor.
+        """Factor by which another interpretation reduces the unexplained voltage, and its R; None where it is no motor.
 
         Args:
-            other: the windows with that reading.
-            part: of the windows that leave less than what is compared.
-            rows: windows in which they are compared; None: in all.
+            other: the windows with that interpretation.
+            part: quantile of the unexplained voltages that is compared.
+            rows: windows in which they are compared; None: all.
         """
         motor = self.motor if np.any(other.brushes) else _signed(self.motor, np.ones(self.motor.volts.size))
         as_logged, values = values_of(motor), values_of(other)
@@ -269,12 +274,13 @@ class OtherCurrent:
 
 
 def _signed(w: Windows, sign: np.ndarray) -> Windows:
-    """Without brushes: a drop with the voltage's sign would explain a held voltage by itself."""
+    """The windows with a sign of the current, without brushes: a drop with the voltage's sign would explain a held
+    voltage alone."""
     return replace(w, amperes=sign * w.amperes, rise=sign * w.rise, brushes=np.zeros_like(w.brushes))
 
 
 def other_current(traces: Sequence[Measurement], config: RigConfig) -> OtherCurrent | None:
-    """The current of one rig test in each reading; None for too few windows."""
+    """The current of one rig test in each interpretation; None for too few windows."""
     if TEST_BY_NAME[traces[0].test].boundary.terminals_open:
         return None
     drives = {t.file: v for t in traces if "current" in t.channels and (v := drive_voltage(t, config)) is not None}
@@ -307,7 +313,7 @@ def _windows(
     config: RigConfig,
     read: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> Windows | None:
-    """Windows of all traces, with something made of current and voltage in the place of the current."""
+    """Windows of all traces with a function of current and voltage in place of the current."""
     parts = []
     for trace in traces:
         current = trace.channels["current"]

@@ -1,19 +1,20 @@
-"""What a clock and the mains show: hum, a time base that runs fast or slow, samples that were lost.
+"""Finds mains hum, a time base that runs fast or slow, and lost samples.
 
 Mains hum is a line at 50 or 60 Hz in a channel, the same in every trace of a test.
 
     chance = P(chi2_(2n) > -2 sum log p_j),   p_j from `line.py`, over the n traces of the test
 
-It must be far clearer than the clearest line in the neighbouring bands, which motion that repeats itself makes as well.
+It must be far clearer than the clearest line in the neighbouring bands, because periodic motion makes lines too.
 
-A time base that runs fast or slow in one rig test, where it shows without a fit.
+A time base that runs fast or slow in one rig test, where the records show it without a fit.
 
     logged = s x true time:  mains hum at f/s   or   back-EMF constant s k and duration of the fall s T, both alike
 
-Two clocks: the mains, wherever it hums in a channel; and the same plate let go from open in two tests, whose EMF over
-speed and whose fall are stretched by the same factor. A gain of the EMF would stretch only the first.
+There are two references: the mains, where it hums in a channel; and the same plate released from open in two tests,
+whose
+EMF over speed and whose fall are stretched by the same factor. A gain error of the EMF would stretch only the first.
 
-Samples that an even clock lost: intervals of two, three ... periods among many of one.
+Samples lost by an even clock: intervals of two, three ... periods among many of one.
 """
 
 from __future__ import annotations
@@ -33,42 +34,42 @@ from .circuit import Value, weighted_mean
 from .line import Line, Spectrum, line_near
 
 MAINS = (50.0, 60.0)  # Hz
-HUM_CHANCE = 1e-6  # the greatest of a finding
-HUM_BAND = 0.01  # relative deviation of the mains frequency that is searched
-HUM_NOISES = 0.15  # of one sample, the least amplitude
+HUM_CHANCE = 1e-6  # largest chance of a finding
+HUM_BAND = 0.01  # relative deviation of the mains frequency within which it is sought
+HUM_NOISES = 0.15  # least amplitude over the noise of one sample
 
-CLOCK_BAND = 0.06  # relative deviation of a clock that is searched for
-CLOCK_CHANCE = 1e-10  # of the line that serves as a clock, at most
+CLOCK_BAND = 0.06  # relative deviation of a clock within which it is sought
+CLOCK_CHANCE = 1e-10  # largest chance of the line that serves as a reference
 CLEAR = 1e-3  # chance of a line in one trace below which its frequency counts
-GRID = 0.006  # relative deviation of the mains itself
-ERRORS = 4.5  # standard errors
-FALL_SHARE = 0.012  # relative deviation of a fall, at least
-ALIKE, AGREE = 0.25, 0.006  # by which the two stretches may differ, relative to the larger, and at least so much
-FIRST, LAST = 0.8, 0.2  # of the stroke, between which a fall is timed
+GRID = 0.006  # largest relative deviation of the mains itself
+ERRORS = 4.5  # standard errors of a finding
+FALL_SHARE = 0.012  # least relative deviation of a fall
+ALIKE, AGREE = 0.25, 0.006  # allowed difference of the two stretches: relative to the larger one, and absolute
+FIRST, LAST = 0.8, 0.2  # shares of the stroke between which a fall is timed
 
-EVEN = 0.9  # share of the intervals that must be one period; else the logger has no clock of its own
-WHOLE = 0.2  # periods, what counts as a whole number of them
-LOST_SHARE = 1e-4  # of the samples, the least that are lost
+EVEN = 0.9  # least share of the intervals that are one period; otherwise the logger has no even clock
+WHOLE = 0.2  # periods: allowed deviation from a whole number of periods
+LOST_SHARE = 1e-4  # least share of lost samples
 
 
 class Mains(NamedTuple):
-    """The mains as one channel of one rig test shows it."""
+    """The line of the mains in one channel of one rig test."""
 
     nominal: float  # Hz
-    lines: tuple[Line, ...]  # of each trace in which a line could be sought
-    chance: float  # of all of them together
-    neighbours: float  # that of the clearest lines in the neighbouring bands
+    lines: tuple[Line, ...]  # the line in each trace in which one could be sought
+    chance: float  # chance of all of them together
+    neighbours: float  # chance of the clearest lines in the neighbouring bands
     amplitude: float  # median, SI
     frequency: float  # weighted mean by the log's clock, Hz
     error: float  # of the frequency, Hz
 
     def is_clear(self, chance: float) -> bool:
-        """Rarer than this, and than the square of what the neighbouring bands show."""
+        """Whether the line is rarer than this chance, and than the square of that of the neighbouring bands."""
         return self.chance < chance and self.chance < max(self.neighbours, 1e-150) ** 2
 
 
 def _mains_in(records: Records, test: str, name: str, band: float) -> Mains | None:
-    """The clearer of the two mains frequencies in a channel of a test's traces; None where none can be sought."""
+    """The clearer of the two mains frequencies in a channel of a test's traces; None where no trace allows it."""
     spectra = [s for t in records.tests[test] if (s := records.spectra.get((t.file, name))) is not None]
     found = [_at(spectra, nominal, band) for nominal in MAINS] if spectra else []
     return min(found, key=lambda m: m.chance, default=None)
@@ -82,7 +83,7 @@ def _at(spectra: Sequence[Spectrum], nominal: float, band: float) -> Mains:
 
 
 def _together(chances: Sequence[float]) -> float:
-    """Chance of n chances as small as these, by chi2 of 2n degrees of freedom (Fisher 1932).
+    """Combined chance of n independent chances, by chi2 of 2n degrees of freedom (Fisher 1932).
 
     exp(-h) sum_(k < n) h^k / k!,    h = -sum log chance
     """
@@ -106,7 +107,7 @@ def hum(records: Records) -> Iterator[Finding]:
                               f"In {test} '{channel.header}' carries a line of {mains.nominal:g} Hz, amplitude "
                               f"{size:.3g} {unit}.",
                               "Ground or twist the sensor's leads and log again; until then "
-                              f"[noise] in rig.toml must count it, {key} = {noise:.3g}.", test,
+                              f"[noise] in rig.toml must include it: {key} = {noise:.3g}.", test,
                               channel=name)  # fmt: skip
 
 
@@ -115,7 +116,7 @@ def _measured(traces: Sequence[Measurement]) -> list[str]:
 
 
 def time_scale(records: Records) -> Iterator[Finding]:
-    """Clocks that run fast or slow, by the mains, else by two falls."""
+    """Clocks that run fast or slow, by the mains, otherwise by two falls."""
     hummed = []
     for test, traces in records.tests.items():
         found = [_mains_in(records, test, name, CLOCK_BAND) for name in _measured(traces)]
@@ -155,12 +156,12 @@ def _by_falls(records: Records) -> Iterator[Finding]:
     if stretch * fall <= 0.0 or min(abs(stretch), abs(fall)) < least or not both:
         return
     test, s = _odd_one(records, one, other, float(np.exp(0.5 * (stretch + fall))))
-    yield _stretched(test, s, 0.0, f"the plate falls in {s:.4g} of the time that it takes in "
-                     f"{other if test == one else one}, and its EMF over speed is as much off")  # fmt: skip
+    yield _stretched(test, s, 0.0, f"the plate falls in {s:.4g} times the time of "
+                     f"{other if test == one else one}, and its EMF over speed differs by this factor")  # fmt: skip
 
 
 def _odd_one(records: Records, one: str, other: str, s: float) -> tuple[str, float]:
-    """Which of two it is: the one whose back-EMF constant is farther from that of the other tests."""
+    """The test whose clock is wrong: the one whose back-EMF constant is farther from that of the other tests."""
     ratio = records.config.gear_ratio
     rest = [(t, c.k.value) for t, c in records.circuits.items() if t not in (one, other) and c.k]
     others = [log(k * (ratio if TEST_BY_NAME[t].boundary.gear_apart else 1.0)) for t, k in rest if k > 0.0]
@@ -175,12 +176,12 @@ def _stretched(test: str, s: float, chance: float, words: str) -> Finding:
     way = "fast" if s > 1.0 else "slow"
     return Finding("time_scale", s, "", chance,
                    f"The clock of {test} runs {100.0 * abs(s - 1.0):.3g} % {way}: {words}.",
-                   f"Head its time column 'time [{scaled_unit('s', 1.0 / s)}]' if it is in s now, or correct the "
-                   "sample rate that the logger was given.", test, channel="time")  # fmt: skip
+                   f"Name its time column 'time [{scaled_unit('s', 1.0 / s)}]' if it is in s now, or correct the "
+                   "sample rate in the logger's settings.", test, channel="time")  # fmt: skip
 
 
 def _fall_time(trace: Measurement) -> float | None:
-    """How long a released plate takes from 80 to 20 % of its stroke, s; None where it was not logged."""
+    """Time of a released plate from 80 to 20 % of its stroke, s; None where it was not logged."""
     position = trace.channels.get("position")
     if position is None:
         return None
@@ -190,7 +191,7 @@ def _fall_time(trace: Measurement) -> float | None:
 
 
 def _crossing(time: np.ndarray, value: np.ndarray, level: float) -> float | None:
-    """When a fall crosses a level: a line through the samples that lie near it."""
+    """Time at which a fall crosses a level, by a line through the samples near it."""
     below = value < level
     if not below.any() or below[0]:
         return None
@@ -207,13 +208,13 @@ def lost_samples(records: Records) -> Iterator[Finding]:
         count = sum(lost.values())
         yield found_in(lost, traces, Finding(
             "lost_samples", count, "samples", 0.0, f"an even clock has lost {count} samples.",
-            "Nothing need be mended, for time is read as it is logged; look whether the logger wrote its rows too "
-            "late.", channel="time",
+            "No mend is needed, because times are read as logged; check whether the logger wrote its rows too late.",
+            channel="time",
         ))  # fmt: skip
 
 
 def _lost(trace: Measurement, _: RigConfig) -> int | None:
-    """How many samples an even clock has lost; None for few."""
+    """Number of samples that an even clock has lost; None for few."""
     periods = np.diff(trace.time) / np.median(np.diff(trace.time))
     whole = np.round(periods)
     if np.mean(np.abs(periods - 1.0) < WHOLE) < EVEN:

@@ -1,20 +1,21 @@
-"""Constants of the motor on which the rig tests contradict each other: a unit, the gear ratio, a resistor.
+"""Finds wrong units, a wrong gear ratio and extra resistors, by motor constants in which rig tests contradict each
+other.
 
-A unit that is off by 1000, 60, 2 pi ... in one rig test and stayed plausible, and a gear ratio that was miscounted.
+A unit that is wrong by 1000, 60, 2 pi ... in one rig test with plausible numbers, and a miscounted gear ratio.
 
     logged = c x true:  current  R -> R/c            voltage  R -> c R, k -> c k
                         position k -> k/c            EMF      k -> c k           motor speed  k -> k/c
 
-R and k of `circuit.py` are the same in every test: N K_b at the plate and K_b at the motor. The test that differs from
-the median of the others by one of the usual factors has the slip; where every test at the plate differs from the motor
-alone by one factor that is no unit's, it is the gear ratio, N = k at the plate / k at the motor.
+R and k of `circuit.py` are the same in every test: k is N K_b at the plate and K_b at the motor. A test that differs
+from the median of the others by one of the usual factors has a wrong unit; where every test at the plate differs from
+the motor alone by one factor that belongs to no unit, the gear ratio is wrong, N = k at the plate / k at the motor.
 
-More resistance in the circuit of one rig test than in that of another: harness, shunt, a forgotten resistor.
+More resistance in the circuit of one rig test than in that of another: harness, shunt, or a forgotten resistor.
 
     v = (R + R_s) i + L di/dt + k w + V_b sgn i
 
-R and the brushes' V_b are read where several levels of current tell them apart, R_s off each other test. A resistor
-only adds, so the test with the larger R has it.
+R and the brushes' V_b are read from a test in which several levels of current separate them, R_s from each other test.
+A resistor increases R, so the test with the larger R has it.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from ..base import Finding
 from .base import Records, by_chance, scaled_unit
 from .circuit import Value, excess
 
-ERRORS = 8.0  # standard errors of a reading: one that is less sure says nothing; and by which two must differ
+ERRORS = 8.0  # least size of a reading, and least difference of two readings, in standard errors
 
-# factors by which the numbers of a channel may be too large, and too small
+# factors by which the numbers of a channel may be too large or too small
 SLIPS: Mapping[str, tuple[float, ...]] = {
     "voltage": (1e3, 1e6),
     "emf": (1e3, 1e6),
@@ -38,26 +39,26 @@ SLIPS: Mapping[str, tuple[float, ...]] = {
     "position": (180.0 / pi, 1e3, 2.0 * pi, 360.0),
     "motor_speed": (30.0 / pi, 60.0, 2.0 * pi, 180.0 / pi),
 }
-# logged unit, factor -> what the numbers are really in; any other pair is written as a number and a unit
+# logged unit, factor -> the real unit of the numbers; any other pair is written as a number and a unit
 BETTER: Mapping[tuple[str, int], str] = {
     ("A", 1000): "mA", ("mA", -1000): "A", ("V", 1000): "mV", ("mV", -1000): "V",
     ("rad", 57): "deg", ("deg", -57): "rad", ("rad/s", 10): "rpm", ("rpm", -10): "rad/s",
 }  # fmt: skip
-NEAR = 0.2  # relative deviation from a usual factor that counts as it
-SURELY = 100.0  # factor beyond which no rig explains it
-# Deviation from a usual factor below which nothing else explains a smaller one either: a gear ratio that is miscounted
-# by 30/pi within a few per cent is less likely than rad/s under the head rpm.
+NEAR = 0.2  # relative deviation within which a factor counts as a usual one
+SURELY = 100.0  # factor beyond which no other cause is possible
+# Deviation from a usual factor below which a smaller factor has no other cause either: a gear ratio that is miscounted
+# by 30/pi within a few per cent is less likely than rad/s under the header rpm.
 CLOSELY = 0.03
-GEAR_SHARE = 0.1  # by which the gear ratio must be off
+GEAR_SHARE = 0.1  # least relative error of the gear ratio
 
 REFERENCE = ("resistance", "static_load", "response")  # tests that show the resistance, best first
-MORE = 0.12  # of R, the least difference; below it a warm winding does as much
-MOST = 5.0  # times R; beyond it a unit is the likelier slip
-LEAST_AMPERES = 0.05  # least typical current that shows a resistance
+MORE = 0.12  # least difference, share of R: a warm winding causes smaller ones
+MOST = 5.0  # times R: for a larger difference a wrong unit is likelier
+LEAST_AMPERES = 0.05  # A: least typical current that shows a resistance
 
 
 def unit_scale(records: Records) -> Iterator[Finding]:
-    """Channels whose numbers are off by a unit's factor."""
+    """Channels whose numbers are wrong by the factor of a unit."""
     R, k = _sure(records, "R"), _sure(records, "k")
     for test in records.circuits:
         r, s = _against(R, test), _against(k, test)
@@ -72,12 +73,12 @@ def unit_scale(records: Records) -> Iterator[Finding]:
                      "what the other tests show.")  # fmt: skip
             gear = " If the unit is right, gear_ratio in rig.toml is wrong." if channel == "motor_speed" else ""
             sure = max(c, 1.0 / c) > SURELY or abs(log(abs(seen) / c)) < CLOSELY
-            mend = f"Head the column '{logged.name} [{unit}]' there.{gear}"
+            mend = f"Name the column '{logged.name} [{unit}]' there.{gear}"
             yield Finding("unit_scale", c, "", 0.0, found, mend, test, channel=channel, sure=sure)
 
 
 def _sure(records: Records, name: str) -> dict[str, float]:
-    """Sure readings by test; k as of the motor."""
+    """Significant readings by test; k referred to the motor."""
     values: dict[str, float] = {}
     for test, circuit in records.circuits.items():
         value: Value | None = getattr(circuit, name)
@@ -94,7 +95,7 @@ def _against(values: Mapping[str, float], test: str) -> float | None:
 
 
 def _slips(records: Records, test: str, r: float | None, s: float | None) -> Iterator[tuple[str, float, float]]:
-    """Channel, usual slip and factor seen."""
+    """Channel, usual factor and observed factor."""
     boundary = TEST_BY_NAME[test].boundary
     if boundary.terminals_open:
         if s is not None and (c := _usual("emf", s)):
@@ -113,13 +114,13 @@ def _slips(records: Records, test: str, r: float | None, s: float | None) -> Ite
 
 
 def _usual(channel: str, factor: float) -> float | None:
-    """The usual slip that a factor is, or None."""
+    """The usual factor that is near a factor, or None."""
     both = (c for slip in SLIPS[channel] for c in (slip, 1.0 / slip))
     return next((c for c in both if abs(log(abs(factor) / c)) < NEAR), None)
 
 
 def gear_ratio(records: Records) -> Iterator[Finding]:
-    """A gear ratio that the tests contradict, where no slip of units is the likelier mistake."""
+    """A gear ratio that the tests contradict, where a wrong unit is not the likelier mistake."""
     sure = {t: c.k for t, c in records.circuits.items() if c.k and c.k.value > ERRORS * c.k.error}
     alone = [k.value for t, k in sure.items() if TEST_BY_NAME[t].boundary.gear_apart]
     plate = [k.value for t, k in sure.items() if not TEST_BY_NAME[t].boundary.gear_apart]
@@ -135,12 +136,12 @@ def gear_ratio(records: Records) -> Iterator[Finding]:
         "gear_ratio", found / given, "", 0.0,
         f"The back-EMF constants of plate and motor alone have the ratio {found:.4g}, but gear_ratio {words} in "
         "rig.toml.",
-        f"Count the teeth; where it is so, write [rig] gear_ratio = {found:.4g} in rig.toml.",
+        f"Count the teeth; if the ratio is right, write [rig] gear_ratio = {found:.4g} in rig.toml.",
     )  # fmt: skip
 
 
 def series_resistance(records: Records) -> Iterator[Finding]:
-    """Tests with more resistance in their circuit; that of a test is known where rig.toml states its own."""
+    """Tests with more resistance in their circuit, except where rig.toml states the series resistance of the test."""
     unstated = {name: c for name, c in records.circuits.items() if name not in records.config.series_ohm}
     sure = {name: c.R for name, c in unstated.items() if c.R and c.R.value > ERRORS * c.R.error
             and c.amperes > LEAST_AMPERES and (c.k is None or c.k.value > 0.0)}  # fmt: skip
@@ -160,7 +161,7 @@ def series_resistance(records: Records) -> Iterator[Finding]:
 
 
 def _more(a: Value, b: Value) -> bool:
-    """a's resistance is larger than b's, by more than errors and warmth."""
+    """Whether the resistance a is larger than b by more than errors and a warm winding explain."""
     more, error = a.value - b.value, (a.error**2 + b.error**2) ** 0.5
     return b.value > 0.0 and MORE * b.value < more < MOST * b.value and more > ERRORS * error
 

@@ -1,15 +1,16 @@
-"""How long before its first sample an edge of the voltage really came, from the rise of the current alone.
+"""Finds voltage edges that are synchronous with the samples, from the rise of the current alone: the phase of an edge
+is its time before the first sample that shows it.
 
     y_j = (i_j - i_before) / (v_after - v_before) = (1 - a^(phi + j)) / R,   a = exp(-R dt / L),   j = 0, 1, 2, ...
 
-With y_(j+1) = (1 - a)/R + a y_j every edge gives a and R; a robust line through those of all edges of a test is taken,
-and with it each edge's own phase phi = log(1 - R y_0)/log a, in sample intervals: 0 where the edge came with the sample
-that first shows it, 1 where it came a whole interval earlier. One clock for output and logger makes them all the same;
-else they are uniform. A common phase is a habit, no mistake, but a fit that takes each instant as independent is biased
-by it.
+With y_(j+1) = (1 - a)/R + a y_j every edge gives a and R. A robust line through those of all edges of a test gives a
+and R, and with them each edge's phase phi = log(1 - R y_0)/log a, in sample intervals: 0 where the edge coincides with
+the sample that first shows it, 1 where it came a whole interval earlier. With one clock for output and logger all
+phases are equal; otherwise they are uniform. A common phase is a habit, not a mistake, but it biases a fit that takes
+the instants as independent.
 
-Phases are points on a circle of one turn, where 0 and 1 are the same: their mean, how far they lie apart, and by what
-chance they lie so close together.
+Phases are points on a circle of one turn, where 0 and 1 are the same. Their mean, their spread, and the chance of so
+small a spread:
 
     z = sum_k w_k exp(2 pi i p_k) / sum_k w_k,   mean = arg z / 2 pi,   spread = sqrt(-2 log |z|) / 2 pi
 
@@ -29,20 +30,20 @@ from ..base import Finding, Measurement
 from ..signals import jumps
 from .base import Records
 
-MIN_RISE = 0.02  # part of its way that the current must go within one sample for a phase to be read
-AFTER, BEFORE = 4, 3  # samples looked at
-JUMP, JUMP_SHARE = 12.0, 0.1  # noises of the voltage, and share of its span, that an edge must reach
-FEWEST = 5  # edges without which nothing is said
-CHANCE = 1e-4  # probability of phases as close together by chance, at most
-SPREAD = 0.08  # of the phases about their mean, in sample intervals, at most
-ERROR = 0.1  # of a phase; less sure ones are left out
+MIN_RISE = 0.02  # least share of its rise that the current makes within one sample, for a phase to be read
+AFTER, BEFORE = 4, 3  # samples that are used
+JUMP, JUMP_SHARE = 12.0, 0.1  # least size of an edge: standard deviations of the noise, and share of the span
+FEWEST = 5  # least number of edges of a finding
+CHANCE = 1e-4  # largest probability of phases as close together by chance
+SPREAD = 0.08  # largest spread of the phases about their mean, sample intervals
+ERROR = 0.1  # largest standard error of a phase that is used
 
 
 class OnCircle(NamedTuple):
-    """Where points lie."""
+    """Mean and mean vector of points on a circle."""
 
     mean: float  # turns, from -0.5 to 0.5
-    length: float  # of their mean vector: 1 where all are the same, 0 where they cancel
+    length: float  # length of their mean vector: 1 where all are equal, 0 where they cancel
 
     @property
     def spread(self) -> float:
@@ -51,23 +52,23 @@ class OnCircle(NamedTuple):
 
 
 def on_circle(points: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"] | None = None) -> OnCircle:
-    """Where points lie, turns; each counts as its weight, or all alike."""
+    """Mean and mean vector of points, turns, weighted or with equal weights."""
     z = np.average(np.exp(2j * np.pi * points), weights=weights)
     return OnCircle(float(np.angle(z) / (2.0 * np.pi)), float(abs(z)))
 
 
 def apart(points: Float[np.ndarray, " n"], mean: float) -> Float[np.ndarray, " n"]:
-    """Distance of points ahead of a mean, the shorter way round, turns."""
+    """Distance of points ahead of a mean, in the shorter direction, turns."""
     return (points - mean + 0.5) % 1.0 - 0.5
 
 
 def rayleigh_chance(points: Float[np.ndarray, " n"]) -> float:
-    """P = exp(-n |z|^2): that n points at random have a mean vector as long, for n of 5 or more (Rayleigh's test)."""
+    """P = exp(-n |z|^2): probability that n random points have a mean vector as long, for n >= 5 (Rayleigh's test)."""
     return float(np.exp(-points.size * on_circle(points).length ** 2))
 
 
 def arc_chance(points: Float[np.ndarray, " n"]) -> float:
-    """P = n w^(n-1): that n points at random lie within an arc of w <= 1/2 turns (Stevens 1939)."""
+    """P = n w^(n-1): probability that n random points lie within an arc of w <= 1/2 turns (Stevens 1939)."""
     sorted_ = np.sort(points % 1.0)
     gaps = np.diff(sorted_, append=sorted_[0] + 1.0)
     w = 1.0 - float(gaps.max())
@@ -78,24 +79,24 @@ def arc_chance(points: Float[np.ndarray, " n"]) -> float:
 class EdgePhase:
     """Phase of the edges of one rig test, in sample intervals before the sample that first shows them."""
 
-    phase: float  # mean on the circle, 0 to 1; of edges on the samples the end that most of them show
+    phase: float  # mean on the circle, 0 to 1; for edges on the samples the end (0 or 1) that most of them show
     error: float  # its standard error
-    edges: int  # how many it was read from
-    # probability that edges at any instants would have phases as close together: twice the lesser of Rayleigh's and
-    # that of the arc they lie in
+    edges: int  # number of edges
+    # probability that random edges have phases as close together: twice the smaller of Rayleigh's and that of the arc
+    # that contains them
     chance: float
 
 
 def synchronous_edges(records: Records) -> Iterator[Finding]:
-    """One clock for output and logger: every edge of the voltage comes at the same phase of the sampling interval."""
+    """One clock for output and logger: all edges of the voltage have the same phase in the sampling interval."""
     for test, traces in records.tests.items():
         found = edge_phase(traces)
         if found is not None:
             yield Finding("synchronous_edges", found.phase, "sample intervals", found.chance,
-                          f"In {test} the voltage's edges are in step with the samples: all {found.edges} come "
+                          f"In {test} the voltage's edges are synchronous with the samples: all {found.edges} come "
                           f"{found.phase:.2f} +- {found.error:.2f} of an interval before the sample that first "
                           "shows them.",
-                          "Nothing in the files is wrong: the instants of one test share one phase, which the fit "
+                          "The files are right: the instants of one test share one phase, which the fit "
                           "estimates.", test, channel="voltage")  # fmt: skip
 
 

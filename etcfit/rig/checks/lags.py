@@ -1,24 +1,25 @@
-"""Instruments slower than what they record: a current channel behind a low-pass, a log slower than its input.
+"""Finds instruments that are too slow: a current channel with a low-pass, and a log that is slower than its input.
 
 The rise of a held winding's current after a step has two time constants behind a low-pass.
 
     one lag    y = y_0 + A (1 - exp(-s/T)),                                                       s = t - t_0 >= 0
     two lags   y = y_0 + A (1 - (T_a exp(-s/T_a) - T_b exp(-s/T_b)) / (T_a - T_b))
 
-t_0 is free in both, so a channel that is merely late is none. The rise is the same with T_a and T_b exchanged: which of
-them is L/R and which is the channel's, no current shows. A low-pass that is much faster than L/R, or than the log,
-leaves one lag; then R T is an upper bound of L, and no record says so, but one much slower than a winding's.
+t_0 is free in both, so a pure delay of a channel is no second lag. The rise is the same with T_a and T_b exchanged, so
+the current does not show which of them is L/R and which is that of the channel. With a low-pass that is much faster
+than L/R, or than the log, only one lag is visible; R T is then an upper bound of L, and the record shows a low-pass
+only where T is much longer than that of any winding.
 
 Source: Doebelin 2003, ch. 3 (two instruments of first order in a row). Differs from source: no.
 
-A log is slower than what acts in it where the input changes between two samples, and when is unknown.
+A log is too slow where the input changes between two samples at unknown instants.
 
     y_(k+1) - y_k = a + sum_j b_j y_(k-j) + sum_j c_j u_(k-j) + d u_(k+1),   j = 0 ... 3
 
-An input that is held from sample to sample, or that a log follows, gives the next position from what was logged up to
-now. Where a controller acted several times between two samples, the next input u_(k+1) shows it too, d > 0. A
-controller that reads the position also makes d other than zero, but below it: it pulls back. Samples about a lone edge
-are left out: its instant is sought by the fit.
+With an input that is held from sample to sample, or that the log resolves, the logged past predicts the next position.
+Where a controller acted several times between two samples, the next input u_(k+1) improves the prediction, d > 0. A
+controller that reads the position makes d non-zero too, but negative, because it counteracts the motion. Samples around
+a lone edge are left out, because the fit estimates its instant.
 """
 
 from __future__ import annotations
@@ -38,26 +39,26 @@ if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult
 
 WINDING = ("inductance", "response")  # tests that show L, best first
-CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with one ten times faster than the "
-        "winding, or put y + T dy/dt in the place of the column y.")  # fmt: skip
-SLOW = (0.03, 0.2)  # parts of the record at which the search for one lag begins
-FAST = (0.3, 0.05)  # parts of that lag at which the search for a second one begins
-GAIN = 30.0  # by how much two lags must lower chi2, over all steps of a test
-LAG_ERROR = 0.2  # of either time constant, relative, at most
-LEFT = 2.0  # noises, rms, that two lags may leave
-ALIKE = 3.0  # largest over smallest of a test's time constants, at most
-LONGEST = 8e-3  # s; no winding of a small motor has a longer L/R
+CURE = ("Look up the bandwidth of the current's channel, 1/(2 pi T): log again with a channel ten times faster than "
+        "the winding, or replace the column y by y + T dy/dt.")  # fmt: skip
+SLOW = (0.03, 0.2)  # shares of the record at which the search for one lag starts
+FAST = (0.3, 0.05)  # shares of that lag at which the search for a second one starts
+GAIN = 30.0  # least fall of chi2 by two lags, over all steps of a test
+LAG_ERROR = 0.2  # largest relative error of either time constant
+LEFT = 2.0  # largest rms residual with two lags, standard deviations of the noise
+ALIKE = 3.0  # largest ratio of the time constants of a test
+LONGEST = 8e-3  # s: longest L/R of the winding of a small motor
 LONGEST_ERRORS = 8.0  # standard errors by which L/R must be longer
-STEP_SAMPLES = 30  # after the step, at least
-FLAT = 0.03  # of the step, by which the voltage may move after it
+STEP_SAMPLES = 30  # least number of samples after the step
+FLAT = 0.03  # largest change of the voltage after the step, share of the step
 
 LAGS = 4
-AHEAD = 5.5  # standard errors of d
-NEW = 0.08  # rms of what the input's own past does not predict, of its standard deviation, at least
-LEVELS = 8  # fiftieths of its span that an input takes, at least: a binary signal is made for one clock
-FEWEST = 100  # samples
-ALONE = 0.1  # of an edge's size: changes about a lone edge are smaller
-EDGE, EDGE_SHARE = 9.0, 0.02  # noises, and of the span: an edge
+AHEAD = 5.5  # least d in standard errors
+NEW = 0.08  # least rms of the part of the input that its past does not predict, over its standard deviation
+LEVELS = 8  # least number of fiftieths of its span that an input takes: a binary signal usually has the logger's clock
+FEWEST = 100  # least number of samples
+ALONE = 0.1  # share of an edge: changes around a lone edge are smaller
+EDGE, EDGE_SHARE = 9.0, 0.02  # standard deviations of the noise, and share of the span: a larger change is an edge
 
 
 class Rise(NamedTuple):
@@ -65,13 +66,13 @@ class Rise(NamedTuple):
 
     slow: float  # s
     fast: float  # s
-    error: float  # the larger of theirs, relative
-    gain: float  # by which two lags lower chi2
-    left: float  # noises that two lags leave, rms
+    error: float  # the larger of their relative errors
+    gain: float  # fall of chi2 by two lags
+    left: float  # rms residual with two lags, standard deviations of the noise
 
 
 def slow_current(records: Records) -> Iterator[Finding]:
-    """A low-pass in the current's channel: two time constants with the plate held, or an L/R that no winding has."""
+    """A low-pass in the current's channel: two time constants with the plate held, or an impossibly long L/R."""
     found = []
     for test, traces in records.tests.items():
         if not TEST_BY_NAME[test].boundary.plate_held or test in records.blamed:
@@ -94,15 +95,15 @@ def _of_two_lags(rises: dict[str, Rise], traces: tuple[Measurement, ...], record
     henries = f": {R * a:.3g} or {R * b:.3g} H, not {R * (a + b):.3g}" if R is not None and R > 0.0 else ""
     return found_in(rises, traces, Finding(
         "slow_current", a, "s", by_chance(gain**0.5),
-        f"'{channel.header}' rises after the step as behind two lags, of "
-        f"{1e3 * a:.3g} and {1e3 * b:.3g} ms (two lower chi2 by {gain:.0f} against one that may begin late): one "
-        "is L/R of the winding, the other a low-pass in the current's channel. Which is which this current cannot "
-        f"tell, and a fit takes both for the winding's{henries}.", CURE, channel="current",
+        f"'{channel.header}' rises after the step with two lags of "
+        f"{1e3 * a:.3g} and {1e3 * b:.3g} ms (chi2 falls by {gain:.0f} compared with one delayed lag): one "
+        "is L/R of the winding, the other a low-pass in the current's channel. This current does not show which is "
+        f"which, and a fit takes both as the winding's{henries}.", CURE, channel="current",
     ))  # fmt: skip
 
 
 def _of_circuit(records: Records) -> Iterator[Finding]:
-    """An L/R that no winding has; a finding of every test where none has a shorter one."""
+    """An impossibly long L/R; a finding for every test if no test has a shorter one."""
     lags = {name: Value(c.L.value / c.R.value, c.L.error / c.R.value) for name, c in records.circuits.items()
             if c.L and c.R and c.R.value > 0.0}  # fmt: skip
     test = next((name for name in WINDING if name in lags), None)
@@ -114,7 +115,7 @@ def _of_circuit(records: Records) -> Iterator[Finding]:
         yield Finding(
             "slow_current", lag, "s", by_chance((lag - LONGEST) / error),
             f"In {test} the current follows the voltage with a lag of {1e3 * lag:.3g} +- {1e3 * error:.2g} ms; L/R "
-            "of a small motor's winding is a few. One lag says only the sum of the winding's and of a low-pass in "
+            "of a small motor's winding is a few. This lag is the sum of that of the winding and that of a low-pass in "
             f"the current's channel: {circuit.L.value:.3g} H is an upper bound of L_a.",
             CURE, None if alike else test, channel="current",
         )  # fmt: skip
@@ -139,7 +140,7 @@ def _rise(trace: Measurement, config: RigConfig) -> Rise | None:
 
 def _fitted(current: Channel, k: int) -> Rise:
     """Fit both models to the rise that begins about sample k."""
-    from scipy.optimize import least_squares  # takes longer to import than a check of most folders
+    from scipy.optimize import least_squares  # its import takes longer than the check of most folders
 
     t, y = current.time - current.time[k], current.value
     interval, length = float(np.median(np.diff(t))), float(t[-1])
@@ -181,8 +182,8 @@ class Look(NamedTuple):
     """The input of one trace."""
 
     ahead: float  # t of the next sample as a predictor of the motion before it
-    new: float  # rms of what its own past does not predict, of its standard deviation
-    rate: float  # of the log, Hz
+    new: float  # rms of the part that its past does not predict, over its standard deviation
+    rate: float  # sample rate of the log, Hz
 
 
 def slow_log(records: Records) -> Iterator[Finding]:
@@ -193,17 +194,17 @@ def slow_log(records: Records) -> Iterator[Finding]:
         name = "voltage" if "voltage" in channels else "duty"
         yield found_in(slow, traces, Finding(
             "slow_log", worst.rate, "Hz", by_chance(worst.ahead),
-            f"the log is slower than what acts in it: at {worst.rate:.4g} Hz '{channels[name].header}' changes "
-            f"between two samples, for its next sample tells the motion before it ({worst.ahead:.0f} standard errors), "
-            f"and {100.0 * worst.new:.0f} % of its rms is new from one sample to the next. A fit or a diagnosis can "
-            "only guess what acted in between.",
-            "Log at the rate at which the controller acts, or faster; or log the setpoint and take [ecu] in "
-            "rig.toml, so that the model works out what acted between samples.", channel=name,
+            f"the log is too slow: at {worst.rate:.4g} Hz '{channels[name].header}' changes between two samples, "
+            f"because its next sample predicts the motion before it ({worst.ahead:.0f} standard errors), and "
+            f"{100.0 * worst.new:.0f} % of its rms is new from one sample to the next. A fit or a diagnosis can only "
+            "guess the input between samples.",
+            "Log at the rate of the controller, or faster; or log the setpoint and write [ecu] in rig.toml, so that "
+            "the model computes the input between samples.", channel=name,
         ))  # fmt: skip
 
 
 def _look(trace: Measurement, config: RigConfig) -> Look | None:
-    """What predicts the motion, where it is the next input; None where the log follows its input."""
+    """The result for a trace whose next input predicts the motion; None where the log resolves its input."""
     drive = drive_voltage(trace, config)
     position = trace.channels.get("position") or trace.channels.get("motor_speed")
     if drive is None or position is None or drive.value.size < FEWEST:
@@ -222,7 +223,7 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
         return None
     past = np.column_stack([own, *(y[k - j] for j in range(LAGS))])
     rate = 1.0 / float(np.median(np.diff(drive.time)))
-    # t of d: both less what the past explains of them (Frisch and Waugh 1933)
+    # t of d: both sides less the part that the past explains (Frisch and Waugh 1933)
     ahead, move = _remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])
     power = float(ahead @ ahead)
     slope = float(ahead @ move) / max(power, 1e-300)
@@ -232,7 +233,7 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
 
 
 def _about_lone_edges(drive: Channel) -> np.ndarray:
-    """True at samples whose regression sees a lone edge, shape (n,)."""
+    """True at samples whose regression includes a lone edge, shape (n,)."""
     steps = np.abs(np.diff(drive.value))
     padded = np.concatenate((np.zeros(2), steps, np.zeros(2)))
     others = np.max([padded[j : j + steps.size] for j in (0, 1, 3, 4)], axis=0)
@@ -245,6 +246,6 @@ def _about_lone_edges(drive: Channel) -> np.ndarray:
 
 
 def _remains(rows: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """What a least-squares fit leaves, shape (n,)."""
+    """Residual of a least-squares fit, shape (n,)."""
     size = np.maximum(np.max(np.abs(rows), axis=0), 1e-12)
     return right - rows / size @ np.linalg.lstsq(rows / size, right, rcond=None)[0]

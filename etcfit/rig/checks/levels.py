@@ -1,14 +1,15 @@
-"""Channels that lie at a level where they must not: off zero before anything happens, or on an ADC's rail.
+"""Finds channels at a wrong level: offsets before anything happens, and samples on the rail of an ADC.
 
-A channel that does not read zero where it must: current and speed before the first volt, EMF before the release.
+Offset: a channel that does not read zero where it must: current and speed before the first voltage, EMF before the
+release.
 
 offset = mean(y),   standard error sigma / sqrt n,   over the first stretch in which nothing happens yet
 
-A voltage below its own noise is none that can be seen, and it drives a current all the same: a ramp that begins with
-the record. So of a current, mean(v)/R is what the voltage explains, and the error of mean(v)/R is part of its error.
+A voltage below its noise cannot be seen but drives a current, for example a ramp that begins with the record. So the
+current mean(v)/R is subtracted, and the error of mean(v)/R is included.
 
-A channel whose samples pile up on one extreme value while it is lively everywhere else: an ADC at its rail. What the
-physics explains is left alone: an angle at an end stop, a voltage or duty at what the supply can give.
+Saturation: a channel whose samples accumulate on one extreme value while it varies everywhere else. Physical limits are
+exempt: an angle at an end stop, a voltage or duty at the limit of the supply.
 """
 
 from __future__ import annotations
@@ -24,24 +25,24 @@ from .base import COMMANDS, Records, by_chance, found_in
 from .circuit import Value, weighted_mean
 
 OFFSET_ERRORS = 8.0  # standard errors of the mean
-OFFSET_NOISES = 0.7  # of one sample, the least offset
-OFFSET_STEPS = 0.75  # of the logger's resolution, the least offset
-STRETCH = 12  # samples of the stretch, at least
-QUIET = 6.0  # noises within which the voltage counts as none, and the EMF as resting
-CREEPS = 4.0  # standard errors by which current or speed of a motor alone may differ from 0 for the other to be judged
-OFFSET_SHARE = 0.8  # of the traces of a test that must show it
+OFFSET_NOISES = 0.7  # least offset over the noise of one sample
+OFFSET_STEPS = 0.75  # least offset over the logger's resolution
+STRETCH = 12  # least number of samples of the stretch
+QUIET = 6.0  # standard deviations of the noise within which the voltage counts as 0, and the EMF as resting
+CREEPS = 4.0  # standard errors: within them current or speed of a motor alone must be 0 for the other to be judged
+OFFSET_SHARE = 0.8  # least share of the traces of a test that show it
 
-RUN = 4  # equal samples in a row at the extreme, at least; and
-RUN_SHARE = 0.005  # of the trace, at least so long. Or, over all traces of a test,
-PILE = 4  # samples on one extreme value, at least; and
-OVER = 8.0  # times as many as on each of the
-LEVELS = 10  # steps below
-REPEATS = 0.25  # share of equal neighbours elsewhere, at most: a livelier channel does not rest on one value by chance
-AT_LIMIT = 0.03  # of the supply, or of the travel, within which the physics explains a rest
+# saturated: a run of equal samples at the extreme of at least RUN samples and RUN_SHARE of the trace; or, over all
+# traces of a test, at least PILE samples on the extreme value, and OVER times as many as on each of the LEVELS steps
+# below it
+RUN, RUN_SHARE = 4, 0.005
+PILE, OVER, LEVELS = 4, 8.0, 10
+REPEATS = 0.25  # largest share of equal neighbours elsewhere: a channel that varies more does not rest by chance
+AT_LIMIT = 0.03  # share of the supply, or of the travel, within which a rest is at a physical limit
 
 
 def channel_offset(records: Records) -> Iterator[Finding]:
-    """Offsets of current, EMF and motor speed; one of all tests where they look like one sensor's."""
+    """Offsets of current, EMF and motor speed; one finding for all tests where they look like one sensor's."""
     for name in ("current", "emf", "motor_speed"):
         off = {test: value for test, traces in records.tests.items()
                if (value := _offset(traces, name, records)) is not None}  # fmt: skip
@@ -67,7 +68,7 @@ def _reads(test: str | None, name: str, offset: Value, channel: Channel) -> Find
 
 
 def _offset(traces: Sequence[Measurement], name: str, records: Records) -> tuple[Value, Channel] | None:
-    """Mean offset of all traces of a test, SI, where most of them show it; and the channel of the first."""
+    """Mean offset of all traces of a test, SI, if most of them show it; and the channel of the first."""
     read = [(t.channels[name], v) for t in traces if (v := _zero(t, name, records)) is not None]
     off = [v for channel, v in read if abs(v.value) > max(OFFSET_ERRORS * v.error, OFFSET_NOISES * channel.sigma,
                                                           OFFSET_STEPS * channel.quantum)]  # fmt: skip
@@ -86,7 +87,7 @@ def _zero(trace: Measurement, name: str, records: Records) -> Value | None:
     level = float(np.median(marker.value[:STRETCH])) if boundary.terminals_open else 0.0
     away = np.abs(marker.value - level) > QUIET * max(marker.sigma, marker.quantum)
     inside = channel.value[channel.time < marker.time[np.argmax(away)]] if away.any() else np.empty(0)
-    inside = inside[: int(0.9 * inside.size)]  # what the stretch's end may have seen of the event
+    inside = inside[: int(0.9 * inside.size)]  # without the end of the stretch, which the event may affect
     if inside.size < STRETCH:
         return None
     half = inside.size // 2  # a second half that differs: a plate that falls already, a coil that discharges still
@@ -103,8 +104,10 @@ def _zero(trace: Measurement, name: str, records: Records) -> Value | None:
 
 
 def _unexplained(current: Value, volts: Channel, samples: int, trace: Measurement, records: Records) -> Value | None:
-    """The part of a mean current that the voltage of these samples does not explain; None where it may explain any
-    because the resistance is unknown: that of the trace's test, else of any."""
+    """The part of a mean current that the voltage of these samples does not explain.
+
+    The resistance is that of the trace's test, otherwise that of any test; None where it is unknown, because the
+    voltage may then explain any current."""
     circuits = [records.circuits.get(trace.test), *records.circuits.values()]
     ohms = next((c.R.value for c in circuits if c is not None and c.R is not None and c.R.value > 0.0), None)
     mean, error = float(np.mean(volts.value[:samples])), volts.error / np.sqrt(samples)
@@ -134,7 +137,8 @@ def saturation(records: Records) -> Iterator[Finding]:
 
 
 def _on_rail(channel: Channel, rail: float) -> int:
-    """Samples on the rail, SI; 0 where the channel rests elsewhere too: a staircase, or steps without noise."""
+    """Number of samples on the rail (SI); 0 where the channel rests elsewhere too: a staircase, or steps without
+    noise."""
     on = channel.value == rail
     same = np.diff(channel.value) == 0.0
     elsewhere = ~on[1:]
@@ -143,7 +147,8 @@ def _on_rail(channel: Channel, rail: float) -> int:
 
 
 def _is_piled(channels: Mapping[str, Channel], rests: Mapping[str, int], rail: float, side: float) -> bool:
-    """True for a long rest on the rail in one trace, or far more samples there than on the steps below in all."""
+    """Whether one trace has a long rest on the rail, or all traces have far more samples there than on the steps
+    below."""
     for file in rests:
         value = channels[file].value
         rest = max((stop - start for start, stop in runs(value == rail)), default=0)
@@ -157,7 +162,7 @@ def _is_piled(channels: Mapping[str, Channel], rests: Mapping[str, int], rail: f
 
 
 def _is_limit(name: str, value: float, config: RigConfig) -> bool:
-    """An end stop, or what the supply can give."""
+    """Whether a value is at an end stop, or at the limit of the supply."""
     if name == "position":
         low, high = config.travel
         reach = AT_LIMIT * (high - low) if np.isfinite(high - low) else 0.0

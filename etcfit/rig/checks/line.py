@@ -1,14 +1,14 @@
-"""A sine of unknown frequency in a channel, against whatever else moves there.
+"""Finds a sine of unknown frequency in a channel against the other motion there (harmonic F-test).
 
     F = (K - 1) |mu|^2 sum_k U_k^2 / sum_k |y_k - mu U_k|^2,   mu = sum_k U_k y_k / sum_k U_k^2
     P(> F) = (1 + F/(K - 1))^(1 - K)
 
-y_k is the Fourier transform of the trace under the k-th of K sine tapers, U_k the taper's own sum. A line has the same
-phase and size under all tapers; a motion that has power there too has not. Before, the trace is differenced twice (slow
-motion goes), and what exceeds its noise is cut (steps and impacts go).
+y_k is the Fourier transform of the trace under the k-th of K sine tapers, U_k the sum of the taper. A line has the same
+phase and size under all tapers; motion with power at this frequency has not. Before, the trace is differenced twice,
+which removes slow motion, and values beyond the noise are clipped, which removes steps and impacts.
 
-Periodic motion makes lines too. They are no mains where they are as clear in the bands next to it, so `neighbours` says
-how clear the clearest of those is.
+Periodic motion makes lines too. A line is not that of the mains where lines in the neighbouring bands are as clear, so
+`neighbours` gives the chance of the clearest of those.
 
 Source: Thomson 1982, harmonic F-test; Riedel and Sidorenko 1995, sine tapers. Differs from source: differences first.
 """
@@ -22,32 +22,32 @@ import numpy as np
 from ..base import Channel
 from ..signals import MAD_TO_SIGMA
 
-CUT = 5.0  # noises beyond which a second difference is no noise
-MOST, FEWEST = 9, 4  # tapers
-UNEVEN = 0.2  # rms of the intervals over their median; beyond it a Fourier transform sees no clock
-LONGEST = 1 << 16  # samples looked at
-TRIED = 8.0  # frequencies that count as tried, times the band over the resolution; 2 would be independent ones
-RATE = 6.0  # times the frequency: a faster log is averaged down to that
-UNCLEAR = 0.1  # chance above which no neighbouring line need be looked for
-NEIGHBOURS = (0.75, 0.86, 1.14, 1.32)  # times the frequency: bands in which no mains hums
+CUT = 5.0  # standard deviations of the noise to which second differences are clipped
+MOST, FEWEST = 9, 4  # most and least number of tapers
+UNEVEN = 0.2  # largest rms deviation of the intervals over their median, for a Fourier transform
+LONGEST = 1 << 16  # most samples that are used
+TRIED = 8.0  # number of tried frequencies over band / resolution; 2 would be independent ones
+RATE = 6.0  # sample rate over the frequency, to which a faster log is averaged
+UNCLEAR = 0.1  # chance above which neighbouring lines are not sought
+NEIGHBOURS = (0.75, 0.86, 1.14, 1.32)  # centres of neighbouring bands without mains, times the frequency
 
 
 class Line(NamedTuple):
     """A sine in one channel."""
 
-    frequency: float  # Hz, by the log's own clock
-    error: float  # of the frequency, Hz
+    frequency: float  # Hz, by the clock of the log
+    error: float  # standard error of the frequency, Hz
     amplitude: float  # SI
-    chance: float  # probability that noise would show one as clear within the band that was searched
-    neighbours: float = 1.0  # that of the clearest line in the bands next to it
+    chance: float  # probability that noise shows a line as clear within the searched band
+    neighbours: float = 1.0  # chance of the clearest line in the neighbouring bands
 
 
 class Spectrum(NamedTuple):
-    """A channel under each taper."""
+    """The spectra of a channel with each taper."""
 
     grid: np.ndarray  # Hz, shape (m,)
     y: np.ndarray  # Fourier transforms, shape (K, m)
-    sums: np.ndarray  # of the tapers, shape (K,)
+    sums: np.ndarray  # sums of the tapers, shape (K,)
     step: float  # s
     duration: float  # s
 

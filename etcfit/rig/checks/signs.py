@@ -1,20 +1,20 @@
-"""Channels with the wrong sign, and columns under each other's header.
+"""Finds channels with the wrong sign, and columns with exchanged headers.
 
 Wrong sign: current against voltage, EMF and motor speed against the motion.
 
-    R < 0:  voltage or current is turned round     k < 0:  EMF, motor speed, or both leads of the motor
+    R < 0:  voltage or current has the wrong sign     k < 0:  EMF, motor speed, or both leads of the motor
 
-in `circuit.py`'s equation, whose R and k are positive; and a motor alone takes energy and turns with its voltage,
-integral v i dt > 0 and integral v omega dt > 0. Voltage, current and motor speed open the plate where they are
-positive, and the EMF is negative while it falls.
+in the equation of `circuit.py`, whose R and k are positive; and a motor alone takes up energy and turns with its
+voltage, integral v i dt > 0 and integral v omega dt > 0. Positive voltage, current and motor speed open the plate, and
+the EMF is negative while the plate falls.
 
 Voltage and current exchanged, or position and setpoint:
 
     v = R i + L di/dt + k w   read with v and i exchanged:   i = v/R - (L/R) di/dt - (k/R) w
 
-so L and k come out negative while R > 0: current lags voltage, never the other way round. Where both stand still, R
-comes out as 1/R of the other tests, or the steps of the two converters have changed places. A setpoint leads the
-position that follows it.
+so L and k come out negative while R > 0, because current lags voltage and never leads it. Where both are constant, R
+comes out as 1/R of the other tests, or the resolutions of the two converters are exchanged. A setpoint leads its
+position.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from ..base import Channel, Finding, Measurement
 from ..signals import on_times
 from .base import Records, Signs, column, found_in
 
-ERRORS = 5.0  # standard errors by which a reading must lie below zero
-OPPOSED = 10.0  # of the channel's noise, by which an integral must
-INVERSE = 0.15  # relative deviation of R from 1/R of the other tests that counts as the same
-APART = 1.5  # factor by which R, or the steps of two converters, must differ to count as different
-LEADS = 0.1  # share of the samples of a trace that a position may lead its setpoint by, at most, in the search
-BETTER = 0.02  # correlation that the lead must gain over the lag
+ERRORS = 5.0  # standard errors by which a reading must be below zero
+OPPOSED = 10.0  # standard deviations of the channel's noise by which an integral must be below zero
+INVERSE = 0.15  # relative deviation within which R counts as 1/R of the other tests
+APART = 1.5  # factor from which on R, or the resolutions of two converters, count as different
+LEADS = 0.1  # largest lead of a position over its setpoint that is tried, share of the trace
+BETTER = 0.02  # least gain of correlation of the lead over the lag
 
 
 def channel_sign(records: Records) -> Iterator[Finding]:
@@ -53,7 +53,7 @@ def channel_sign(records: Records) -> Iterator[Finding]:
             header = column(logged.get(name) or logged["voltage"], -1.0)
             yield found_in([trace.file for trace in having], traces, Finding(
                 "channel_sign", -1.0, "", 0.0, f"{name.replace('_', ' ')} has the opposite sign of {against}.",
-                f"Head its column '{header}' there, or turn the leads and log again.", channel=name, sure=True,
+                f"Name its column '{header}' there, or exchange the leads and log again.", channel=name, sure=True,
             ))  # fmt: skip
 
 
@@ -62,7 +62,7 @@ def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
     boundary = TEST_BY_NAME[trace.test].boundary
     if boundary.terminals_open:
         return ("emf" if "emf" in trace.channels else "voltage",) if signs.k < 0 else ()
-    if boundary.gear_apart:  # R hides behind a motor that spins, and k behind the brushes' drop
+    if boundary.gear_apart:  # a spinning motor hides R, and the brushes' drop hides k
         if _opposed(trace, "current"):
             return (_driver(trace, signs),)
         return ("motor_speed",) if _opposed(trace, "motor_speed") else ()
@@ -72,8 +72,8 @@ def _turned(trace: Measurement, signs: Signs) -> tuple[str, ...]:
 
 
 def _opposed(trace: Measurement, name: str) -> bool:
-    """Integral v i dt < 0, or v omega dt < 0, beyond the channel's noise: no motor that starts from rest, and is driven
-    by nothing else, gives energy or runs against its voltage."""
+    """Whether integral v i dt < 0, or v omega dt < 0, beyond the channel's noise: a motor that starts from rest, with
+    no other drive, neither delivers energy nor runs against its voltage."""
     voltage, channel = trace.channels.get("voltage"), trace.channels.get(name)
     if voltage is None or channel is None:
         return False
@@ -82,26 +82,26 @@ def _opposed(trace: Measurement, name: str) -> bool:
 
 
 def _driver(trace: Measurement, signs: Signs) -> str:
-    """Voltage or current: the one that contradicts the motion; with the plate held the one below zero."""
+    """Voltage or current, whichever contradicts the motion; with the plate held the one below zero."""
     if signs.k:
         return "current" if signs.k > 0 else "voltage"
     return "current" if float(np.mean(trace.channels["current"].value)) < 0.0 else "voltage"
 
 
 def swapped_columns(records: Records) -> Iterator[Finding]:
-    """Voltage and current, or position and setpoint, under each other's header."""
+    """Voltage and current, or position and setpoint, with exchanged headers."""
     late = {test: [t for t in traces if _runs_ahead(t, records)] for test, traces in records.tests.items()}
     sound = records.without(test for test, having in late.items() if having)
     for test, traces in records.tests.items():
         if late[test]:
             yield _exchanged(("voltage", "current"), late[test], traces, True,
-                             "current runs ahead of voltage, as if the two had changed places")  # fmt: skip
+                             "current leads voltage, as if the two columns were exchanged")  # fmt: skip
         elif having := [t for t in traces if _inverse(t, sound)]:
             yield _exchanged(("voltage", "current"), having, traces, False,
                              "voltage over current is what current over voltage is in the other tests")  # fmt: skip
         if having := [t for t in traces if {"setpoint", "position"} <= set(t.channels) and _follows(t)]:
             yield _exchanged(("position", "setpoint"), having, traces, False,
-                             "the position runs ahead of its setpoint, as if the two had changed places")  # fmt: skip
+                             "the position leads its setpoint, as if the two columns were exchanged")  # fmt: skip
 
 
 def _exchanged(
@@ -115,7 +115,7 @@ def _exchanged(
 
 
 def _runs_ahead(trace: Measurement, records: Records) -> bool:
-    """L < 0 and, where the plate moves, k < 0; a motor whose leads are turned has k < 0 too, but L > 0."""
+    """Whether L < 0 and, where the plate moves, k < 0; a motor with exchanged leads has k < 0 too, but L > 0."""
     signs, boundary = records.signs(trace, ERRORS), TEST_BY_NAME[trace.test].boundary
     if signs is None or signs.R <= 0 or boundary.terminals_open:
         return False
@@ -128,7 +128,7 @@ def _runs_ahead(trace: Measurement, records: Records) -> bool:
 
 
 def _inverse(trace: Measurement, records: Records) -> bool:
-    """A held plate at rest: 1/R of the other tests, or their converters' steps exchanged; and not their R."""
+    """Whether a held plate at rest shows 1/R of the other tests, or exchanged resolutions; and not their R."""
     own, others = _resistances(trace, records)
     circuit = records.circuits.get(trace.test)
     if own is None or not others or circuit is None or circuit.k is not None or circuit.L is not None:
@@ -146,10 +146,10 @@ def _resistances(trace: Measurement, records: Records) -> tuple[float | None, li
 
 
 def _steps_exchanged(test: str, records: Records) -> bool:
-    """This test's voltage has the steps of the other tests' current, and the other way round."""
+    """Whether this test's voltage has the resolution of the other tests' current, and vice versa."""
 
     def step(here: bool, name: str) -> float:
-        """Median resolution of a channel's converter, SI; 0 where none is seen."""
+        """Median resolution of a channel's converter, SI; 0 where the data show none."""
         having = [t for t in records.traces if (t.test == test) is here and name in t.channels]
         return median([t.channels[name].quantum for t in having]) if having else 0.0
 
@@ -160,14 +160,14 @@ def _steps_exchanged(test: str, records: Records) -> bool:
 
 
 def _follows(trace: Measurement) -> bool:
-    """The setpoint looks like the position some time ago, and the other way round it does not."""
+    """Whether the setpoint resembles the earlier position, and the position does not resemble the earlier setpoint."""
     position, setpoint = trace.channels["position"], trace.channels["setpoint"]
     ahead, behind = (_best(*pair) for pair in ((setpoint, position), (position, setpoint)))
     return ahead > behind + BETTER and _roughness(setpoint) > _roughness(position)
 
 
 def _best(late: Channel, early: Channel) -> float:
-    """Greatest correlation of `late` with `early` shifted by up to so much of the trace, one sample or more."""
+    """Greatest correlation of `late` with `early` shifted by one sample up to `LEADS` of the trace."""
     a, b = late.value - np.mean(late.value), on_times(early, late.time) - np.mean(early.value)
     size = float(np.sqrt(np.sum(a**2) * np.sum(b**2)))
     steps = np.unique(np.geomspace(1, max(2, int(LEADS * a.size)), 60).astype(int))
@@ -175,6 +175,6 @@ def _best(late: Channel, early: Channel) -> float:
 
 
 def _roughness(channel: Channel) -> float:
-    """Median change from sample to sample against the span: a setpoint is a clean command."""
+    """Median change from sample to sample over the span: small for a setpoint, which has no noise."""
     span = float(np.ptp(channel.value))
     return float(np.median(np.abs(np.diff(channel.value, 2)))) / span if span > 0.0 else 0.0

@@ -137,7 +137,7 @@ def test_a_speed_under_the_wrong_head_is_refused_where_its_factor_is_a_units(
         found = [f for f in read_folder(clean).findings if f.channel == "motor_speed"]
         assert [(f.kind, f.sure) for f in found] == [("unit_scale", sure)]
         assert found[0].mend == (
-            "Head the column 'motor_speed [rad/s]' there. If the unit is right, gear_ratio in rig.toml is wrong."
+            "Name the column 'motor_speed [rad/s]' there. If the unit is right, gear_ratio in rig.toml is wrong."
         )
     finally:
         edited(clean, "viscous", lambda sheet: sheet.scaled("motor_speed", 1.0 / factor))
