@@ -87,10 +87,10 @@ class FitResult:
         values: SI by symbol, all parameters.
         covariance: of the coordinates, widened where the noise is correlated and where traces or tests scatter by more
             than their noise, shape (P, P).
-        identifiability: what these data can tell.
+        identifiability: which parameters these data determine.
         readings: the paper's graph by graph reading.
-        problem: the data as fitted, for whoever goes on from here.
-        holdout: the traces that were not, or None.
+        problem: the data as fitted, for later stages.
+        holdout: the traces held out of the fit, or None.
         weighted: what the residual was minimised over.
         whitened: residual of each fitted trace, shape (n, M) each.
         predicted: free-run simulation of each fitted trace and each held-out one, by file, shape (n, M) each.
@@ -104,7 +104,7 @@ class FitResult:
         formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
         budget: what [accuracy] of rig.toml adds to the covariance; None where it states none: intervals are then
             statistical only.
-        exact_covariance: what the covariance is where these formulas are taken as exact; None where it is no other.
+        exact_covariance: covariance with these formulas taken as exact; None where it equals `covariance`.
         settings: what the fit decided by.
         reason_code: `reason` for programs; None where the end was not judged by the joint fit.
         influence: which test and trace pulls which parameter.

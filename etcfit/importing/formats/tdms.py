@@ -31,7 +31,7 @@ def _read(source: Source) -> list[Sheet]:
 
     with (
         reading(source, _KIND),
-        # a stream, for beside a path nptdms would believe an index file, however old
+        # opened as a stream: given a path, nptdms would use an index file next to it, even an outdated one
         source.path.open("rb") as stream,
         warnings_of(*_LOGGERS) as odd,
         nptdms.TdmsFile.open(stream) as file,

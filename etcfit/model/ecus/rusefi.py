@@ -1,4 +1,4 @@
-"""rusEFI."""
+"""The throttle controller of rusEFI: its gains and limits, the behaviour of its loop, and the form of its tune file."""
 
 from __future__ import annotations
 

@@ -23,13 +23,13 @@ from ..numbers import short
 from ..page.pictures import carried
 from . import Held, in_a_word, says_of, tables_of
 
-_SHOWN = 8.0  # s of the log, where most is asked of the plate
+_SHOWN = 8.0  # s of the log that are drawn: those in which the setpoint, or else the position, moves most
 _AFTER = 0.6  # s of each answer that are drawn
 _LEAST = 2.0  # per cent of travel: smaller steps would be noise over their size
 
 
 def draw(each: Study, synthetic: bool) -> Figure:
-    """Fig. 6 (a) and (b) of the paper, and below them the seconds in which most is asked of the plate."""
+    """Fig. 6 (a) and (b) of the paper, and below them the seconds in which the setpoint moves most."""
     fig = style.figure(11.0, 7.2, synthetic)
     grid = fig.add_gridspec(2, 2, left=0.07, right=0.98, top=0.9, bottom=0.08, hspace=0.5, wspace=0.22)
     left, right, panel = (fig.add_subplot(place) for place in (grid[0, 0], grid[0, 1], grid[1, :]))
@@ -179,7 +179,7 @@ def write_drive(
     run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None],
     beside: Held | None = None,
 ) -> None:  # fmt: skip
-    """RUN/drive.json, RUN/drive.html and RUN/pictures/drive; where asked, the log beside what was foretold for it."""
+    """RUN/drive.json, RUN/drive.html and RUN/pictures/drive; with `beside`, also the log against its prediction."""
     lacks = record_next([each.log for each in studies])
     with held(run), style.drawing():
         write_json(run / "drive.json", "drive", drive_json(config, studies, lacks, beside))
