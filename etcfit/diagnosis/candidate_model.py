@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..estimation.levenberg_marquardt import descend
+from ..estimation.levenberg_marquardt import descend, linearise_at
 from ..estimation.result import Termination
+from ..estimation.rounds import evolve_population
+from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
@@ -18,6 +20,7 @@ from .settings import DiagnosisSettings
 
 TRIAL_TOLERANCE = 1e-3  # relative change of chi2 that ends the refit of a trial
 STEEPEST_START = 3.0  # chi2 with which a trial may begin, over that of the model without the effect
+SEARCH_SPREAD = 0.15  # standard deviation of a population in a coordinate of a rough effect, over the coordinate
 START_HALVINGS = 8  # times that the amplitudes are halved at most until a trial begins below that
 
 
@@ -140,6 +143,19 @@ class CandidateModel:
         """The model at its nearest optimum under its whitening."""
         x, _ = descend(self.problem, self.x, self.weighted, TRIAL_TOLERANCE)
         return replace(self, x=x)
+
+    def searched(self, effect: Effect) -> CandidateModel:
+        """At the deepest optimum that a population finds about this one, spread widely over the effect's parameters.
+
+        The population begins with standard deviations of `SEARCH_SPREAD` of the effect's own coordinates, and of 3
+        standard errors, at most 0.1, of the others.
+        """
+        layout, own = self.problem.layout, resting(effect)
+        mine = np.array([symbol in own for symbol in layout.free])
+        stderr = np.sqrt(np.diag(linearise_at(self.problem, self.x, self.weighted).covariance))
+        spread = np.where(mine, SEARCH_SPREAD * np.abs(self.x), np.minimum(3.0 * stderr, 0.1))
+        x = evolve_population(lambda points: chi2_of(self.problem, points, self.weighted), self.x, spread)
+        return replace(self, x=x).optimised()
 
 
 def _with_parameters(

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..estimation.identifiability import listed
 from .composition import Effect, is_of_one_channel, is_of_the_rig
-from .model_discrepancy import chi2_left_by_formula
+from .formula_errors import chi2_left_by_formula
 from .score import Score
 from .screen import Signature
 from .settings import DiagnosisSettings
@@ -31,12 +31,10 @@ class Outcome(Enum):
     """How a round ends."""
 
     ADDED = "an effect was added"
-    NOTHING_TO_READ = "what is left is no more than inexact formulas leave"
     NO_PROMISE = "no effect promises to explain anything more"
     NOT_WORTH_IT = "none is worth its parameters"
     CONTRADICTED = "none helps on the traces held out"
     SMALL_PART = "none explains enough of what it leaves"
-    NOT_PROVEN = "none explains more than inexact formulas would leave"
     SPOILT = "refitted in full the model is worse"
 
 
@@ -63,26 +61,6 @@ class Choice:
 
 
 # ---- before any refit
-
-
-def worth_a_look(chi2: float, samples: float, formula_chi2: float) -> bool:
-    """Whether chi2 exceeds that of noise, one for each sample, by more than inexact formulas may leave; always True
-    where they leave 0."""
-    return not (formula_chi2 > 0.0 and chi2 - samples < formula_chi2)
-
-
-def nothing_to_read(names: Sequence[str], off: float, excess: float) -> Choice:
-    """The choice of a round that is not worth a look.
-
-    Args:
-        off: relative error of the least exact formula among them.
-        excess: chi2 per sample above 1.
-    """
-    why = (
-        f"The residual exceeds the noise by {100 * excess:.2g} %, no more than an error of {100 * off:.0f} % in the "
-        f"formula of {listed(names)} would leave: no effect is sought in it."
-    )
-    return Choice(Outcome.NOTHING_TO_READ, None, (), why)
 
 
 def promises(g: Signature, before: Score, settings: DiagnosisSettings) -> bool:
@@ -130,7 +108,7 @@ def deserves_second_trial(v: TrialVerdict, before: Score, far: bool, settings: D
     Its refit may have ended in a local optimum, or the whitening of the model before may hold it there.
     """
     main = not far and v.gain > SECOND_TRIAL_SHARE * (before.chi2 - v.samples)
-    return main and not v.bic_change > settings.strong_bic_change and not v.helps_elsewhere()
+    return main and not v.bic_change > v.required_bic_change(settings) and not v.helps_elsewhere()
 
 
 def is_accepted(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
@@ -138,28 +116,21 @@ def is_accepted(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
     return v.is_strong(settings) and v.helps_elsewhere()
 
 
-def choose(
-    verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
-) -> Choice:
+def choose(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, noise: float = np.inf) -> Choice:
     """Which effect to add, which others explain the data equally well, and why.
 
     Args:
         verdicts: of the effects tried, the lowest BIC first.
-        most: chi2 that an effect must get below to be proven.
         noise: chi2 of noise alone; an effect that explains little of the chi2 that it leaves above noise imitates
             another effect.
     """
     strong = [v for v in verdicts if v.is_strong(settings)]
     good = [v for v in strong if v.helps_elsewhere()]
     main = [v for v in good if v.gain > least_part(v.effect) * (v.score.chi2 - noise)]
-    proven = [v for v in main if v.score.chi2 < most]
-    if proven:
-        return _added(proven)
-    return _none_added(main, good, strong, verdicts, settings)
+    return _added(main) if main else _none_added(good, strong, verdicts, settings)
 
 
 def _none_added(
-    main: Sequence[TrialVerdict],
     good: Sequence[TrialVerdict],
     strong: Sequence[TrialVerdict],
     tried: Sequence[TrialVerdict],
@@ -167,13 +138,7 @@ def _none_added(
 ) -> Choice:
     """Why no effect is added: a sentence on the best of those that passed most of the tests."""
     outcome, why = Outcome.NO_PROMISE, "No effect of the catalogue promises to explain anything more."
-    if main:
-        outcome, v = Outcome.NOT_PROVEN, main[0]
-        why = (
-            f"{v.effect.name} would explain a little more (BIC {v.bic_change:+.0f}), but no more than the inexact "
-            "formula of an effect found before would leave: it is not proven."
-        )
-    elif good:
+    if good:
         outcome, v = Outcome.SMALL_PART, good[0]
         why = (
             f"{v.effect.name} is the best candidate, but explains less than {100 * least_part(v.effect):.0f} % of what "
@@ -186,7 +151,7 @@ def _none_added(
         outcome, v = Outcome.NOT_WORTH_IT, tried[0]
         why = (
             f"{v.effect.name} is the best candidate, but is not worth its parameters "
-            f"(BIC {v.bic_change:+.1f}; {settings.strong_bic_change:.0f} is required)."
+            f"(BIC {v.bic_change:+.1f}; {v.required_bic_change(settings):.0f} is required)."
         )
     return Choice(outcome, None, (), why)
 
@@ -199,20 +164,18 @@ def least_part(effect: Effect) -> float:
     return LEAST_PART_OF_ONE if is_of_one_channel(effect) else LEAST_PART
 
 
-def in_turn(
-    verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, most: float = np.inf, noise: float = np.inf
-) -> tuple[Choice, ...]:
+def in_turn(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, noise: float = np.inf) -> tuple[Choice, ...]:
     """`choose`, then the choice without that effect, and so on while an effect is chosen."""
-    choice = choose(verdicts, settings, most, noise)
+    choice = choose(verdicts, settings, noise)
     if choice.effect is None:
         return (choice,)
     rest = [v for v in verdicts if v.effect is not choice.effect]
-    return (choice, *(c for c in in_turn(rest, settings, most, noise) if c.effect is not None))
+    return (choice, *(c for c in in_turn(rest, settings, noise) if c.effect is not None))
 
 
-def _added(proven: Sequence[TrialVerdict]) -> Choice:
-    best = proven[0]
-    ties = tuple(v.effect for v in proven[1:] if alike(v, best))
+def _added(main: Sequence[TrialVerdict]) -> Choice:
+    best = main[0]
+    ties = tuple(v.effect for v in main[1:] if alike(v, best))
     held = "" if best.holdout_rms_ratio is None else f", held-out error x {best.holdout_rms_ratio:.3f}"
     words = (
         f"{best.effect.name} explains most: fitted error x {best.fit_rms_ratio:.3f}{held}, BIC {best.bic_change:+.0f}."

@@ -18,12 +18,12 @@ from .evidence import is_white, motions
 from .exchange import exchanged, merged, pruned
 from .faint_effects import allowing_for_faint_effects
 from .findings import Diagnosis, Question, SetTried, Unexplained
+from .formula_errors import formula_covariance, percent_off
 from .free_sets import FREE_SPREAD, searched_free
-from .model_discrepancy import formula_covariance, percent_off
 from .other_rig import Strange, explains_misfit, of_another_rig
 from .probabilities import SOMETHING_ELSE, UNSAID, doubted_effects, named_effects, with_proven_effect
 from .refit import start
-from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing
+from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, reported
 from .score import score, tie_covariance
 from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
@@ -157,7 +157,7 @@ def diagnose(
     left = outdone(result, first, progress.model, report)
     if left is not None:
         progress = progress.back_to(first)
-    elif progress.rounds[-1].candidates and not progress.rounds[-1].evidence.white:
+    elif not progress.rounds[-1].evidence.white:
         worth = {each.effect: each.worth for each in progress.found}
         left = unexplained(result, progress.model, worth, report)
     report("the fit of the final model", 0.95)
@@ -232,11 +232,12 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
     `found` keeps what is known of the removed effects too.
     """
     for looked_back in (exchanged, merged):
-        s, found, instead = looked_back(progress.model, progress.found, report)
-        progress = replace(progress, model=s, found=found, changed=(*progress.changed, *instead))
-        if instead:
+        s, found, changed, turned = looked_back(progress.model, progress.found, report)
+        rounds = (*progress.rounds, *map(reported, turned))
+        progress = replace(progress, model=s, found=found, rounds=rounds, changed=(*progress.changed, *changed))
+        if changed:
             progress = forward(result, progress, report)
-    s, removed = pruned(progress.model, result.chi2_per_dof, report)
+    s, removed = pruned(progress.model, report)
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 

@@ -27,6 +27,7 @@ from ..problem.trace import Trace
 from .candidate_model import CandidateModel
 from .composition import is_of_the_rig
 from .findings import Evidence, Motion, Share, Whiteness
+from .formula_errors import FormulaErrors
 
 # ---- What the model lacks along the measured motion
 #
@@ -211,11 +212,15 @@ def _rows(judged: Sequence[Judged]) -> list[Whiteness]:
 
 
 def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[Judged]:
-    """Each trace with its whitened residual, shape (n, M), in units of its noise alone, because far from the data the
-    samples were weighed down."""
-    weighed_down = s.problem.sigma / s.problem.batch.slots.sigma if s.far else 1.0
-    r = columns(s.problem.batch, s.problem.residual(s.x, s.weighted) * weighed_down)
-    return zip(s.problem.batch.traces, r, along, strict=True)
+    """Each trace with its whitened residual, shape (n, M), the errors of inexact formulas whitened too. Far from the
+    data, where the samples were weighed down, it is in units of the noise alone."""
+    r = s.problem.residual(s.x, s.weighted)
+    if s.far:
+        r = r * (s.problem.sigma / s.problem.batch.slots.sigma)
+    else:
+        seen = np.asarray(s.weighted.slots.weight) > 0.0
+        r[seen] = FormulaErrors.of_model(s).whitened(r[seen])
+    return zip(s.problem.batch.traces, columns(s.problem.batch, r), along, strict=True)
 
 
 def _is_noise(judged: Sequence[Judged], rows: Sequence[Whiteness]) -> bool:

@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from ..estimation.joint_fit import Report
 from ..problem.cores import concurrently
 from .candidate_model import CandidateModel
-from .choice import TIED_LIKELIHOOD, alike, is_accepted
+from .choice import TIED_LIKELIHOOD, Choice, Outcome, alike, is_accepted
 from .composition import Effect, resting
+from .formula_errors import FormulaErrors
 from .loop import Round, screened
-from .model_discrepancy import formula_error_chi2
 from .refit import is_no_worse, refit_fully, refit_worsened
-from .score import Apart, distance_to, folds, left_out, score
+from .score import Apart, Score, distance_to, folds, left_out, score
 from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
 
 # ---- Looking back: each effect found is compared again with its rivals, now that all later effects are in the model
@@ -44,7 +45,8 @@ class Found:
         effect: the effect added.
         ties: others that explain these data equally well, and how far their fits are from this one's.
         worth: by how much it lowered BIC.
-        rivals: others that explained at least half as much, with their own parameters' values (SI by symbol).
+        rivals: others that explained at least half as much, with the values at which their refits ended, SI by symbol:
+            at least those of their own parameters.
     """
 
     effect: Effect
@@ -56,7 +58,7 @@ class Found:
     def of_round(cls, turned: Round) -> Found:
         """The effect that a round added."""
         best = turned.best
-        rivals = {t.verdict.effect: t.own_values for t in turned.trials if is_rival(t.verdict, best.verdict)}
+        rivals = {t.verdict.effect: t.model.values for t in turned.trials if is_rival(t.verdict, best.verdict)}
         ties = _apart(best, (t for t in turned.trials if t.verdict.effect in turned.choice.ties))
         return cls(best.verdict.effect, ties, -best.verdict.bic_change, rivals)
 
@@ -103,19 +105,33 @@ def gave_way(old: TrialVerdict, new: TrialVerdict) -> str:
     return f"{old.effect.name} gave way to {new.effect.name}, which explains more (BIC {more:+.1f})."
 
 
-# the model after looking back, the effects in it, and a sentence for each exchange
-LookBack = tuple[CandidateModel, tuple[Found, ...], tuple[str, ...]]
+class LookBack(NamedTuple):
+    """The result of a comparison of effects with their rivals.
+
+    Args:
+        model: the model after it.
+        found: the effects in the model, and those taken away.
+        changed: a sentence for each exchange.
+        rounds: one for each effect that a rival replaced, with the trials of both.
+    """
+
+    model: CandidateModel
+    found: tuple[Found, ...]
+    changed: tuple[str, ...] = ()
+    rounds: tuple[Round, ...] = ()
 
 
 def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
     """Compare each effect with its rivals, all other effects at work, and exchange it for one that explains more."""
-    now, words = list(found), []
+    now, words, rounds = list(found), [], []
     for k, each in enumerate(found):
         rivals = {e: v for e, v in each.rivals.items() if not s.at_work(e)}
         if not rivals:
             continue
         report(f"comparing {each.effect.name} again with its rivals", 0.88)
-        every = _trials_in_place_of(s, each.effect, rivals)
+        base = s.without(each.effect).optimised()
+        before = score(base, FormulaErrors.of_model(base))
+        every = compared_in_place(s, each.effect, rivals, base, before)
         chosen, tied = preference(every[0].verdict, [t.verdict for t in every[1:]])
         best = every[chosen]
         if chosen:
@@ -123,19 +139,39 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             if not is_no_worse(new, s, score(s)) or contradicted(best.model, s):
                 continue
             words.append(gave_way(every[0].verdict, best.verdict))
+            ties = tuple(every[tie].verdict.effect for tie in tied)
+            choice = Choice(Outcome.ADDED, best.verdict.effect, ties, words[-1])
+            rounds.append(Round(base, before, (), tuple(sorted(every, key=lambda t: t.verdict.bic_change)), choice))
             s = replace(new, added=replaced_in_order(s.added, each.effect, best.verdict.effect))
         ties = _apart(best, (every[tie] for tie in tied))
         now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
-    return s, tuple(each.without_ties_to(s.added) for each in now), tuple(words)
+    return LookBack(s, tuple(each.without_ties_to(s.added) for each in now), tuple(words), tuple(rounds))
 
 
-def _trials_in_place_of(
-    s: CandidateModel, effect: Effect, rivals: Mapping[Effect, Mapping[str, float]]
+def compared_in_place(
+    s: CandidateModel,
+    effect: Effect,
+    rivals: Mapping[Effect, Mapping[str, float]],
+    base: CandidateModel,
+    before: Score,
 ) -> tuple[Trial, ...]:
-    """Trials of the effect and of the accepted rivals, in this order, each over the model with none of them."""
-    base = s.without(effect).optimised()
-    before = score(base)
-    others = concurrently(lambda rival: run_trial(base, *rival, before), list(rivals.items()))
+    """Trials of the effect and of the accepted rivals, in this order, each over the base: the model with none of them.
+
+    A rival starts from the optimum of the base and from the end of its own refit, and the deeper end counts: the base
+    alone may lie in another valley.
+    """
+
+    def deepest(rival: Effect) -> Trial:
+        values, own = rivals[rival], resting(rival)
+        there = s.with_effects(replaced_in_order(s.added, effect, rival), {k: values[k] for k in own})
+        there = replace(there, x=there.problem.layout.coordinates({**there.values, **values}))
+        ends = (
+            run_trial(base, rival, {k: values[k] for k in own}, before),
+            judge_trial(rival, before, there.optimised()),
+        )
+        return min(ends, key=lambda t: t.verdict.score.chi2)
+
+    others = concurrently(deepest, list(rivals))
     return judge_trial(effect, before, s), *(t for t in others if is_accepted(t.verdict, s.settings))
 
 
@@ -147,35 +183,20 @@ def contradicted(new: CandidateModel, old: CandidateModel) -> bool:
 # ---- one effect taken away
 
 
-def pruned(s: CandidateModel, first_chi2_per_dof: float, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
-    """Take away each added effect that is no longer worth its parameters while the others are at work, or that explains
-    no more than inexact formulas of the others would leave; a sentence for each. An effect that was found alone stays.
+def pruned(s: CandidateModel, report: Report) -> tuple[CandidateModel, tuple[str, ...]]:
+    """Take away each added effect that is no longer worth its parameters while the others, whose formulas are inexact,
+    are at work; a sentence for each. An effect that was found alone stays.
     """
     words = []
     for effect in s.added if len(s.added) > 1 else ():
         report(f"trying without {effect.name}", 0.9)
-        less, here = s.without(effect).optimised(), score(s)
-        change = -bic_change(score(less), here, Cost(len(resting(effect)), 1))
-        gone = idle(change, less.chi2 - s.chi2, formula_error_chi2(first_chi2_per_dof, less))
-        if gone and not refit_worsened(new := refit_fully(less, report), s):
-            rest = "" if change < 0.0 else ", but for no more than inexact formulas leave"
-            words.append(
-                f"{effect.name} was taken away again: later effects explain the same{rest} (BIC {change:+.1f})."
-            )
+        less = s.without(effect).optimised()
+        errors = FormulaErrors.of_model(less)
+        change = -bic_change(score(less, errors), score(s, errors), Cost(len(resting(effect)), 1))
+        if change < 0.0 and not refit_worsened(new := refit_fully(less, report), s):
+            words.append(f"{effect.name} was taken away again: later effects explain the same (BIC {change:+.1f}).")
             s = new
     return s, tuple(words)
-
-
-def idle(bic_change: float, lost: float, blurred: float) -> bool:
-    """Whether an effect may be removed: it is not worth its parameters, or explains no more than inexact formulas may
-    leave.
-
-    Args:
-        bic_change: of taking it away; below 0 where the model is better without it.
-        lost: rise of chi2 without it.
-        blurred: chi2 that inexact formulas of the other effects may leave.
-    """
-    return bic_change < 0.0 or lost < blurred
 
 
 # ---- One effect in place of two: two effects found may together imitate one that the model really lacks
@@ -199,7 +220,7 @@ Two = tuple[Effect, Effect]
 def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
     """The model with one effect in place of two that were added, where that explains as much for fewer parameters."""
     if s.far or len(s.added) < 2:
-        return s, tuple(found), ()
+        return LookBack(s, tuple(found))
     before = score(s)
     for one in _imitated(s):
         for two in combinations(s.added, 2):
@@ -211,8 +232,8 @@ def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBac
             if not is_no_worse(new, s, before) or contradicted(new, s):
                 continue
             worth = sum(each.worth for each in found if each.effect in two) - change
-            return new, (*found, Found(one, {}, worth, {})), (gave_way_to_one(two, one, change),)
-    return s, tuple(found), ()
+            return LookBack(new, (*found, Found(one, {}, worth, {})), (gave_way_to_one(two, one, change),))
+    return LookBack(s, tuple(found))
 
 
 def cost(s: CandidateModel, two: Two, one: Effect) -> Cost:

@@ -12,15 +12,18 @@ import numpy as np
 from ..estimation.joint_fit import Report
 from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
-from .choice import Choice, deserves_second_trial, in_turn, is_accepted, nothing_to_read, promising, worth_a_look
+from .choice import RIVAL_PROMISE, Choice, deserves_second_trial, in_turn, is_accepted, promising
 from .composition import Effect, is_of_the_rig, resting
-from .model_discrepancy import inexact
+from .formula_errors import EXACT, FormulaErrors
 from .refit import is_no_worse, refit_fully
 from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
 from .score import Score, folds, left_out, score
 from .screen import Background, Signature, ranked, screen_of_the_rig
 from .tangents import Tangents, tangents_inside, variants
-from .trial import Trial, run_trial, second_trial
+from .trial import Trial, judge_trial, run_trial, second_trial
+
+ROUGH_CHI2 = 1.2  # chi2 per sample after the trial of a rough effect above which a population searches on
+STARTS = 4  # variants of an effect from which its refit starts, at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,7 @@ class Round:
     Args:
         before: the model that it began with.
         score: of that model.
-        screened: every candidate's signature, the most promising first; empty where the misfit is too small to judge.
+        screened: every candidate's signature, the most promising first.
         trials: of the candidates refitted, the lowest BIC first.
         choice: the effect that is added, and why.
         instead: the choices that would follow without the effects chosen before each of them.
@@ -61,34 +64,34 @@ class Round:
         raise LookupError("no effect was added in this round: test `added` before `best`")
 
 
-def run_round(s: CandidateModel, report: Report, formula_chi2: float = 0.0) -> Round:
-    """One round.
-
-    Args:
-        formula_chi2: chi2 above that of noise that inexact formulas of the added effects may leave: no effect is sought
-            in it.
-    """
-    before, samples = score(s), s.weighted.samples
-    if not worth_a_look(before.chi2, samples, formula_chi2):
-        names = [e.name for e in s.added]
-        nothing = nothing_to_read(names, inexact(s.added), max(0.0, before.chi2 / samples - 1.0))
-        return Round(s, before, (), (), nothing)
+def run_round(s: CandidateModel, report: Report) -> Round:
+    """One round."""
+    before = score(s, FormulaErrors.of_model(s))
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
-    signatures = screened(s, candidates)
-    starts = {g.variant.effect: g.values for g in promising(signatures, before, s.far, s.settings)}
+    every = score_candidates(s, candidates, Signature.briefly, before.errors).signatures
+    signatures = ranked(every)
+    chosen = promising(signatures, before, s.far, s.settings)
+    starts = {g.variant.effect: [near.values for near in starts_of(g, every)] for g in chosen}
     trials = _refitted(s, {**starts, **_stated(s, starts)}, before, report)
     if s.holdout is None:
         trials = _cross_validated(s, trials)
     # far from the data every sample is weighed by its own residual, so chi2 cannot be compared with noise
-    noise = np.inf if s.far else samples + formula_chi2
-    choices = in_turn([t.verdict for t in trials], s.settings, before.chi2 - formula_chi2, noise)
+    noise = np.inf if s.far else s.weighted.samples
+    choices = in_turn([t.verdict for t in trials], s.settings, noise)
     return Round(s, before, signatures, tuple(trials), choices[0], choices[1:])
 
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
     """Every candidate's best signature without its columns, the most promising first."""
     return ranked(score_candidates(s, candidates, Signature.briefly).signatures)
+
+
+def starts_of(best: Signature, every: Sequence[Signature]) -> list[Signature]:
+    """The best few variants of an effect. A refit starts from each, because the deepest valley of chi2 is often not the
+    one that promises most."""
+    rivals = [g for g in every if g.variant.effect is best.variant.effect and g.gain > RIVAL_PROMISE * best.gain]
+    return sorted(rivals, key=lambda g: -g.gain)[:STARTS]
 
 
 class ScoredCandidates(NamedTuple):
@@ -99,7 +102,10 @@ class ScoredCandidates(NamedTuple):
 
 
 def score_candidates(
-    s: CandidateModel, candidates: Sequence[Effect], kept: Callable[[Signature], Signature] = lambda whole: whole
+    s: CandidateModel,
+    candidates: Sequence[Effect],
+    kept: Callable[[Signature], Signature] = lambda whole: whole,
+    errors: FormulaErrors = EXACT,
 ) -> ScoredCandidates:
     """The signature of every variant of the candidates in the residual.
 
@@ -109,7 +115,7 @@ def score_candidates(
     every = [e for e in candidates if is_of_the_rig(e)]
     prompt, late = ([e for e in every if e.delays is delays] for delays in (False, True))
     of_the_rig, alone = ([e for e in prompt if (e.scope == "trace") is single] for single in (False, True))
-    background = Background.of_model(s.problem, s.x, s.weighted)
+    background = Background.of_model(s.problem, s.x, s.weighted, errors)
     inside = [variant for e in candidates if not is_of_the_rig(e) for variant in variants(e)]
     parameters = {p.symbol: p for p in s.composition.whole.layout.parameters}
     found = tangents_inside(s, inside, lambda variant, each: kept(background.signature(variant, each, parameters)))
@@ -136,7 +142,7 @@ def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:
     ]
 
 
-Starts = Mapping[Effect, Mapping[str, float]]  # values to start a refit from, SI by symbol
+Starts = Mapping[Effect, Sequence[Mapping[str, float]]]  # values to start refits of an effect from, SI by symbol
 
 
 def _stated(s: CandidateModel, starts: Starts) -> Starts:
@@ -147,7 +153,7 @@ def _stated(s: CandidateModel, starts: Starts) -> Starts:
     out = {}
     for effect, value in s.composition.stated.items():
         if not s.at_work(effect) and (value or effect not in starts):
-            out[effect] = resting(effect) | {parameters_of(effect)[0].symbol: value}
+            out[effect] = [resting(effect) | {parameters_of(effect)[0].symbol: value}]
     return out
 
 
@@ -155,16 +161,22 @@ def _refitted(s: CandidateModel, starts: Starts, before: Score, report: Report) 
     """A trial of each effect, the lowest BIC first; some run in parallel, because each compiles a model of its own."""
     trials = []
     with ThreadPoolExecutor(s.settings.refits_side_by_side) as pool:
-        jobs = [pool.submit(_tried, s, effect, values, before, report) for effect, values in starts.items()]
+        jobs = [pool.submit(_tried, s, effect, each, before, report) for effect, each in starts.items()]
         for k, (effect, job) in enumerate(zip(starts, jobs, strict=True)):
             report(f"refitting with {effect.name}", 0.2 + 0.6 * k / len(starts))
             trials.append(job.result())
     return sorted(trials, key=lambda t: t.verdict.bic_change)
 
 
-def _tried(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score, report: Report) -> Trial:
+def _tried(
+    s: CandidateModel, effect: Effect, starts: Sequence[Mapping[str, float]], before: Score, report: Report
+) -> Trial:
     """The trial of an effect, or its second trial where it deserves one and is accepted there."""
-    trial, settings = run_trial(s, effect, values, before), s.settings
+    every, settings = [run_trial(s, effect, values, before) for values in starts], s.settings
+    trial = min(every, key=lambda t: t.verdict.score.chi2)
+    if effect.rough and not s.far and trial.model.chi2_per_sample > ROUGH_CHI2:
+        report(f"searching with {effect.name}", 0.7)
+        trial = judge_trial(effect, before, trial.model.searched(effect))
     if not deserves_second_trial(trial.verdict, before, s.far, settings):
         return trial
     report(f"refitting with {effect.name} in full", 0.8)

@@ -1,133 +1,40 @@
-"""Model discrepancy: how far inexact formulas and unmodelled random curves may have moved the parameters."""
+"""Random curves: what they leave in the residual, and how far they may have moved the parameters.
+
+    r = e + J dx + sum_c T_c a_c,    a_c ~ N(0, tau_c^2 K),    K_kl = exp(-|k - l| / l_K)
+
+e is noise, T_c the derivative of the residual in the amplitudes of a smooth curve, a_c a Gaussian process over its
+knots. The residual r shows only the part of T_c that no parameter can imitate: from it every tau_c is estimated. With
+tau known, the part that parameters imitate, and the distance by which it moved them, have a known size too,
+
+    C' = C + (t_nu / 1.96)^2 ([cov(dx | r) - (J^T J + P_0)^-1] + dx dx^T)
+
+dx is the step to the optimum with curves in addition to the parameters, nu the number of amplitudes that determine
+tau; the fit itself stays at the optimum without curves. Where the residual is noise every tau is 0, and so is the
+added covariance.
+
+Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy); Patterson and Thompson 1971,
+Biometrika 58(3) (restricted likelihood); Simpson et al. 2017, Stat. Sci. 32(1) (prior of tau). Differs from source:
+one event alone is no evidence for a curve; the estimate is not moved, but its interval is widened by the movement.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import linalg, optimize
 from scipy.special import ndtri, stdtrit
 
-from ..estimation.identifiability import listed
-from ..estimation.levenberg_marquardt import linearise_at
 from ..model.parameters import parameters_of
 from ..model.smooth import AbstractSmooth
-from ..problem.free_parameters import effect_named
-from .candidate_model import CandidateModel
-from .composition import Effect
 from .screen import Background
 
-# ---- The formulas of the effects are approximations: what they leave in the residual, and how they move parameters
-#
-# A formula with the relative error phi adds phi xi(t) c(t) to the residual, c being the contribution of the effect and
-# xi of size 1. Part of it looks like another effect (`formula_error_chi2`); the fit absorbs the rest by other values of
-# the parameters (`formula_covariance`):
-#
-#     p_b = phi J^+ c_b,    C' = C + sum_b p_b p_b^T
-#
-# with c_b = c in one stretch of one trace and 0 elsewhere: xi is taken to be constant over a stretch and independent
-# from one stretch to the next. Far from the data both are 0, because each sample is weighed by its own residual.
-#
-# Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy). Differs from source: xi is constant
-# by stretches rather than a Gaussian process, and its size is `inexact` of the effect, not fitted.
-
-
-FORMULA_CEILING = 0.04  # chi2 that may be put down to an inexact formula: at most this share of the number of samples
-FORMULA_STRETCHES = 6  # equal parts of a trace, over each of which the error of a formula is taken to be constant
 CURVE_LENGTH = 3.0  # knots over which a random curve is correlated
 # rise of -2 log L without random curves, one event left out, from which on they are taken to be present
 CURVE_EVIDENCE = 10.0
 LARGE_CURVE = 0.05  # prior probability that a random curve is larger than the typical size of the term that it enters
 CURVE_STRETCHES = 20  # equal parts of a trace, one of which counts as one event
-
-
-def inexact(effects: Sequence[Effect]) -> float:
-    """Relative error of the least exact formula among these effects; 0 for none."""
-    return max((effect.inexact for effect in effects), default=0.0)
-
-
-def percent_off(effects: Sequence[str]) -> str:
-    """Relative errors of the formulas of these effects, given by name, in words: "2 % and 10 %"."""
-    return listed(dict.fromkeys(f"{100.0 * effect_named(name).inexact:.0f} %" for name in effects))
-
-
-def formula_error_chi2(first_chi2_per_dof: float, s: CandidateModel) -> float:
-    """Chi2 that inexact formulas of the effects added may leave; 0 far from the data.
-
-    Args:
-        first_chi2_per_dof: of the first fit; the effects added explained what it left above 1.
-        s: the model with them.
-    """
-    n = s.weighted.samples
-    explained = n * max(0.0, first_chi2_per_dof - 1.0)
-    return 0.0 if s.far else chi2_left_by_formula(inexact(s.added), explained, n)
-
-
-def chi2_left_by_formula(phi: float, explained: float, n: float) -> float:
-    """min(phi^2 chi2, 0.04 n): chi2 that an effect whose formula is off may leave of what it explained.
-
-    Args:
-        phi: relative error of the formula.
-        explained: chi2 that the effect explained.
-        n: fitted samples; 0.04 is `FORMULA_CEILING`.
-    """
-    return min(phi**2 * explained, FORMULA_CEILING * n)
-
-
-def formula_covariance(s: CandidateModel) -> np.ndarray:
-    """Covariance of the coordinates that inexact formulas of the added effects cause, shape (P, P), to be added."""
-    out = np.zeros((s.x.size, s.x.size))
-    if s.far or not s.added:
-        return out
-    here = linearise_at(s.problem, s.x, s.weighted)
-    inverse, jacobian = here.covariance / here.unit, s.problem.linearise(s.x, s.weighted).jacobian
-    for effect in (e for e in s.added if e.inexact):
-        for moved in _stretches(s, jacobian, jacobian @ _doubled(s, effect)):
-            p = effect.inexact * (inverse @ moved)
-            out += np.outer(p, p)
-    return out
-
-
-def _doubled(s: CandidateModel, effect: Effect) -> np.ndarray:
-    """Step of the coordinates, shape (P,), that doubles the effect's amplitudes to first order."""
-    layout, out = s.problem.layout, np.zeros(s.x.size)
-    value, slope = layout.numbers(s.x)
-    for symbol, off in (effect.off or {}).items():
-        k = layout.free.index(symbol)
-        out[k] = (value[k] - off) / slope[k]
-    return out
-
-
-def _stretches(s: CandidateModel, jacobian: np.ndarray, effect: np.ndarray) -> Iterator[np.ndarray]:
-    """J^T c_b of every stretch of every trace, shape (P,) each.
-
-    Args:
-        jacobian: of the residual, shape (T, L, M, P).
-        effect: c, what the effect does to the residual, shape (T, L, M).
-    """
-    for lane, stretch in s.problem.batch.stretches(FORMULA_STRETCHES):
-        yield np.einsum("tmp,tm->p", jacobian[stretch, lane], effect[stretch, lane])
-
-
-# ---- The residual that is left, as a random curve over each axis, and how far it may have moved the parameters
-#
-#     r = e + J dx + sum_c T_c a_c,    a_c ~ N(0, tau_c^2 K),    K_kl = exp(-|k - l| / l_K)
-#
-# e is noise, T_c the derivative of the residual in the amplitudes of a smooth curve, a_c a Gaussian process over its
-# knots. The residual r shows only the part of T_c that no parameter can imitate: from it every tau_c is estimated. With
-# tau known, the part that parameters imitate, and the distance by which it moved them, have a known size too,
-#
-#     C' = C + (t_nu / 1.96)^2 ([cov(dx | r) - (J^T J + P_0)^-1] + dx dx^T)
-#
-# dx is the step to the optimum with curves in addition to the parameters, nu the number of amplitudes that determine
-# tau; the fit itself stays at the optimum without curves. Where the residual is noise every tau is 0, and so is the
-# added covariance.
-#
-# Source: Kennedy and O'Hagan 2001, J. R. Statist. Soc. B 63(3) (model discrepancy); Patterson and Thompson 1971,
-# Biometrika 58(3) (restricted likelihood); Simpson et al. 2017, Stat. Sci. 32(1) (prior of tau). Differs from source:
-# one event alone is no evidence for a curve; the estimate is not moved, but its interval is widened by the movement.
-
 _RANK = 1e-8  # singular values below this share of the largest count as zero
 _LARGEST = 1e3  # tau over a curve's typical size: upper bound of the search
 

@@ -15,7 +15,6 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from ..model.rig_effects import Place, rig_effect
-from ..problem.free_parameters import effect_named
 from .findings import Question, RoundReport, Whiteness
 from .settings import DiagnosisSettings
 
@@ -23,7 +22,7 @@ from .settings import DiagnosisSettings
 
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
-LEAST_CREDIT = 0.5  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
+LEAST_CREDIT = 0.7  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
 
 
 _PRINTED_FROM = 0.02
@@ -43,12 +42,12 @@ def likely_in_one_line(probabilities: Mapping[str, float | None]) -> str:
 
 # ---- The share of the misfit at its place that a named effect explains, and the share left for other causes
 #
-# The residual of each round shows, by trace and channel, how far the misfit exceeds noise. An effect that a round added
-# lowers it by G. Another cause may explain: the misfit left at the end, R; the errors of the other effects' formulas,
-# phi^2 G_o for each; and, for a mistake of the rig in one test or trace, the gains G_o of other mistakes there, because
-# one unknown cause changes a trace in many ways, and two mistakes at one place are rare.
+# The residual of each round shows, by trace and channel, how far the misfit exceeds noise and the errors of inexact
+# formulas (`formula_errors`). An effect that a round added lowers it by G. Another cause may explain: the misfit left
+# at the end, R; and, for a mistake of the rig in one test or trace, the gains G_o of other mistakes there, because one
+# unknown cause changes a trace in many ways, and two mistakes at one place are rare.
 #
-#     p <= G / (G + R + sum_o phi_o^2 G_o + sum of G_o of other mistakes at its place)
+#     p <= G / (G + R + sum of G_o of other mistakes at its place)
 #
 # G and R are sums of n (rms^2 - 1) of the whitened residual over the samples where the effect acts: so a mistake in one
 # trace must bring that trace to its noise, however much a folder of many traces gains. R of a white residual is 0.
@@ -90,17 +89,12 @@ def _credit(k: int, rounds: Sequence[RoundReport], added: Collection[str]) -> fl
     own = _gain(k, rounds, place)
     others = [j for j in range(len(rounds) - 1) if j != k and rounds[j].added in added]
     elsewise = sum(_chi2_left(row) for row in rounds[-1].evidence.rows if _is_at(row, place))
-    for j in others:
-        if gain := _gain(j, rounds, place):
-            elsewise += _share_of_another(str(rounds[j].added), place) * gain
+    elsewise += sum(_gain(j, rounds, place) for j in others if _in_one_test(_place(str(rounds[j].added)), place))
     return own / (own + elsewise) if elsewise else 1.0
 
 
-def _share_of_another(name: str, place: Place) -> float:
-    """Share of the gain of another effect at a place that may have the same cause as the effect of this place: all of
-    it where both are mistakes of the rig in one test."""
-    test = _test(place)
-    return 1.0 if test and _test(_place(name)) == test else effect_named(name).inexact ** 2
+def _in_one_test(one: Place, other: Place) -> bool:
+    return _test(one) == _test(other) != ""
 
 
 def _gain(k: int, rounds: Sequence[RoundReport], place: Place) -> float:
@@ -286,15 +280,11 @@ def _probability_of_unnamed_rest(
     rounds: Sequence[RoundReport], named: bool, curve: bool, doubts: Collection[str], settings: DiagnosisSettings
 ) -> float:
     """Probability that something without a name is left at the end."""
-    noise, unread = rounds[-1].evidence.white and not doubts, not rounds[-1].candidates and not doubts
+    noise = rounds[-1].evidence.white and not doubts
     if curve or not (named or noise):
         return 1.0 - settings.lapse
     if noise:
         return settings.lapse if named else settings.missed
-    if (
-        unread
-    ):  # a last round without candidates: the misfit is no more than the formulas of the named effects may leave
-        return settings.lapse
     return min(max(left_share(rounds, doubts), settings.lapse), 1.0 - settings.lapse)
 
 

@@ -17,8 +17,8 @@ from .composition import Effect, carried
 from .evidence import evidence, is_white
 from .exchange import Found
 from .findings import Candidate, RoundReport
+from .formula_errors import FormulaErrors
 from .loop import Round, refit_chosen, run_round, screened
-from .model_discrepancy import formula_error_chi2
 from .refit import is_no_worse, refit_fully
 from .score import Apart, Score, score
 from .trial import Trial, judge_trial
@@ -148,7 +148,7 @@ def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial
     """
     less = s.without(effect)
     less = replace(less, x=carried(before.x, before.problem.layout, less.problem.free_parameters, {}))
-    return judge_trial(effect, score(less), s)
+    return judge_trial(effect, score(less, FormulaErrors.of_model(less)), s)
 
 
 # ---- Rounds until one adds no effect, and each round as data for the report
@@ -227,7 +227,7 @@ def forward(
 def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) -> tuple[Round, CandidateModel]:
     """One round and the model after it; after a first round that stays far from the data, effects that the guide hides
     are tried."""
-    turned, new = refit_chosen(run_round(s, report, formula_error_chi2(result.chi2_per_dof, s)), report)
+    turned, new = refit_chosen(run_round(s, report), report)
     if first and new.far:
         return find_masked_effect(result, turned, report) or (turned, new)
     return turned, new

@@ -16,6 +16,8 @@ from ..problem.prediction_error import PredictionError, columns, pooled, rows
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
+from .formula_errors import EXACT, FormulaErrors
+from .tangents import fitted_samples
 
 # ---- The score of a model: errors on the fitted traces and on the held-out ones
 
@@ -28,10 +30,11 @@ class Score:
     """The errors of a model, fitted and held out.
 
     Args:
-        chi2: sum of squares of the whitened residual of the fitted traces.
+        chi2: sum of squares of the whitened residual of the fitted traces, r^T M^-1 r with the formula errors M.
         count: number of independent samples among them.
         held_out: chi2 of the held-out traces; None where there are none.
         fit_rows, holdout_rows: free-run errors by trace and channel.
+        errors: covariance M of the residual by inexact formulas.
     """
 
     chi2: float
@@ -39,6 +42,7 @@ class Score:
     held_out: float | None
     fit_rows: tuple[PredictionError, ...] = field(repr=False)
     holdout_rows: tuple[PredictionError, ...] = field(repr=False)
+    errors: FormulaErrors = EXACT
 
     @property
     def fit_rms(self) -> float:
@@ -78,15 +82,27 @@ def _holdout_rows(s: CandidateModel) -> tuple[PredictionError, ...]:
     return rows(problem.batch.traces, problem.free_run(s.x))
 
 
-def score(s: CandidateModel) -> Score:
-    """Judge a model at its coordinates."""
+def score(s: CandidateModel, errors: FormulaErrors = EXACT) -> Score:
+    """Judge a model at its coordinates.
+
+    Args:
+        errors: formula errors of a model that this one contains.
+    """
     r = s.problem.residual(s.x, s.weighted)
     held_out = None
     if s.holdout is not None:
         problem, weighted = s.holdout
         held_out = float(chi2_of(problem, s.x[None], weighted)[0])
     fit_rows = rows(s.problem.batch.traces, s.problem.free_run(s.x))
-    return Score(float(np.sum(r**2)), independent(_channels(s.problem, r)), held_out, fit_rows, _holdout_rows(s))
+    count = independent(_channels(s.problem, r))
+    return Score(_chi2(s, r, errors), count, held_out, fit_rows, _holdout_rows(s), errors)
+
+
+def _chi2(s: CandidateModel, r: np.ndarray, errors: FormulaErrors) -> float:
+    if not errors:
+        return float(np.sum(r**2))
+    own, jacobian = fitted_samples(s.problem, s.x, s.weighted)
+    return errors.chi2(own, jacobian[:, [s.problem.layout.free.index(symbol) for symbol in errors.free]])
 
 
 def _channels(problem: EstimationProblem, r: np.ndarray) -> Iterator[np.ndarray]:

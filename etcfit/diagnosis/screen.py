@@ -23,6 +23,7 @@ from ..model.parameters import AbstractDomain, NonNegative, Parameter
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .composition import Effect, resting
+from .formula_errors import EXACT, FormulaErrors
 from .tangents import (
     Tangents,
     Variant,
@@ -86,28 +87,33 @@ class Background:
     """The residual of the fitted model and the space of changes that its parameters can make.
 
     Args:
-        r: residual of the fitted samples, projected off the parameters, shape (n,).
+        r: residual of the fitted samples, whitened by the formula errors, projected off the parameters, shape (n,).
         basis: orthonormal basis of the changes by the parameters, shape (n, p), p <= P.
-        jacobian: of the residual in the parameters, shape (n, P).
+        jacobian: of the residual in the parameters, not whitened by the formula errors, shape (n, P).
+        errors: formula errors of the model.
     """
 
     r: np.ndarray
     basis: np.ndarray
     jacobian: np.ndarray
+    errors: FormulaErrors = EXACT
 
     @classmethod
-    def of_model(cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> Background:
+    def of_model(
+        cls, problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, errors: FormulaErrors = EXACT
+    ) -> Background:
         """The background of a model at coordinates x, shape (P,)."""
-        return cls.spanned(*fitted_samples(problem, x, weighted))
+        return cls.spanned(*fitted_samples(problem, x, weighted), errors)
 
     @classmethod
-    def spanned(cls, r: np.ndarray, jacobian: np.ndarray) -> Background:
+    def spanned(cls, r: np.ndarray, jacobian: np.ndarray, errors: FormulaErrors = EXACT) -> Background:
         """The background of a residual, shape (n,), and its Jacobian, shape (n, P); dependent columns add nothing."""
-        columns = jacobian / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+        r, columns = errors.whitened(r), errors.whitened(jacobian)
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         values, vectors = np.linalg.eigh(columns.T @ columns)
         keep = values > _TINY
         basis = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-        return cls(cls.free_of(basis, r), basis, jacobian)
+        return cls(cls.free_of(basis, r), basis, jacobian, errors)
 
     @staticmethod
     def free_of(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -121,6 +127,7 @@ class Background:
             rows: of the fitted samples, shape (m,).
             columns: of those samples, shape (m, k).
         """
+        columns = self.errors.whitened(columns, rows)
         whole, imitated = np.sum(columns**2, axis=0), np.sum((self.basis[rows].T @ columns) ** 2, axis=0)
         own = whole - imitated
         return Own(self.r[rows] @ columns, np.where(own > IMITATED * whole, own, 0.0))
@@ -132,7 +139,7 @@ class Background:
             columns: d residual / d amplitude over its scale, shape (n, k); what is not finite counts as 0.
             parameters: of the candidate, by symbol.
         """
-        whole = np.where(np.isfinite(columns), columns, 0.0)
+        whole = self.errors.whitened(np.where(np.isfinite(columns), columns, 0.0))
         own = self.free_of(self.basis, whole)
         power, kept = np.sum(whole**2, axis=0), np.sum(own**2, axis=0)
         own = np.where(kept > IMITATED * power, own, 0.0)

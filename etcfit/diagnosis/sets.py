@@ -18,6 +18,7 @@ from .choice import TIED_LIKELIHOOD, Choice, Outcome, is_accepted
 from .composition import Composition, Effect, resting
 from .exchange import EXCHANGE_RIVAL, Found
 from .findings import SetTried
+from .formula_errors import FormulaErrors
 from .loop import Round, ScoredCandidates, score_candidates
 from .refit import is_no_worse, refit_fully
 from .rounds import Progress, forward, reported
@@ -314,7 +315,7 @@ def _begun_with(
     if not is_no_worse(new, first, before):
         return None
     less = dict(zip(pair.effects, concurrently(lambda e: new.without(e).optimised(), pair.effects), strict=True))
-    given = {e: judge_trial(e, score(less[e]), new).verdict for e in pair.effects}
+    given = {e: judge_trial(e, score(m, FormulaErrors.of_model(m)), new).verdict for e, m in less.items()}
     if not all(is_accepted(v, first.settings) for v in given.values()):
         return None
     a, b = sorted(pair.effects, key=lambda e: -promise.alone[e])

@@ -34,6 +34,8 @@ from .tangents import variants
 SPARED_GAIN = 0.01
 
 
+BESIDE_FORMULAS = 7.0  # factor of the required change of BIC where effects with inexact formulas are at work
+
 _FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake that no check found
 
 _IN_ONE_PLACE = 25.0  # factor by which it is less probable: there are hundreds of such places
@@ -61,7 +63,9 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 #
 #     BIC change = n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants tried) - 2 ln prior
 #
-# with n the number of independent samples and the prior that of a mistake of the rig (`surprise`).
+# with n the number of independent samples and the prior that of a mistake of the rig (`surprise`). Where effects with
+# inexact formulas are at work chi2 is r^T M^-1 r (`formula_errors`). M does not describe how a formula error changes
+# within a stretch, so that `BESIDE_FORMULAS` times the evidence is required there.
 #
 # An amplitude that cannot be negative and is best at zero gains nothing: the test is one-sided by construction.
 #
@@ -84,6 +88,7 @@ class TrialVerdict:
         gain: by how much it lowers chi2 of the fitted traces.
         slack: allowed relative rise of the held-out free-run RMS.
         prior: -2 ln prior, a part of `bic_change`.
+        beside_formulas: whether effects with inexact formulas are at work in the model before.
     """
 
     effect: Effect
@@ -96,10 +101,15 @@ class TrialVerdict:
     gain: float
     slack: float
     prior: float = 0.0
+    beside_formulas: bool = False
+
+    def required_bic_change(self, settings: DiagnosisSettings) -> float:
+        """Change of BIC below which the effect is worth its parameters."""
+        return settings.strong_bic_change * (BESIDE_FORMULAS if self.beside_formulas else 1.0)
 
     def is_strong(self, settings: DiagnosisSettings) -> bool:
         """Whether BIC falls by enough for the effect to be worth its parameters."""
-        return self.bic_change < settings.strong_bic_change
+        return self.bic_change < self.required_bic_change(settings)
 
     def helps_elsewhere(self) -> bool:
         """Whether held-out traces do not contradict the effect. They need not show it: for example, not every trace
@@ -156,12 +166,15 @@ def compare(
         ratio = after.holdout_rms / before.holdout_rms
     change = bic_change(before, after, cost)
     fit_ratio = after.fit_rms / before.fit_rms
-    return TrialVerdict(effect, after, samples, fit_ratio, ratio, held_out, change, before.chi2 - after.chi2, slack)
+    gain = before.chi2 - after.chi2
+    return TrialVerdict(
+        effect, after, samples, fit_ratio, ratio, held_out, change, gain, slack, beside_formulas=bool(before.errors)
+    )
 
 
 def judge_trial(effect: Effect, before: Score, s: CandidateModel, cost: Cost | None = None) -> Trial:
     """The trial of a refitted model that has one more effect than the one scored before."""
-    slack, after = s.settings.rise_in_trial(s.far), score(s)
+    slack, after = s.settings.rise_in_trial(s.far), score(s, before.errors)
     counted = after
     if is_of_the_rig(effect) and effect.delays and s.at_work(effect):
         counted = replace(after, chi2=after.chi2 + gain_in_one_event(s, effect))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..diagnosis.model_discrepancy import percent_off
+from ..diagnosis.formula_errors import percent_off
 from ..errors import UsageError
 from ..estimation.identifiability import listed
 from ..files import plain, whole

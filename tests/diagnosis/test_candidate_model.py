@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -86,3 +87,22 @@ def test_no_more_halvings_are_made_than_allowed(model: CandidateModel, monkeypat
     monkeypatch.setattr("etcfit.diagnosis.candidate_model.START_HALVINGS", 1)
     rest = nominal(model)
     assert rest.trying((GRAVITY,), {"T_g": 400.0}).values["T_g"] == pytest.approx(200.0)
+
+
+def test_a_population_is_spread_widely_over_the_effect_alone_and_its_end_is_an_optimum(
+    small: CandidateModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it ended is the start of a descent; what it was given is all that decides how far it looks."""
+    s, seen = small.with_effects((GRAVITY,), {"T_g": 0.2}).optimised(), {}
+
+    def evolved(cost: Callable[[np.ndarray], np.ndarray], x: np.ndarray, spread: np.ndarray) -> np.ndarray:
+        seen.update(cost=cost(np.stack((x, x + spread))), spread=spread)
+        return x + 0.5 * spread
+
+    monkeypatch.setattr("etcfit.diagnosis.candidate_model.evolve_population", evolved)
+    found = s.searched(GRAVITY)
+    own = s.problem.layout.free.index("T_g")
+    assert seen["spread"][own] == pytest.approx(0.15 * abs(s.x[own]))
+    assert np.all(np.delete(seen["spread"], own) <= 0.1)
+    assert seen["cost"][0] == pytest.approx(s.chi2)
+    assert found.chi2 == pytest.approx(s.chi2, rel=1e-2)

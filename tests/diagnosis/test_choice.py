@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,8 @@ from etcfit.diagnosis.choice import (
     first_of,
     in_turn,
     is_accepted,
-    nothing_to_read,
     promises,
     promising,
-    worth_a_look,
 )
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
@@ -39,25 +38,6 @@ STRONG = SETTINGS.strong_bic_change
 
 def chosen(*verdicts: TrialVerdict, **limits: float) -> Choice:
     return choose(verdicts, SETTINGS, **limits)
-
-
-# ---- is it worth a look?
-
-
-@pytest.mark.parametrize(
-    ("excess", "blur", "looks"), [(9.9, 10.0, False), (10.1, 10.0, True), (-50.0, 0.0, True), (math.nan, 10.0, True)]
-)
-def test_a_round_looks_no_further_within_what_formulas_leave(excess: float, blur: float, looks: bool) -> None:
-    assert worth_a_look(1000.0 + excess, 1000.0, blur) is looks
-
-
-def test_what_is_not_worth_a_look_is_said_with_its_size() -> None:
-    found = nothing_to_read(["limp_home_spring"], 0.02, 0.0099)
-    assert (found.outcome, found.effect, found.ties) == (Outcome.NOTHING_TO_READ, None, ())
-    assert found.why == (
-        "The residual exceeds the noise by 0.99 %, no more than an error of 2 % in the formula of limp_home_spring "
-        "would leave: no effect is sought in it."
-    )
 
 
 # ---- is it worth a refit?
@@ -139,14 +119,11 @@ def test_without_held_out_traces_their_error_is_not_spoken_of() -> None:
     assert "held-out" not in found.why
 
 
-def test_what_an_inexact_formula_could_have_left_is_not_proven() -> None:
-    """The verdicts of these tests leave a chi2 of 900."""
-    every = verdict(LIMP, -500.0), verdict(GRAVITY, -499.0)
-    proven = chosen(*every, most=900.1)
-    assert (proven.effect, proven.ties) == (LIMP, (GRAVITY,))
-    found = chosen(*every, most=900.0)
-    assert (found.outcome, found.effect, found.ties) == (Outcome.NOT_PROVEN, None, ())
-    assert found.why.startswith("limp_home_spring would explain a little more (BIC -500), but no more than")
+def test_beside_inexact_formulas_seven_times_the_evidence_is_required() -> None:
+    assert chosen(replace(verdict(LIMP, 7.1 * STRONG), beside_formulas=True)).effect is LIMP
+    found = chosen(replace(verdict(LIMP, 6.9 * STRONG), beside_formulas=True))
+    assert found.outcome is Outcome.NOT_WORTH_IT
+    assert found.why.endswith("(BIC -69.0; -70 is required).")
 
 
 @pytest.mark.parametrize(("noise", "added"), [(401.0, LIMP), (399.0, None)])

@@ -137,17 +137,12 @@ def test_beside_a_slow_log_no_name_is_surer_than_may_be() -> None:
     assert BETWEEN_SAMPLES not in p
 
 
-def test_no_more_than_inexact_formulas_leave_is_nothing_without_a_name() -> None:
-    unread = replace(turn(None), candidates=(), evidence=COLOURED)
-    assert probabilities([turn("a", a=-9000.0), unread], ["a"], False, DEFAULT)[UNEXPLAINED] == LAPSE
-
-
 # ---- What a name may be believed, from what it explains where it acts and what is left there
 
 N = 1000
 VOLTS_1, VOLTS_2, DRIVE = "viscous/volts_1.csv", "viscous/volts_2.csv", "response/drive_1.csv"
 WARM, GAIN, CLOCK = f"warm_start[{VOLTS_2}]", f"channel_gain[{VOLTS_2}.voltage]", "time_scale[viscous]"
-FRICTION, SPRING, DRAG = "presliding_friction", "limp_home_spring", "quadratic_drag"  # inexact: 10, 2 and 2 %
+FRICTION, SPRING, DRAG = "presliding_friction", "limp_home_spring", "quadratic_drag"
 
 
 def excess_round(added: str | None, excess: Mapping[str, float]) -> RoundReport:
@@ -206,12 +201,12 @@ def test_mistakes_in_two_tests_are_two() -> None:
     assert said == [1.0, 1.0, 1.0]
 
 
-def test_what_an_inexact_formula_may_leave_is_no_second_effect() -> None:
-    first, second, _ = of(
+def test_a_second_effect_that_leaves_noise_is_believed_however_much_the_first_explained() -> None:
+    """What inexact formulas may leave is no part of these rows."""
+    said = of(
         excess_round(FRICTION, {DRIVE: 150.0}), excess_round(SPRING, {DRIVE: 1.0}), excess_round(None, {DRIVE: 0.0})
     )
-    assert first > 0.99
-    assert second == pytest.approx(1.0 / (1.0 + 0.1**2 * 149.0))
+    assert said == [1.0, 1.0, 1.0]
 
 
 def test_what_did_not_stay_or_was_never_seen_without_is_not_judged() -> None:
@@ -272,8 +267,9 @@ def test_a_name_is_stated_with_no_more_than_its_credit() -> None:
     assert sure[WARM] == pytest.approx(1.0 - DEFAULT.lapse)
 
 
-@pytest.mark.parametrize(("left", "likely"), [(0.0, 0.1), (0.02, 0.1), (1.2, 0.3), (1.9, 0.475)])
+@pytest.mark.parametrize(("left", "likely"), [(0.0, 0.1), (0.02, 0.1), (1.1, 0.275), (1.3, 0.9)])
 def test_something_without_a_name_is_as_likely_as_its_share_of_the_misfit(left: float, likely: float) -> None:
+    """Where a name explains less than seven tenths of the misfit it is in doubt: the whole misfit has no name."""
     rounds: Sequence[RoundReport] = (excess_round(DRAG, {DRIVE: 4.0}), excess_round(None, {DRIVE: left}))
     rounds = (rounds[0], RoundReport(**{**vars(rounds[1]), "candidates": rounds[0].candidates}))
     assert left_share(rounds) == pytest.approx(left / 4.0)

@@ -15,7 +15,7 @@ from etcfit.diagnosis.choice import Choice, Outcome, choose
 from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.exchange import Found
-from etcfit.diagnosis.loop import Round, refit_chosen, run_round
+from etcfit.diagnosis.loop import Round, refit_chosen, run_round, starts_of
 from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.rounds import Near, Progress, find_masked_effect, forward, maskable, nearest, reported
 from etcfit.diagnosis.score import Apart
@@ -200,22 +200,22 @@ def test_a_turn_screens_its_candidates_and_says_what_it_tried(
     (trial,) = turned.trials
     assert trial.verdict.gain > 0.0
     assert trial.verdict.gain == pytest.approx(turned.score.chi2 - trial.model.chi2)
-    assert turned.choice == choose([trial.verdict], s.settings, turned.score.chi2, s.weighted.samples)
+    assert turned.choice == choose([trial.verdict], s.settings, s.weighted.samples)
     assert turned.choice.outcome in (Outcome.ADDED, Outcome.NOT_WORTH_IT, Outcome.CONTRADICTED, Outcome.SMALL_PART)
-
-
-def test_a_turn_within_what_formulas_leave_screens_nothing(small: CandidateModel) -> None:
-    """Screening is what it costs to look."""
-    said: list[str] = []
-    s = small.with_effects((GRAVITY,), {"T_g": 0.01})
-    turned = run_round(s, lambda text, share: said.append(text), 1e12)
-    assert said == []
-    assert (turned.screened, turned.trials, turned.added) == ((), (), None)
-    assert turned.choice.outcome is Outcome.NOTHING_TO_READ
-    assert "a formula of gravity_load that is 2 % off" in turned.choice.why
 
 
 def test_an_effect_at_work_is_no_candidate(small: CandidateModel) -> None:
     turned = run_round(replace(small.with_effects((GRAVITY,), {"T_g": 0.01}), holdout=None), quiet)
     assert turned.screened == ()
     assert turned.choice.outcome is Outcome.NO_PROMISE
+
+
+def test_a_refit_starts_from_the_best_few_variants_of_an_effect() -> None:
+    """At most four, and none that promises less than three tenths of the best."""
+    backlash, other = EFFECT_BY_NAME["backlash"], EFFECT_BY_NAME["cogging_torque"]
+    some = iter(variants(backlash))
+    every = [Signature(next(some), np.zeros((0, 1)), gain, {}, 1.0) for gain in (10.0, 100.0, 31.0, 29.0, 80.0)]
+    every.append(Signature(variants(other)[0], np.zeros((0, 1)), 99.0, {}, 1.0))
+    assert [g.gain for g in starts_of(every[1], every)] == [100.0, 80.0, 31.0]
+    many = [replace(each, gain=100.0 - n) for n, each in enumerate(every[:5])]
+    assert [g.gain for g in starts_of(many[0], many)] == [100.0, 99.0, 98.0, 97.0]

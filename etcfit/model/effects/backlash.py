@@ -36,6 +36,7 @@ class Backlash(AbstractEffect):
     off: ClassVar[Mapping[str, float] | None] = {"g_b": 0.0}
     z0: ClassVar[tuple[float, ...]] = (1.0,)
     loaded: ClassVar[bool] = True
+    rough: ClassVar[bool] = True
     inexact: ClassVar[float] = 0.1
     # chi2 has a valley for each impact that falls on the right sample
     scan: ClassVar[Mapping[str, tuple[float, ...]]] = {

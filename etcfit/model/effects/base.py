@@ -139,6 +139,7 @@ class AbstractEffect(eqx.Module):
             of it.
         loaded: True where it must be told what the gear carries (`Inputs.motor`, `Inputs.external`).
         delays: True where it shifts the input or a channel in time.
+        rough: True where chi2 has many valleys over its parameters: its trial searches with a population.
         commands: True where it drives the throttle by what its sensors show, see `AbstractComputer`.
         needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear"; or, of a
             hypothesis that would imitate others, that `rig.checks` tells of it: "bridge".
@@ -156,6 +157,7 @@ class AbstractEffect(eqx.Module):
     hidden: ClassVar[bool] = False
     loaded: ClassVar[bool] = False
     delays: ClassVar[bool] = False
+    rough: ClassVar[bool] = False
     commands: ClassVar[bool] = False
     needs: ClassVar[tuple[str, ...]] = ()
     stated: ClassVar[Mapping[str, Callable[[float], float]]] = {}
