@@ -223,7 +223,7 @@ def test_the_model_of_all_effects_carries_the_controller_along() -> None:
     composition = compose(Rig("bench", CONFIG, (logged(),)), (trace,))
     assert set(COMMANDING) <= set(composition.known)
     assert not set(COMMANDING) & set(composition.candidates)
-    assert "K_p" in composition.beside(composition.inside, ()).layout.free
+    assert "K_p" in composition.with_asleep(composition.inside, ()).layout.free
     assert set(COMMANDING) <= set(composition.lean(()).layout.types)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -285,15 +284,6 @@ def test_the_resolution_of_the_logger_is_seen(tmp_path: Path) -> None:
     position = trace(read(tmp_path, {"response/1.csv": coarse.text()})).channels["position"]
     assert position.quantum == pytest.approx(0.005 * position.scale, rel=1e-6)
     assert position.sigma == pytest.approx(position.scale * np.hypot(0.004, 0.005 / np.sqrt(12)), rel=0.15)
-
-
-@pytest.mark.benchmark
-def test_two_hundred_long_traces_read_in_seconds(tmp_path: Path) -> None:
-    text = response(5000).text()
-    write(tmp_path, {"rig.toml": TOML, **{f"response/{k}.csv": text for k in range(200)}})
-    before = time.perf_counter()
-    read_folder(tmp_path)
-    assert time.perf_counter() - before < 6.0
 
 
 def test_a_last_number_that_lacks_digits_is_said_and_a_last_line_that_is_whole_is_not(tmp_path: Path) -> None:
