@@ -129,7 +129,7 @@ def test_a_worker_that_dies_costs_a_try_and_one_that_always_dies_its_unit(worker
     work = CountingWork(counts, {"u0005": kills, "u0020": kills_once(tmp_path / "mark")}, sleeps(0.35))
     assert run(units, work, workers, parts) == Tally(39, 0, 1)
     assert list(failures(parts)) == ["u0005"]
-    assert "its worker process ended while it was on this unit" in failures(parts)["u0005"]
+    assert "its worker process ended while it fitted this unit" in failures(parts)["u0005"]
     # nobody else was on those workers: each took longer than a portion, so it had a task of its own
     assert work.counted() == {**dict.fromkeys(units, 1), "u0005": 2, "u0020": 2}
 
