@@ -148,7 +148,8 @@ def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
 
 def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
     """The lean model in a composition of its own effects and the smooth curves."""
-    return s.within(compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added), s.added, {})
+    composition = compose(result.rig, s.problem.batch.traces, UNKNOWNS, s.added, s.held_out)
+    return s.within(composition, s.added, {})
 
 
 def _best(s: CandidateModel, before: Score) -> Trial | None:

@@ -180,6 +180,9 @@ def test_beside_a_trace_held_out_the_only_fitted_one_of_a_test_may_be_wrong_by_i
     more = {e.name for e in beside.of_the_rig} - {e.name for e in without.of_the_rig}
     assert {"channel_gain[response/1.csv.current]", "warm_start[response/1.csv]"} <= more
     assert not any("response/9.csv" in name for name in more)
+    # so has a model with a smooth curve beside such an effect
+    added = next(e for e in beside.of_the_rig if e.name == "channel_gain[response/1.csv.current]")
+    assert added in compose(rig, traces, UNKNOWNS, (added,), held_out).candidates
 
 
 def test_effects_of_the_rig_lie_in_a_lean_model_only_beside_one_of_them(rig: Rig, traces: tuple[Trace, ...]) -> None:
