@@ -423,10 +423,11 @@ def drive(
             from .run_folder.state import refuse_among_measurements
 
             refuse_among_measurements(logs, out)
+        from .api.work import one_held_against
         from .car_log import study
         from .car_log.read import logs_at
         from .car_log.study import chosen
-        from .reporting.car_log import compared_table, drive_table, one_held_against
+        from .reporting.car_log import compared_table, drive_table
         from .reporting.car_log.writing import write_drive
         from .reporting.closing import of_drive
 

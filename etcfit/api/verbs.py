@@ -432,8 +432,8 @@ def drive(
         from ..car_log import study
         from ..car_log.read import logs_at
         from ..car_log.study import chosen
-        from ..reporting.car_log import one_held_against
         from .measurements import Driven
+        from .work import one_held_against
 
         config, logs = logs_at(folder)
         every = tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs))

@@ -4,7 +4,7 @@ each step leaves in a run folder, files and pictures together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -20,6 +20,7 @@ from .progress import Report, silent
 if TYPE_CHECKING:
     import numpy as np
 
+    from ..car_log import Study
     from ..car_log.log import Series
     from ..control.design import Design
     from ..control.frequency import FrequencyResponse
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from ..model.ecus import EcuProfile
     from ..posterior.profile import Profile
     from ..posterior.sampling import Posterior
+    from ..reporting.car_log import Held
     from ..reporting.page import Page
     from ..rig.base import RigConfig
 
@@ -314,3 +316,25 @@ def keep_design(
     ) as draft:
         write_json(draft / "pid.json", "pid", design_json(design))
         draw_design(draft, design, report)
+
+
+def one_held_against(studies: Sequence[Study], run: Path, made_with: str | None) -> Held:
+    """The one log that there is, beside what a run foretold.
+
+    Args:
+        studies: of it alone.
+        run: of `etcfit tune`.
+        made_with: whose gains made it, as tune.json or the command line names them; half way where None.
+    Raises:
+        UsageError: several logs, or a run that foretells nothing.
+        MeasurementError: no such steps in it.
+    """
+    from ..car_log.foretold import held_against
+    from ..reporting.car_log import Held
+    from ..run_folder.reading import read_foretold
+
+    if len(studies) != 1:
+        raise UsageError(f"--foretold is about one log, and there are {', '.join(each.log.name for each in studies)}. "
+                         "Name the file of the one that the new gains made.")  # fmt: skip
+    told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
+    return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))

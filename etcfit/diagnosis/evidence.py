@@ -182,11 +182,11 @@ class Place(NamedTuple):
     channel: str
 
 
-def evidence(s: CandidateModel) -> Evidence:
-    """Test the residual of the fitted traces."""
+def evidence(s: CandidateModel, errors: FormulaErrors) -> Evidence:
+    """Test the residual of the fitted traces, the formula errors of the model whitened too."""
     stiffness = guide_stiffness_of(s.problem, s.x)
     along = signals(s.problem, s.x, stiffness)
-    judged = list(_residuals(s, along))
+    judged = list(_residuals(s, along, errors))
     rows = _rows(judged)
     volts = missing_voltage(s.problem, s.x, stiffness)
     found = (*shares("torque", along, [a["torque"] for a in along]),
@@ -199,7 +199,7 @@ def evidence(s: CandidateModel) -> Evidence:
 def is_white(s: CandidateModel) -> bool:
     """`Evidence.white` alone: it is cheaper, because the signals that the residual correlates with are not sought."""
     along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x))
-    judged = list(_residuals(s, along))
+    judged = list(_residuals(s, along, FormulaErrors.of_model(s)))
     return _is_noise(judged, _rows(judged))
 
 
@@ -211,7 +211,7 @@ def _rows(judged: Sequence[Judged]) -> list[Whiteness]:
     return [row for each in judged for row in rows_of(*each)]
 
 
-def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[Judged]:
+def _residuals(s: CandidateModel, along: Sequence[Signals], errors: FormulaErrors) -> Iterator[Judged]:
     """Each trace with its whitened residual, shape (n, M), the errors of inexact formulas whitened too. Far from the
     data, where the samples were weighed down, it is in units of the noise alone."""
     r = s.problem.residual(s.x, s.weighted)
@@ -219,7 +219,7 @@ def _residuals(s: CandidateModel, along: Sequence[Signals]) -> Iterator[Judged]:
         r = r * (s.problem.sigma / s.problem.batch.slots.sigma)
     else:
         seen = np.asarray(s.weighted.slots.weight) > 0.0
-        r[seen] = FormulaErrors.of_model(s).whitened(r[seen])
+        r[seen] = errors.whitened(r[seen])
     return zip(s.problem.batch.traces, columns(s.problem.batch, r), along, strict=True)
 
 

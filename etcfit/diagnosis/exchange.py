@@ -17,7 +17,7 @@ from .composition import Effect, resting
 from .formula_errors import FormulaErrors
 from .loop import Round, screened
 from .refit import is_no_worse, refit_fully, refit_worsened
-from .score import Apart, Score, distance_to, folds, left_out, score
+from .score import Apart, Score, baseline, distance_to, folds, left_out, score
 from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
 
 # ---- Looking back: each effect found is compared again with its rivals, now that all later effects are in the model
@@ -130,20 +130,19 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             continue
         report(f"comparing {each.effect.name} again with its rivals", 0.88)
         base = s.without(each.effect).optimised()
-        before = score(base, FormulaErrors.of_model(base))
+        before = baseline(base)
         every = compared_in_place(s, each.effect, rivals, base, before)
         chosen, tied = preference(every[0].verdict, [t.verdict for t in every[1:]])
         best = every[chosen]
+        ties = _apart(best, (every[tie] for tie in tied))
         if chosen:
             new = refit_fully(best.model, report)
             if not is_no_worse(new, s, score(s)) or contradicted(best.model, s):
                 continue
             words.append(gave_way(every[0].verdict, best.verdict))
-            ties = tuple(every[tie].verdict.effect for tie in tied)
-            choice = Choice(Outcome.ADDED, best.verdict.effect, ties, words[-1])
+            choice = Choice(Outcome.ADDED, best.verdict.effect, tuple(ties), words[-1])
             rounds.append(Round(base, before, (), tuple(sorted(every, key=lambda t: t.verdict.bic_change)), choice))
             s = replace(new, added=replaced_in_order(s.added, each.effect, best.verdict.effect))
-        ties = _apart(best, (every[tie] for tie in tied))
         now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
     return LookBack(s, tuple(each.without_ties_to(s.added) for each in now), tuple(words), tuple(rounds))
 

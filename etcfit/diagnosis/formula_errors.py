@@ -31,6 +31,7 @@ from ..estimation.levenberg_marquardt import linearise_at
 from ..problem.free_parameters import effect_named
 from .candidate_model import CandidateModel
 from .composition import Effect
+from .tangents import fitted_samples, stretch_of_samples
 
 ERROR_STRETCHES = 20  # equal parts of a trace for M
 FORMULA_STRETCHES = 6  # equal parts of a trace for C'
@@ -98,18 +99,14 @@ class FormulaErrors:
         inexact = [effect for effect in s.added if effect.inexact]
         if s.far or not inexact:
             return EXACT
-        jacobian = s.problem.linearise(s.x, s.weighted).jacobian
-        columns = np.stack([effect.inexact * (jacobian @ _doubled(s, effect)) for effect in inexact], axis=-1)
+        _, jacobian = fitted_samples(s.problem, s.x, s.weighted)
+        columns = np.stack([effect.inexact * (jacobian @ _doubled(s, effect)) for effect in inexact], axis=1)
         columns = np.where(np.isfinite(columns), columns, 0.0)
-        seen = np.asarray(s.weighted.slots.weight) > 0.0
-        number = np.full(seen.shape, -1)
-        number[seen] = np.arange(np.count_nonzero(seen))
-        found = []
-        for lane, stretch in s.problem.batch.stretches(ERROR_STRETCHES):
-            here = seen[stretch, lane]
-            if here.any():
-                found.append(Stretch.of_columns(number[stretch, lane][here], columns[stretch, lane][here]))
-        return cls(tuple(found), int(np.count_nonzero(seen)), s.problem.layout.free)
+        number = stretch_of_samples(s.problem, s.weighted, ERROR_STRETCHES)
+        order = np.argsort(number, kind="stable")
+        stretches = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
+        found = tuple(Stretch.of_columns(samples, columns[samples]) for samples in stretches)
+        return cls(found, len(columns), s.problem.layout.free)
 
     def whitened(self, columns: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """M^-1/2 times columns, shape (n,) or (n, k).

@@ -17,7 +17,7 @@ from .composition import Effect, is_of_the_rig, resting
 from .formula_errors import EXACT, FormulaErrors
 from .refit import is_no_worse, refit_fully
 from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
-from .score import Score, folds, left_out, score
+from .score import Score, baseline, folds, left_out
 from .screen import Background, Signature, ranked, screen_of_the_rig
 from .tangents import Tangents, tangents_inside, variants
 from .trial import Trial, judge_trial, run_trial, second_trial
@@ -32,7 +32,7 @@ class Round:
 
     Args:
         before: the model that it began with.
-        score: of that model.
+        score: of that model, under its own formula errors (`baseline`).
         screened: every candidate's signature, the most promising first.
         trials: of the candidates refitted, the lowest BIC first.
         choice: the effect that is added, and why.
@@ -66,7 +66,7 @@ class Round:
 
 def run_round(s: CandidateModel, report: Report) -> Round:
     """One round."""
-    before = score(s, FormulaErrors.of_model(s))
+    before = baseline(s)
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
     every = score_candidates(s, candidates, Signature.briefly, before.errors).signatures

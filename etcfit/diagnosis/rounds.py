@@ -17,10 +17,9 @@ from .composition import Effect, carried
 from .evidence import evidence, is_white
 from .exchange import Found
 from .findings import Candidate, RoundReport
-from .formula_errors import FormulaErrors
 from .loop import Round, refit_chosen, run_round, screened
 from .refit import is_no_worse, refit_fully
-from .score import Apart, Score, score
+from .score import Apart, Score, baseline
 from .trial import Trial, judge_trial
 
 # ---- Effects that a guide hides: a sensor that does not show where the plate is, or a mistake of the rig
@@ -148,7 +147,7 @@ def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial
     """
     less = s.without(effect)
     less = replace(less, x=carried(before.x, before.problem.layout, less.problem.free_parameters, {}))
-    return judge_trial(effect, score(less, FormulaErrors.of_model(less)), s)
+    return judge_trial(effect, baseline(less), s)
 
 
 # ---- Rounds until one adds no effect, and each round as data for the report
@@ -249,7 +248,7 @@ def reported(turned: Round) -> RoundReport:
     candidates.sort(key=lambda c: (c.bic_change is None, c.bic_change or -c.screened))
     return RoundReport(
         effects=tuple(e.name for e in turned.before.added),
-        evidence=evidence(turned.before),
+        evidence=evidence(turned.before, turned.score.errors),
         fit_rms=turned.score.fit_rms,
         holdout_rms=turned.score.holdout_rms,
         candidates=tuple(candidates),
@@ -279,7 +278,7 @@ def first_from_checks(result: FitResult, progress: Progress, report: Report) -> 
 def _with_effect(effect: Effect, value: float, result: FitResult, progress: Progress, report: Report) -> Progress:
     """The progress with one more round, which adds the effect; unchanged where the fit with it is not accepted."""
     before = progress.model
-    was = score(before)
+    was = baseline(before)
     report(f"fitting with {effect.name}, which the rig's checks found", 0.02)
     s = fitted_with(effect, result, before, was, report, stated=value)
     if s is None:

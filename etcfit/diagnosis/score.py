@@ -98,6 +98,11 @@ def score(s: CandidateModel, errors: FormulaErrors = EXACT) -> Score:
     return Score(_chi2(s, r, errors), count, held_out, fit_rows, _holdout_rows(s), errors)
 
 
+def baseline(s: CandidateModel) -> Score:
+    """The score of a model that larger ones are compared with: under its own formula errors."""
+    return score(s, FormulaErrors.of_model(s))
+
+
 def _chi2(s: CandidateModel, r: np.ndarray, errors: FormulaErrors) -> float:
     if not errors:
         return float(np.sum(r**2))

@@ -18,11 +18,10 @@ from .choice import TIED_LIKELIHOOD, Choice, Outcome, is_accepted
 from .composition import Composition, Effect, resting
 from .exchange import EXCHANGE_RIVAL, Found
 from .findings import SetTried
-from .formula_errors import FormulaErrors
 from .loop import Round, ScoredCandidates, score_candidates
 from .refit import is_no_worse, refit_fully
 from .rounds import Progress, forward, reported
-from .score import Apart, Score, distance_to, holdout_worsened, score
+from .score import Apart, Score, baseline, distance_to, holdout_worsened, score
 from .screen import Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
 from .trial import Cost, Trial, bic_change, judge_trial
@@ -315,7 +314,8 @@ def _begun_with(
     if not is_no_worse(new, first, before):
         return None
     less = dict(zip(pair.effects, concurrently(lambda e: new.without(e).optimised(), pair.effects), strict=True))
-    given = {e: judge_trial(e, score(m, FormulaErrors.of_model(m)), new).verdict for e, m in less.items()}
+    scores = {e: baseline(m) for e, m in less.items()}
+    given = {e: judge_trial(e, was, new).verdict for e, was in scores.items()}
     if not all(is_accepted(v, first.settings) for v in given.values()):
         return None
     a, b = sorted(pair.effects, key=lambda e: -promise.alone[e])
@@ -327,7 +327,7 @@ def _begun_with(
     second = tuple(g for g in signatures if g.variant.effect is b)
     rounds = (
         Round(first, before, signatures, (opening,), Choice(Outcome.ADDED, a, (), f"{why}: the first of them.")),
-        Round(less[b], score(less[b]), second, (closing,), Choice(Outcome.ADDED, b, (), f"{why}: the second.")),
+        Round(less[b], scores[b], second, (closing,), Choice(Outcome.ADDED, b, (), f"{why}: the second.")),
     )
     found = tuple(Found(e, {}, -given[e].bic_change, rivals(e, pair, every, promise, first.settings)) for e in (a, b))
     return Progress(new, found, tuple(map(reported, rounds)))

@@ -181,6 +181,14 @@ def fitted_samples(problem: EstimationProblem, x: np.ndarray, weighted: Weighted
     return r[seen], jacobian[seen]
 
 
+def stretch_of_samples(problem: EstimationProblem, weighted: WeightedData, count: int) -> np.ndarray:
+    """Number of the stretch of each fitted sample, every trace being cut into so many equal ones, shape (n,)."""
+    number = np.zeros(np.shape(weighted.slots.weight), dtype=int)
+    for k, (lane, stretch) in enumerate(problem.batch.stretches(count)):
+        number[stretch, lane] = k
+    return number[np.asarray(weighted.slots.weight) > 0.0]
+
+
 @dataclass(frozen=True, eq=False)
 class Tangents:
     """Derivatives of the residual of the fitted samples in the free parameters of a model.

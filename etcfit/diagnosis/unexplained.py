@@ -26,7 +26,7 @@ from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Signature
 from .settings import DiagnosisSettings
-from .tangents import fitted_samples, tangents_inside, variants
+from .tangents import fitted_samples, stretch_of_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judge_trial
 
 # ---- Structure that no effect of the catalogue explains: a smooth curve, and the names that it puts in doubt
@@ -316,8 +316,5 @@ def _bent(s: CandidateModel, smooth: Sequence[type[AbstractSmooth]]) -> CurveDis
     priors = prior_information(lean.problem.layout, lean.x, lean.weighted.prior_sd)
     scales, effects = [variants(e)[0] for e in smooth], {e.name: e for e in smooth}
     each = tangents_inside(lean, scales, lambda v, c: Curve(effects[v.effect.name], np.where(np.isfinite(c), c, 0.0)))
-    seen = np.asarray(lean.weighted.slots.weight) > 0.0
-    events = np.zeros(seen.shape, dtype=int)
-    for number, (lane, stretch) in enumerate(lean.problem.batch.stretches(CURVE_STRETCHES)):
-        events[stretch, lane] = number
-    return curve_discrepancy(r, jacobian, priors, each, events[seen])
+    events = stretch_of_samples(lean.problem, lean.weighted, CURVE_STRETCHES)
+    return curve_discrepancy(r, jacobian, priors, each, events)

@@ -154,6 +154,7 @@ def draw_design(run: Path, design: Design, report: Report) -> None:
     from .control import pictures as of_control
     from .drawing import draw_here
 
-    draws = (of_control.draw_responses, of_control.draw_scenarios, of_control.draw_front, of_control.draw_safety)
-    jobs = [(Path(f"{draw.__name__.removeprefix('draw_')}.png"), partial(draw, design)) for draw in draws]
+    pictures = {"responses": of_control.draw_responses, "scenarios": of_control.draw_scenarios,
+                "front": of_control.draw_front, "safety": of_control.draw_safety}  # fmt: skip
+    jobs = [(Path(f"{name}.png"), partial(draw, design)) for name, draw in pictures.items()]
     draw_here(run / "pictures" / "control", jobs, report)

@@ -32,6 +32,7 @@ from etcfit.diagnosis.evidence import (
     whiteness,
 )
 from etcfit.diagnosis.findings import Motion, Share, Whiteness
+from etcfit.diagnosis.formula_errors import EXACT
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.model.effects import PAPER
@@ -214,7 +215,7 @@ def test_what_one_event_shows_is_no_evidence_and_what_two_show_is(
 
 def test_an_event_that_is_larger_than_noise_is_evidence(small: CandidateModel) -> None:
     """The trace of the small model was drawn by hand: most of it is far off."""
-    assert any(is_larger_than_noise(row.rms, row.n) for row in evidence(small).rows)
+    assert any(is_larger_than_noise(row.rms, row.n) for row in evidence(small, EXACT).rows)
     assert not is_white(small)
     assert is_larger_than_noise(1.2, 2000)
     assert not is_larger_than_noise(1.1, 2000)
@@ -257,7 +258,7 @@ def test_where_all_is_noise_nothing_else_is_said() -> None:
 
 def test_every_channel_of_every_trace_is_tested_where_it_was_logged(small: CandidateModel) -> None:
     """Its trace was drawn by hand and is no throttle's."""
-    found = evidence(small)
+    found = evidence(small, EXACT)
     (trace,) = small.problem.batch.traces
     assert [(r.file, r.test, r.channel) for r in found.rows] == [
         (trace.measurement.file, "response", channel) for channel in trace.channels
@@ -278,7 +279,7 @@ def test_whether_all_is_white_is_told_without_what_it_goes_along_with(
         for name, value in limits.items():
             monkeypatch.setattr(module, name, value)
         monkeypatch.setattr(module, "missing_voltage", missing_voltage)
-        assert evidence(small).white is white
+        assert evidence(small, EXACT).white is white
         monkeypatch.setattr(module, "missing_voltage", lambda *_: pytest.fail("nobody reads it"))
         assert is_white(small) is white
 
@@ -288,7 +289,7 @@ def test_far_from_the_data_a_residual_is_judged_by_its_noise_not_by_its_weight(s
     far = replace(small, problem=problem, weighted=problem.weighted(weights.free_running(problem)),
                   end=Termination(True, "far", far=True))  # fmt: skip
     assert far.chi2 < 0.5 * small.chi2
-    assert [r.rms for r in evidence(far).rows] == pytest.approx([r.rms for r in evidence(small).rows])
+    assert [r.rms for r in evidence(far, EXACT).rows] == pytest.approx([r.rms for r in evidence(small, EXACT).rows])
 
 
 # ---- What a model lacks along the measured motion, read off its guide: known torque, known voltage, and where none is.

@@ -15,12 +15,10 @@ from rich.text import Text
 
 from ...car_log import Study, record_next
 from ...car_log.criteria import Judgement, Verdict
-from ...car_log.foretold import Comparison, Figure, held_against
+from ...car_log.foretold import Comparison, Figure
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
-from ...errors import UsageError
 from ...rig.base import RigConfig
-from ...run_folder.reading import read_foretold
 from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
 from ..numbers import between, or_never, short
 from ..table import Cell, Column, Kind, Table, of_texts
@@ -281,21 +279,3 @@ def _as_foretold(figure: Figure) -> str:
 
 def _figure_found(figure: Figure) -> str:
     return f"{figure.name} {or_never(figure.found)}" + (f" {figure.unit}" if isfinite(figure.found) else "")
-
-
-def one_held_against(studies: Sequence[Study], run: Path, made_with: str | None) -> Held:
-    """The one log that there is, beside what a run foretold.
-
-    Args:
-        studies: of it alone.
-        run: of `etcfit tune`.
-        made_with: whose gains made it, as tune.json or the command line names them; half way where None.
-    Raises:
-        UsageError: several logs, or a run that foretells nothing.
-        MeasurementError: no such steps in it.
-    """
-    if len(studies) != 1:
-        raise UsageError(f"--foretold is about one log, and there are {', '.join(each.log.name for each in studies)}. "
-                         "Name the file of the one that the new gains made.")  # fmt: skip
-    told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
-    return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))
