@@ -44,6 +44,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 """Value of each operation, of constants."""
 
+_COMMUTATIVE = frozenset({"add", "mul"})  # to the last bit
 CONDITIONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not", "is_finite"})
 
 
@@ -75,6 +76,8 @@ class Graph:
             except (ArithmeticError, ValueError):  # as 1/0: C does it as IEEE 754 has it
                 return self._number((name, *operands))
         simpler = self._simpler(name, operands, known)
+        if simpler is None and name in _COMMUTATIVE and (name, *operands[::-1]) in self._numbers:
+            return self._numbers[name, *operands[::-1]]
         return self._number((name, *operands)) if simpler is None else simpler
 
     def _number(self, node: tuple[Any, ...]) -> int:

@@ -211,7 +211,7 @@ def _clamped(graph: Graph, low: int, value: int, high: int) -> int:
 def _power(graph: Graph, base: int, exponent: int) -> int:
     """base^exponent by multiplications."""
     if exponent < 0:
-        return graph.make("div", graph.constant(1.0), _power(graph, base, -exponent))
+        return _power(graph, graph.make("div", graph.constant(1.0), base), -exponent)
     if exponent == 0:
         return graph.constant(1.0)
     half = _power(graph, base, exponent // 2)

@@ -68,3 +68,11 @@ def test_what_moves_by_itself_is_not_asked_what_it_is_computed_from() -> None:
     moved = forward(graph, graph.needed([outer]), {inner: graph.constant(2.0)})
     assert graph.known(moved[outer]) == 6.0
     assert a not in moved
+
+
+def test_a_sum_and_a_product_are_the_same_either_way_round() -> None:
+    graph = Graph()
+    a, b = graph.input("a"), graph.input("b")
+    for name in ("add", "mul"):
+        assert graph.make(name, a, b) == graph.make(name, b, a)
+    assert graph.make("sub", a, b) != graph.make("sub", b, a)
