@@ -40,7 +40,7 @@ from etcfit.datasets.base import obtain, read_vectors
 from etcfit.datasets.emps import EMPS
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER, State
-from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
+from etcfit.model.effects.friction import AsymmetricFriction
 from etcfit.model.parameters import Scalar
 from etcfit.model.throttle import Throttle, catalogue
 from etcfit.reporting.blocks import PlainTable, render

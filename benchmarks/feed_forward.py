@@ -24,7 +24,7 @@ from etcfit.control.settings import DesignSettings
 from etcfit.control.supply_table import supply_table
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring
+from etcfit.model.effects.springs import LimpHomeSpring
 from etcfit.model.feed_forward import Term, listed, terms_of
 from etcfit.model.linear import TransferFunction
 from etcfit.model.throttle import Throttle

@@ -35,8 +35,8 @@ from etcfit.control.pid.loop import Body, Loop
 from etcfit.estimation.joint_fit import fit
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import PAPER
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring as OurLimpHome
-from etcfit.model.effects.stribeck_friction import StribeckFriction as OurStribeck
+from etcfit.model.effects.friction import StribeckFriction as OurStribeck
+from etcfit.model.effects.springs import LimpHomeSpring as OurLimpHome
 from etcfit.model.linear import TransferFunction
 from etcfit.model.throttle import Throttle
 from etcfit.rig.reader import read_folder

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..model.effects.actuation_delay import ActuationDelay
-from ..model.effects.position_sensor_lag import PositionSensorLag
+from ..model.effects.electrical import ActuationDelay
+from ..model.effects.sensors import PositionSensorLag
 from ..rig.user_text import matlab_comment, one_line, python_comment
 from .base import BODY, Export, Format, Source, rendered
 

@@ -22,9 +22,9 @@ from ..control.pid.loop import Body
 from ..control.safety.unpowered import release_plates
 from ..estimation.fitted_model import FleetModel
 from ..model.effects import AbstractEffect, Inputs, State
-from ..model.effects.coulomb_friction import CoulombFriction
-from ..model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity
-from ..model.effects.presliding_friction import PreslidingFriction
+from ..model.effects.friction import PreslidingFriction
+from ..model.effects.paper import CoulombFriction
+from ..model.effects.sensors import PositionSensorNonlinearity
 from ..model.linear import holding_against
 from ..model.throttle import Throttle
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .effects import Inputs, State
-from .effects.position_sensor_lag import PositionSensorLag
+from .effects.sensors import PositionSensorLag
 from .parameters import Scalar
 from .throttle import Throttle
 

@@ -21,7 +21,7 @@ from etcfit.control.setpoint import stairs
 from etcfit.control.settings import DesignSettings, SafetySettings
 from etcfit.kernels.machine import available
 from etcfit.model.ecu import Ecu
-from etcfit.model.effects.winding_heating import WindingHeating
+from etcfit.model.effects.electrical import WindingHeating
 from etcfit.model.linear import TransferFunction
 from etcfit.model.pid import Gains
 

@@ -16,7 +16,7 @@ from etcfit.control.settings import ConditionSettings, DesignSettings
 from etcfit.control.supply_table import SupplyTable, ecu_for_supply, over_position, supply_table
 from etcfit.model.ecu import Ecu, Notation
 from etcfit.model.ecus import ECUS, EcuProfile, Scheduling
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring
+from etcfit.model.effects.springs import LimpHomeSpring
 from etcfit.reporting.blocks import render, shown
 from etcfit.reporting.control import gains
 from etcfit.reporting.table import there

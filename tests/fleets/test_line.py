@@ -15,7 +15,7 @@ import fleets
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import fleet_model
 from etcfit.fleets.line import FIGURES, Condition, conditions, measured, predict
-from etcfit.model.effects.position_sensor_nonlinearity import PositionSensorNonlinearity
+from etcfit.model.effects.sensors import PositionSensorNonlinearity
 from independent.drives import Drive
 from independent.effects import NONE, Effects, LimpHomeSpring
 from independent.kernel import Plant, record, restoring_torque

@@ -10,12 +10,9 @@ import bodies
 import control
 from bodies import OPEN, N
 from etcfit.model.effects import PAPER, AbstractEffect, Inputs, State
-from etcfit.model.effects.actuation_delay import ActuationDelay
-from etcfit.model.effects.airflow_torque import AirflowTorque
-from etcfit.model.effects.brush_voltage_drop import BrushVoltageDrop
-from etcfit.model.effects.driver_dead_zone import DriverDeadZone
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring
-from etcfit.model.effects.position_sensor_lag import PositionSensorLag
+from etcfit.model.effects.electrical import ActuationDelay, BrushVoltageDrop, DriverDeadZone
+from etcfit.model.effects.sensors import PositionSensorLag
+from etcfit.model.effects.springs import AirflowTorque, LimpHomeSpring
 from etcfit.model.linear import PAPER_EQ_8, TransferFunction, closed_form, coefficients, holding_against, sensor_lag
 from etcfit.model.paper import TABLE_2
 from etcfit.model.parameters import parameters_of

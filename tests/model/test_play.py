@@ -11,12 +11,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.model.effects import EFFECT_BY_NAME, State
-from etcfit.model.effects.armature import Armature
-from etcfit.model.effects.backlash import Backlash
-from etcfit.model.effects.coulomb_friction import CoulombFriction
-from etcfit.model.effects.end_stops import EndStops
-from etcfit.model.effects.inertia import Inertia
-from etcfit.model.effects.return_spring import ReturnSpring
+from etcfit.model.effects.gear import Backlash
+from etcfit.model.effects.paper import Armature, CoulombFriction, EndStops, Inertia, ReturnSpring
 from etcfit.model.stepper import Step, step
 from etcfit.model.throttle import Throttle
 

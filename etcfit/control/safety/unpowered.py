@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from ...model.effects.winding_heating import WindingHeating
+from ...model.effects.electrical import WindingHeating
 from ...model.throttle import Throttle
 from ..motion import Bands, Experiment, Motion, Watching, simulate_motion
 from ..pid.base import Task
@@ -122,7 +122,7 @@ def holding_currents(loop: Loop, task: Task) -> Holding:
 def _time_to_warm_by(most: float, volts: float, ohm: float, warmth: float, copper: float, slow: float) -> float:
     """Time until a winding under a constant voltage is `most` K warmer, s; infinite where it never is.
 
-    dD/dt = warmth i^2 - D / slow,    i = V / (R (1 + copper D)): `model.effects.winding_heating`.
+    dD/dt = warmth i^2 - D / slow,    i = V / (R (1 + copper D)): `model.effects.electrical.WindingHeating`.
     """
 
     from scipy.integrate import solve_ivp

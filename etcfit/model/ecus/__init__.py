@@ -1,4 +1,4 @@
-"""Engine computers, one file each, registered here and nowhere else."""
+"""Engine computers, those with a public source and the others; registered here and nowhere else."""
 
 from __future__ import annotations
 
@@ -6,19 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from ...errors import UsageError
-from .arduino import ARDUINO
-from .dbwx2 import DBWX2
-from .ecumaster import ECUMASTER
-from .emtron import EMTRON
-from .fome import FOME
-from .generic import GENERIC
-from .haltech import HALTECH
-from .link import LINK
-from .maxxecu import MAXXECU
-from .motec import MOTEC
+from .closed import ECUMASTER, EMTRON, HALTECH, LINK, MAXXECU, MOTEC, SYVECS
+from .open_source import ARDUINO, DBWX2, FOME, GENERIC, RUSEFI
 from .profile import NOT_DIVIDED, BiasTable, EcuProfile, Limit, Pasting, Scheduling, differences
-from .rusefi import RUSEFI
-from .syvecs import SYVECS
 
 PROFILES = (
     RUSEFI, FOME, DBWX2, LINK, EMTRON, MAXXECU, ECUMASTER, HALTECH, MOTEC, SYVECS, ARDUINO, GENERIC,

@@ -64,7 +64,7 @@ NOT_DIVIDED = "no division by the battery voltage; say --divides-by-battery if y
 
 @dataclass(frozen=True)
 class EcuProfile:
-    """One make of engine computer: one file beside this one, and one line in `ecus/__init__.py`.
+    """One make of engine computer: a constant in a file beside this one, and one line in `ecus/__init__.py`.
 
     A field of `Ecu` is known from the source (`fixes`), or the maker publishes nothing and it is taken to be something
     (`assumes`), or it is left to the user: clock, delay and filter of a closed ECU are what the options and [ecu] of

@@ -1,21 +1,12 @@
-"""The catalogue of rig effects, mistakes and habits of a rig: one file each, registered here and nowhere else."""
+"""The catalogue of rig effects, mistakes and habits of a rig: one file a family, registered here and nowhere else."""
 
 from __future__ import annotations
 
 from .base import DRIVING, OBSERVED, AbstractRigEffect, Logged, Place, number_of
-from .channel_drift import ChannelDrift
-from .channel_gain import ChannelGain
-from .channel_late import ChannelLate
-from .channel_offset import ChannelOffset
-from .edge_phase import EdgePhase
-from .gear_ratio import GearRatio
-from .other_rig import OtherRig
-from .sensor_end_points import SensorEndPoints
-from .series_resistance import SeriesResistance
-from .supply_sag import SupplySag
-from .time_scale import TimeScale
-from .trace_late import TraceLate
-from .warm_start import WarmStart
+from .body import GearRatio, OtherRig, SensorEndPoints
+from .channels import ChannelDrift, ChannelGain, ChannelOffset
+from .circuit import SeriesResistance, SupplySag, WarmStart
+from .clocks import ChannelLate, EdgePhase, TimeScale, TraceLate
 
 # families; `at` makes the effect of one place
 RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (

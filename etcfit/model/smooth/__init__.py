@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from .axes import Axis, K
-from .base import AbstractSmooth
-from .friction import FrictionOverAngle, FrictionOverLoad, FrictionOverSpeed, FrictionOverTime
-from .position import PositionOverAngle
-from .torque import TorqueOverAngle, TorqueOverSpeed
-from .voltage import VoltageOverCurrent
+from .base import AbstractSmooth, Axis, K
+from .curves import (
+    FrictionOverAngle,
+    FrictionOverLoad,
+    FrictionOverSpeed,
+    FrictionOverTime,
+    PositionOverAngle,
+    TorqueOverAngle,
+    TorqueOverSpeed,
+    VoltageOverCurrent,
+)
 
 UNKNOWNS: tuple[type[AbstractSmooth], ...] = (
     TorqueOverAngle,

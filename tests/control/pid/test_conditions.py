@@ -31,8 +31,8 @@ from etcfit.control.pid.loop import Loop
 from etcfit.control.setpoint import Stretch, in_turn, stairs, step, trapezoid
 from etcfit.control.settings import ConditionSettings, ScenarioSettings
 from etcfit.model.ecu import Ecu, Notation
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring
-from etcfit.model.effects.stribeck_friction import StribeckFriction
+from etcfit.model.effects.friction import StribeckFriction
+from etcfit.model.effects.springs import LimpHomeSpring
 from etcfit.model.linear import PAPER_EQ_8
 from independent.control import Computer, follow
 from independent.simulate import throttle

@@ -13,9 +13,8 @@ from etcfit.control.pid.loop import Loop
 from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import SlidingSettings
 from etcfit.model.ecu import Ecu
-from etcfit.model.effects.asymmetric_friction import AsymmetricFriction
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring
-from etcfit.model.effects.stribeck_friction import StribeckFriction
+from etcfit.model.effects.friction import AsymmetricFriction, StribeckFriction
+from etcfit.model.effects.springs import LimpHomeSpring
 from etcfit.model.feed_forward import Term
 from independent.bench_twin import TRUTH, UNDECLARED
 from independent.control import Computer, helped

@@ -18,8 +18,8 @@ from etcfit.control.setpoint import step, trapezoid
 from etcfit.control.settings import LoopSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import State
-from etcfit.model.effects.actuation_delay import ActuationDelay
-from etcfit.model.effects.position_sensor_lag import PositionSensorLag
+from etcfit.model.effects.electrical import ActuationDelay
+from etcfit.model.effects.sensors import PositionSensorLag
 from etcfit.model.pid import Memory, tick
 
 ENDLESS = Ecu(supply=1e9)

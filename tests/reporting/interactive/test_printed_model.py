@@ -27,16 +27,14 @@ from etcfit.estimation.result import FitResult
 from etcfit.files import plain
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
-from etcfit.model.effects.actuation_delay import ActuationDelay
-from etcfit.model.effects.backlash import Backlash
-from etcfit.model.effects.channel_delay import ChannelDelay
-from etcfit.model.effects.limp_home_spring import LimpHomeSpring
-from etcfit.model.effects.position_sensor_lag import PositionSensorLag
-from etcfit.model.effects.presliding_friction import PreslidingFriction
-from etcfit.model.effects.stop_bounce import StopBounce
+from etcfit.model.effects.electrical import ActuationDelay
+from etcfit.model.effects.friction import PreslidingFriction
+from etcfit.model.effects.gear import Backlash, StopBounce
+from etcfit.model.effects.sensors import ChannelDelay, PositionSensorLag
+from etcfit.model.effects.springs import LimpHomeSpring
 from etcfit.model.parameters import parameters_of
 from etcfit.model.smooth import UNKNOWNS
-from etcfit.model.smooth.friction import FrictionOverTime
+from etcfit.model.smooth.curves import FrictionOverTime
 from etcfit.model.stepper import Step, step
 from etcfit.model.throttle import Throttle
 from etcfit.problem.free_parameters import free_parameters

@@ -1,4 +1,4 @@
-"""Play between the teeth of the gear."""
+"""Effects of the gear, of the motor that turns it, and of the stops that it runs into."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from ..parameters import NonNegative, Positive, Real, Scalar, parameter
 from .base import AbstractEffect, Contribution, Inputs, State
 
 _CONTACT = 0.02  # torque through the teeth, N m, below which they are not firmly in contact
-_MOST = 0.95  # a motor that lost nothing would rattle for ever
+_MOST = 0.95  # of a restitution: a motor that lost nothing would rattle, and a plate bounce, for ever
 
 
+# Play between the teeth of the gear
 class Backlash(AbstractEffect):
     """position = g_b (1 - s)/2, ds/dt = (tanh(T_g / 0.02 N m) - s)/t_b, T_g the torque through the teeth.
 
@@ -60,3 +61,51 @@ class Backlash(AbstractEffect):
             tooth_restitution=jnp.where(self.g_b > 0.0, jnp.minimum(self.e_b, _MOST), 0.0),
             dz=(rate,),
         )
+
+
+# Cogging of the motor's magnets
+class CoggingTorque(AbstractEffect):
+    """torque = -(A_c cos(n_c N theta) + A_s sin(n_c N theta)): n_c periods in one turn of the motor.
+
+    Cosine and sine stand for an amplitude and a phase, because a phase means nothing where the amplitude is zero.
+
+    Source: Hanselman 2006, Brushless permanent magnet motor design, 2nd ed., cogging torque. Differs from source: the
+    first harmonic only, at the plate; left out for the motor alone, whose angle nobody logs.
+    """
+
+    name = "cogging_torque"
+    scope = "motor"
+    told_by = "slow constant-speed strokes, read against the motor's angle"
+    off: ClassVar[Mapping[str, float] | None] = {"A_c": 0.0, "A_s": 0.0}
+    inexact: ClassVar[float] = 0.1
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {
+        "n_c": (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 12.0, 14.0, 15.0, 16.0, 18.0, 20.0, 24.0),
+    }
+    needs: ClassVar[tuple[str, ...]] = ("position", "gear")
+    A_c: Scalar = parameter("N*m", Real(0.02), 0.0, "cogging torque at the plate, cosine", "Hanselman 2006")
+    A_s: Scalar = parameter("N*m", Real(0.02), 0.0, "cogging torque at the plate, sine", "Hanselman 2006")
+    n_c: Scalar = parameter("1", Positive(6.0), 6.0, "cogging periods per turn of the motor", "Hanselman 2006")
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        phase = self.n_c * u.gear_ratio * x.theta
+        return Contribution(torque=-u.plate * (self.A_c * jnp.cos(phase) + self.A_s * jnp.sin(phase)))
+
+
+# Rebound from the end stops
+class StopBounce(AbstractEffect):
+    """omega after an impact = -e_r omega before it, e_r at most 0.95.
+
+    Source: Newton's law of impact; Brogliato 2016, Nonsmooth mechanics, 3rd ed. Differs from source: no.
+    """
+
+    name = "stop_bounce"
+    told_by = "fast strokes onto the stops, sampled at 1 kHz or more"
+    off: ClassVar[Mapping[str, float] | None] = {"e_r": 0.0}
+    # a small rebound ends within its step, and chi2 has as many valleys as there are rebounds
+    scan: ClassVar[Mapping[str, tuple[float, ...]]] = {"e_r": (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6)}
+    e_r: Scalar = parameter(
+        "1", NonNegative(0.3), 0.0, "restitution coefficient of the end stops", "Newton's law of impact"
+    )
+
+    def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
+        return Contribution(restitution=u.plate * jnp.minimum(self.e_r, _MOST))
