@@ -21,7 +21,7 @@ from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, plain, shifted_samples
 from .instants import SHARES
 from .integrators import fitted_integrals
-from .late_samples import moved_samples
+from .lateness import moved_samples
 from .normal_equations import linearised
 from .one_pass_kernels import LinearisedTrace
 from .packing import rounded

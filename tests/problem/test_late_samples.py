@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.innovations import shifted_samples_jax
-from etcfit.problem.late_samples import moved_samples
+from etcfit.problem.lateness import moved_samples
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import prepare
 from etcfit.rig.base import Channel, Fixed, Measurement
