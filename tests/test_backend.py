@@ -31,6 +31,14 @@ def test_a_fused_sum_over_a_long_batch_is_right() -> None:
     assert squares[-1] == last**2 == 268435456.0
 
 
+def test_what_is_compiled_quickly_computes_the_same() -> None:
+    def function(x: jax.Array) -> jax.Array:
+        return jnp.sin(x) * jnp.exp(-x) / (1.0 + x**2)
+
+    x = jnp.linspace(0.1, 3.0, 50)
+    assert jnp.allclose(backend.compiled_quickly(function)(x), jax.jit(function)(x), rtol=1e-14, atol=0.0)
+
+
 GUARD = "xla_cpu_experimental_ynn_fusion_type"
 
 

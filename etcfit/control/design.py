@@ -20,7 +20,7 @@ from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .fleet import EVERY_UNIT, Parts, SearchOverUnits, best_for_parts, fare_on_parts, one_by_one, representatives
 from .judged import Robust, Tuned, judged, outside_the_bench
-from .linearise import reduce
+from .linearise import linear_plant
 from .on_units import FleetVerdict, PartsVerdict
 from .own_numbers import checked
 from .pid import RULES, Gains, Refusal, Requirements, Rule, Task
@@ -183,7 +183,7 @@ def task_of(
     setpoint = course(loop.first(1), settings.scenarios, *further)
     notation, travel = None if profile is None else profile.notation, body.upper - body.lower
     unit = None if notation is None else notation.units(ecu, travel)
-    plant, found = reduce(fitted).plant, gains_as_found(fitted, unit, checked(present))
+    plant, found = linear_plant(fitted), gains_as_found(fitted, unit, checked(present))
     return Task(plant, ecu, requirements, loop, setpoint, found, settings, profile, terms, present)
 
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..backend import compiled_quickly
 from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..model.linear import MIDDLE, TransferFunction, coefficients, holding, sensor_lag, turning_against
@@ -56,26 +57,41 @@ def reduce(fitted: Fitted, input_unit: str = "V", output_unit: str = "rad", shar
     Raises:
         UsageError: an unknown unit, or duty as the input where rig.toml gives no supply.
     """
-    factor = _factor(fitted, input_unit, output_unit)
-    lower, upper = fitted.config.stops
-    theta, n = lower + share * (upper - lower), fitted.config.gear_ratio
-    types = fitted.free_parameters.layout.types
+    factor, theta = _factor(fitted, input_unit, output_unit), _angle(fitted, share)
+    types, body = fitted.free_parameters.layout.types, (fitted.config.gear_ratio, *fitted.config.stops)
+    plant, (current, volts) = _plant_and_hold(fitted, theta, factor)
 
     def coefficients_at(values: Any) -> Any:
-        return coefficients(Throttle.build(types, values), theta, n, lower, upper)
+        return coefficients(Throttle.build(types, values), theta, *body)
 
-    scale = np.array([factor, 1.0, 1.0, 1.0])
-    row, (current, volts) = _about(fitted.throttle, theta, n, lower, upper)
-    b0, a2, a1, a0 = (scale * np.asarray(row) + 0.0).tolist()  # no spring: 0, not -0
-    gradient = scale[:, None] * fitted.gradient(coefficients_at)
+    gradient = np.array([factor, 1.0, 1.0, 1.0])[:, None] * fitted.value_and_gradient(coefficients_at)[1]
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
+    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return Reduction(plant, stderr, covariance, input_unit, output_unit, theta, current, volts, share)
+
+
+def linear_plant(fitted: Fitted, share: float = MIDDLE) -> TransferFunction:
+    """The plant of `reduce` alone, in rad/V, without standard errors."""
+    return _plant_and_hold(fitted, _angle(fitted, share), 1.0)[0]
+
+
+def _angle(fitted: Fitted, share: float) -> float:
+    """Angle at a share of the travel, rad."""
+    lower, upper = fitted.config.stops
+    return lower + share * (upper - lower)
+
+
+def _plant_and_hold(fitted: Fitted, theta: float, factor: float) -> tuple[TransferFunction, tuple[float, float]]:
+    """The plant about an angle (rad), its output over its input `factor` times that in rad/V, and current (A) and
+    voltage (V) that hold the plate there."""
+    row, (current, volts) = _about(fitted.throttle, theta, fitted.config.gear_ratio, *fitted.config.stops)
+    b0, a2, a1, a0 = (np.array([factor, 1.0, 1.0, 1.0]) * np.asarray(row) + 0.0).tolist()  # no spring: 0, not -0
     delay = float(np.asarray(fitted.throttle.delays().input))
     plant = TransferFunction(b0, a2, a1, a0, delay, float(np.asarray(sensor_lag(fitted.throttle))))
-    stderr = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Reduction(plant, stderr, covariance, input_unit, output_unit, theta, float(current), float(volts), share)
+    return plant, (float(current), float(volts))
 
 
-@jax.jit
+@compiled_quickly
 def _about(throttle: Throttle, theta: float, gear_ratio: float, lower: float, upper: float) -> Any:
     """Coefficients, and current and voltage that hold the plate."""
     body = (gear_ratio, lower, upper)
@@ -139,7 +155,6 @@ def motor_constants(
         return jnp.stack([0.5 * (opens - up + down - closes), (up - down) / (2.0 * speed),
                           values["R_a"] / (values["L_a"] * b0)])  # fmt: skip
 
-    gradient = fitted.gradient(constants)
+    at, gradient = fitted.value_and_gradient(constants)
     covariance = gradient @ np.nan_to_num(fitted.covariance, posinf=0.0) @ gradient.T
-    at = np.asarray(jax.jit(constants)({symbol: jnp.asarray(value) for symbol, value in fitted.values.items()}))
     return MotorConstants(at, np.sqrt(np.maximum(np.diag(covariance), 0.0)))

@@ -76,7 +76,7 @@ def settling(at: AtLevel) -> np.ndarray:
 
 def steady_state_error(at: AtLevel) -> np.ndarray:
     """%, of the change."""
-    return 100.0 * np.max(at.far[..., at.tail :], axis=-1) / max(at.size, LEAST_HELD)
+    return 100.0 * np.max(np.abs(at.beyond[..., at.tail :]), axis=-1) / max(at.size, LEAST_HELD)
 
 
 def tracking_error(setpoint: Setpoint, stretch: Stretch, time: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -229,8 +229,14 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigure
         time: s, shape (K,), from 0 with an even step.
         share: position, share of the travel, shape (..., K); a value that is not finite counts as an infinite error.
     """
-    share = np.where(np.isfinite(share), share, np.inf)
-    return _tracking(setpoint, setpoint.levels, setpoint.stretches, time, share)
+    return _tracking(setpoint, setpoint.levels, setpoint.stretches, time, _infinite_where_none(share))
+
+
+def _infinite_where_none(share: np.ndarray) -> np.ndarray:
+    """The values, infinite where they are not finite."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        total = np.sum(share)  # a pass without an array of its own
+    return share if np.isfinite(total) else np.where(np.isfinite(share), share, np.inf)
 
 
 def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[str, LoopFigures]:
@@ -238,8 +244,7 @@ def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[
 
     A log has no levels: only its tracking error is known, and its other figures are NaN.
     """
-    share = np.where(np.isfinite(share), share, np.inf)
-    out = {}
+    share, out = _infinite_where_none(share), {}
     for name in setpoint.scenarios:
         levels = setpoint.only(name)
         parts = [part for part in (*levels, *setpoint.stretches) if part.scenario == name]

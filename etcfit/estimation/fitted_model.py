@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..backend import compiled_quickly
 from ..errors import UsageError
 from ..model.effects import AbstractEffect
 from ..model.parameters import NonNegative, Parameter, Positive, Real
@@ -122,12 +123,17 @@ class Fitted:
         rows = zip(*(np.asarray(values[s]).tolist() for s in layout.free), strict=True)
         return np.array([layout.coordinates(dict(zip(layout.free, row, strict=True))) for row in rows])
 
-    def gradient(self, function: Any) -> np.ndarray:
-        """Derivative of `function(values)`, values in SI by symbol, by the coordinates at x, shape (..., P)."""
+    def value_and_gradient(self, function: Any) -> tuple[np.ndarray, np.ndarray]:
+        """`function(values)`, values in SI by symbol, at x, and its derivative by the coordinates, shape (..., P)."""
         layout = self.free_parameters.layout
         pick = layout.pick(self.free_parameters.held)
-        slope = jax.jit(jax.jacfwd(lambda x: function(layout.form.values(x, pick))))(layout.padded(self.x))
-        return np.asarray(slope)[..., : self.x.size]
+
+        def twice(x: Any) -> tuple[Any, Any]:
+            value = function(layout.form.values(x, pick))
+            return value, value
+
+        slope, value = compiled_quickly(jax.jacfwd(twice, has_aux=True))(layout.padded(self.x))
+        return np.asarray(value), np.asarray(slope)[..., : self.x.size]
 
 
 @partial(jax.jit, static_argnums=0)

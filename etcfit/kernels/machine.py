@@ -28,7 +28,10 @@ from .loop import Loop
 
 LANES = 4  # numbers side by side where a vector holds lanes: more leave a rig's few lanes idle
 POINTS = 16  # the same where it holds points
-_LEVEL = 1  # of optimisation: 0 is two to three times slower, 2 and 3 gain next to nothing
+_LEVEL = 1  # of the optimisation of instructions: 0 is two to three times slower, 2 and 3 gain next to nothing
+# of the passes before that: they take a third of the time to compile and find little, for equal things are one thing in
+# a graph, and what no entry changes is computed before the first one
+_PASSES = 0
 _DIGEST = 32  # bytes
 
 
@@ -71,7 +74,7 @@ def processor() -> str:
     import llvmlite.binding as binding
 
     features = binding.get_host_cpu_features().flatten()
-    return f"{llvmlite.__version__} {binding.get_host_cpu_name()} {features} {_LEVEL} {_addresses()}"
+    return f"{llvmlite.__version__} {binding.get_host_cpu_name()} {features} {_LEVEL} {_PASSES} {_addresses()}"
 
 
 @cache
@@ -107,7 +110,7 @@ def compiled(text: str) -> bytes:
 
     module = binding.parse_assembly(text)
     module.verify()
-    options = binding.create_pipeline_tuning_options(speed_level=_LEVEL)
+    options = binding.create_pipeline_tuning_options(speed_level=_PASSES)
     options.slp_vectorization = options.loop_vectorization = False  # they are vectors already
     target = _target()
     builder = binding.create_pass_builder(target, options)

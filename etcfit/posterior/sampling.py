@@ -9,6 +9,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from ..backend import compiled_quickly
 from ..estimation.intervals import LUMPS, Z_95, intervals, lumped
 from ..estimation.joint_fit import FitResult, Report, quiet
 from ..files import held
@@ -85,7 +86,7 @@ class Posterior:
         """Parameters, and those of their combinations that the rig knows, SI by symbol, shape (E, N, W) each."""
         free, shape = self.fit.free_parameters, self.points.shape
         layout, pick = free.layout, free.layout.pick(free.held)
-        compute = jax.jit(jax.vmap(lambda x: layout.form.values(x, pick)))
+        compute = compiled_quickly(jax.vmap(lambda x: layout.form.values(x, pick)))
         found = compute(layout.padded(self.points.reshape(-1, shape[-1])))
         every = {p.symbol: np.asarray(found[p.symbol]).reshape(shape[:-1]) for p in layout.parameters}
         electric = any(trace.circuit for trace in self.fit.problem.batch.traces)

@@ -14,7 +14,7 @@ from jsonschema import Draft202012Validator
 
 import etcfit
 import results
-from etcfit.control.linearise import SYMBOLS, MotorConstants, motor_constants, reduce
+from etcfit.control.linearise import SYMBOLS, MotorConstants, linear_plant, motor_constants, reduce
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.reporting.blocks import render
@@ -43,6 +43,11 @@ def by_hand(values: Mapping[str, Any]) -> np.ndarray:
 
 def test_they_are_those_of_the_equations(fitted: Fitted, found: MotorConstants) -> None:
     assert found.values == pytest.approx(by_hand(dict(fitted.values)), rel=1e-6)
+
+
+def test_the_plant_alone_is_the_reductions(fitted: Fitted) -> None:
+    for share in (0.25, 0.6):
+        assert linear_plant(fitted, share) == reduce(fitted, share=share).plant
 
 
 def test_their_errors_are_those_of_many_draws(fitted: Fitted, found: MotorConstants) -> None:

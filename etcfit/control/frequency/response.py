@@ -23,7 +23,7 @@ from ...problem.problem import EstimationProblem
 from ...problem.trace import prepare
 from ...rig.base import Measurement, RigConfig
 from ...rig.signals import drive_voltage
-from ..linearise import reduce
+from ..linearise import linear_plant
 from ..settings import FrequencySettings
 from .lag import Order, order_of
 from .wave import NEARLY, Ratio, Signal, Waves, Window, common, fit_waves, frequency_of, fundamental, moving, settled
@@ -198,7 +198,7 @@ def frequency_response(
         order([(point.frequency, point.closed_loop) for point in points]),
         order(driven) if driven else None,
         _free_runs(fitted, points),
-        reduce(fitted, share=share).plant,
+        linear_plant(fitted, share),
         share,
         tuple(warnings),
         settings,

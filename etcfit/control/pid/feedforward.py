@@ -4,12 +4,13 @@ plate."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...backend import compiled_quickly
 from ...model.ecu import Ecu
 from ...model.feed_forward import Term
 from ...model.linear import holding_against, turning_against
@@ -40,10 +41,24 @@ class Bias:
         return np.interp(setpoint, self.angles, self.hold)
 
 
-@jax.jit
-def held(throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float):
-    """Currents (A) and voltages (V) that hold a plate at these angles against a share of its dry friction."""
+@compiled_quickly
+def _held(throttle: Throttle, angles: Any, share: float, gear_ratio: float, lower: float, upper: float) -> Any:
     return jax.vmap(lambda theta: holding_against(throttle, theta, share, gear_ratio, lower, upper))(angles)
+
+
+_AT_ONCE = 512  # angles in one call of a compiled function, whatever their number, so that one program serves all
+
+
+def held(
+    throttle: Throttle, angles: np.ndarray, share: float, gear_ratio: float, lower: float, upper: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Currents (A) and voltages (V) that hold a plate at these angles against a share of its dry friction, shape (K,)
+    each."""
+    angles, count = np.asarray(angles, dtype=float), len(angles)
+    chosen = (np.minimum(np.arange(k, k + _AT_ONCE), count - 1) for k in range(0, count, _AT_ONCE))
+    parts = [_held(throttle, angles[some], share, gear_ratio, lower, upper) for some in chosen]
+    current, volts = (np.concatenate(each)[:count] for each in zip(*parts, strict=True))
+    return current, volts
 
 
 class HoldingVoltages(NamedTuple):
@@ -58,9 +73,7 @@ def hold_curve(
     throttle: Throttle, angles: np.ndarray, gear_ratio: float, lower: float, upper: float
 ) -> HoldingVoltages:
     """Voltages that hold a plate at these angles (rad), shape (K,), between stops (rad)."""
-    down, middle, up = (np.asarray(held(throttle, np.asarray(angles), share, gear_ratio, lower, upper)[1])
-                        for share in (-1.0, 0.0, 1.0))  # fmt: skip
-    return HoldingVoltages(down, middle, up)
+    return HoldingVoltages(*(held(throttle, angles, share, gear_ratio, lower, upper)[1] for share in (-1.0, 0.0, 1.0)))
 
 
 def bias_of(
@@ -142,7 +155,7 @@ class Sliding:
         return replace(self, opening=0.0, closing=0.0)
 
 
-@jax.jit
+@compiled_quickly
 def _turns(
     throttle: Throttle, angles: np.ndarray, speed: float, share: float, gear_ratio: float, lower: float, upper: float
 ):

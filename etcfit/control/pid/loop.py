@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...backend import compiled_quickly
 from ...model.ecu import Ecu
 from ...model.effects import Inputs, State
 from ...model.linear import MIDDLE, TransferFunction, coefficients, sensor_lag
@@ -193,7 +194,7 @@ def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant
 _many = jax.jit(_each, static_argnums=(0, 1, 2, 3))
 
 
-@jax.jit
+@compiled_quickly
 def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     """Coefficients (D, 4), delay (D,) and sensor lag (D,)."""
 
@@ -204,10 +205,22 @@ def _linear(throttles: Throttle, theta: Scalar, body: Body) -> Any:
     return jax.vmap(each)(throttles)
 
 
-@jax.jit
+@compiled_quickly
 def _late(throttles: Throttle) -> Any:
     """Delay of each model's input, s, shape (D,)."""
     return jax.vmap(lambda throttle: jnp.asarray(throttle.delays().input, dtype=float))(throttles)
+
+
+_AT_ONCE = 8  # models in one call of a compiled function, whatever their number, so that one program serves all
+
+
+def _some_at_a_time(function: Callable[..., Any], throttles: Throttle, *common: Any) -> Any:
+    """A function of models as a tree of arrays, shape (D, ...); the last model is repeated to fill up."""
+    count = int(np.shape(jax.tree.leaves(throttles)[0])[0])
+    chosen = (np.minimum(np.arange(k, k + _AT_ONCE), count - 1) for k in range(0, count, _AT_ONCE))
+    parts = [function(jax.tree.map(lambda leaf, some=some: np.asarray(leaf)[some], throttles), *common)
+             for some in chosen]  # fmt: skip
+    return jax.tree.map(lambda *each: np.concatenate(each)[:count], *parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -256,7 +269,9 @@ class Loop:
 
     def share(self, angle: Any) -> Any:
         """Share of the travel at an angle, rad."""
-        return (angle - self.body.lower) / (self.body.upper - self.body.lower)
+        share = angle - self.body.lower
+        share /= self.body.upper - self.body.lower  # in place, where it is an array
+        return share
 
     def holds(self, angles: np.ndarray) -> HoldingVoltages:
         """Voltages that hold the nominal plate at these angles (rad), shape (K,)."""
@@ -274,7 +289,7 @@ class Loop:
 
     def linear(self, share: float = MIDDLE) -> TransferFunction:
         """The plants linearised about a share of the travel, rad/V: numbers of shape (D, 1)."""
-        rows, delay, lag = _linear(self.throttles, self.angle(share), self.body)
+        rows, delay, lag = _some_at_a_time(_linear, self.throttles, self.angle(share), self.body)
         b0, a2, a1, a0, delay, lag = (np.asarray(v)[:, None] for v in (*rows.T, delay, lag))
         return TransferFunction(b0 * self._driven[:, None], a2, a1, a0, delay, lag)  # pyright: ignore[reportArgumentType]
 
@@ -361,5 +376,5 @@ class Loop:
     def _room(self) -> int:
         """Number of ticks of delay to store: a power of two, so that loops of similar delays share a compiled
         program."""
-        ticks = (float(np.max(np.asarray(_late(self.throttles)))) + self.ecu.delay) / self.ecu.period
+        ticks = (float(np.max(_some_at_a_time(_late, self.throttles))) + self.ecu.delay) / self.ecu.period
         return min(_LATEST, 1 << math.ceil(math.log2(ticks + 2.0))) if ticks > 0.0 else 1

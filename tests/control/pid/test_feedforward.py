@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rigs
-from etcfit.control.pid.feedforward import Sliding, bias_of, hold_curve, polygon, rates, sliding_of
+from etcfit.control.pid.feedforward import Sliding, bias_of, held, hold_curve, polygon, rates, sliding_of
 from etcfit.control.pid.loop import Loop
 from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import SlidingSettings
@@ -58,6 +58,15 @@ def test_a_straight_curve_has_its_points_spread() -> None:
     angles = bias_of(loop.nominal, *loop.body).angles
     assert angles.size == 8
     assert np.max(np.diff(angles)) < 0.3 * np.ptp(angles)
+
+
+def test_however_many_angles_there_are_each_is_held_by_itself() -> None:
+    loop = rigs.loop(ecu=Ecu())
+    angles = loop.angle(np.linspace(0.0, 1.0, 1030))
+    together = held(loop.nominal, angles, 1.0, *loop.body)
+    for k in (0, 511, 512, 1029):
+        alone = held(loop.nominal, angles[k : k + 1], 1.0, *loop.body)
+        assert [each[k] for each in together] == [pytest.approx(each[0], rel=1e-14) for each in alone]
 
 
 ECU = Ecu(period=1e-3, supply=12.0, filter=2e-3)

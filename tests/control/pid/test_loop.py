@@ -100,6 +100,19 @@ def test_figures_of_many_responses_are_those_of_the_kept_ones() -> None:
     assert np.unique(loop.figures(gains, setpoint).rmse_pct).size == 3 * 71
 
 
+def test_however_many_models_there_are_one_program_linearises_them_and_each_by_itself() -> None:
+    rng, count = np.random.default_rng(0), 19
+    loop = rigs.loop(
+        ActuationDelay, ecu=Ecu(), draws={"K_s": rng.uniform(0.1, 0.3, count), "t_a": np.full(count, 3e-3)}
+    )
+    together = loop.linear()
+    for k in (0, 7, 8, 15, 16, count):
+        alone = loop.taking(np.array([k])).linear()
+        for name in ("b0", "a2", "a1", "a0", "delay"):
+            assert getattr(together, name)[k] == pytest.approx(getattr(alone, name)[0], rel=1e-14)
+    assert together.a0.shape == (count + 1, 1)
+
+
 def ticked(ecu: Ecu, errors: list[float], gains: tuple[float, ...] = (2.0, 50.0, 0.01)) -> list[float]:
     memory, out = Memory.at_rest(Gains(*gains), ecu, 0.0), []
     for error in errors:
