@@ -125,12 +125,6 @@ class Trial:
     model: CandidateModel = field(repr=False)
     verdict: TrialVerdict
 
-    @property
-    def own_values(self) -> dict[str, float]:
-        """The tried effect's parameters at the optimum, SI by symbol."""
-        values = self.model.values
-        return {symbol: values[symbol] for symbol in resting(self.verdict.effect)}
-
 
 class Cost(NamedTuple):
     """The BIC cost of an effect: the parameters that it frees, and the variants from which it was chosen."""

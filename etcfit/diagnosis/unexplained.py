@@ -21,7 +21,7 @@ from .composition import Effect, compose
 from .evidence import signals
 from .findings import Discrepancy, Unexplained
 from .loop import screened
-from .model_discrepancy import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
+from .random_curves import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
 from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Signature
@@ -268,7 +268,7 @@ def curve_sd(effect: Smooth, where: np.ndarray, covariance: np.ndarray, scale: n
     return np.sqrt(np.maximum(np.diag(spread), 0.0))
 
 
-# ---- Intervals of the final model that allow for what is left in its residual, see `model_discrepancy`
+# ---- Intervals of the final model that allow for what is left in its residual, see `random_curves`
 
 
 @dataclass(frozen=True, eq=False)

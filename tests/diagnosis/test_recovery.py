@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from etcfit.diagnosis import DiagnosisSettings
-from etcfit.diagnosis.composition import compose
+from etcfit.diagnosis.composition import compose, resting
 from etcfit.diagnosis.loop import screened
 from etcfit.diagnosis.refit import start
 from etcfit.diagnosis.score import score
@@ -137,7 +137,8 @@ def test_a_candidate_makes_six_kernels_and_none_when_it_is_tried_again(
     for name in ("gravity_load", "limp_home_spring", "winding_heating"):
         g = by_name[name]
         made.clear()
-        values = run_trial(s, g.variant.effect, g.values, before).own_values
+        refitted = run_trial(s, g.variant.effect, g.values, before).model.values
+        values = {symbol: refitted[symbol] for symbol in resting(g.variant.effect)}
         assert len(made) == 6
         made.clear()
         run_trial(s, g.variant.effect, values, before)

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import linalg
 
-from etcfit.diagnosis.model_discrepancy import (
+from etcfit.diagnosis.random_curves import (
     CURVE_LENGTH,
     Curve,
     CurveDiscrepancy,
