@@ -55,18 +55,21 @@ Out = Annotated[Path, typer.Option("--out", help="The run folder to write.", fil
 Run = Annotated[Path, typer.Argument(help="A run folder.", exists=True, file_okay=False, metavar="RUN")]
 Interactive = Annotated[
     bool,
-    typer.Option("--interactive", help="The page to work with instead, RUN/report_interactive.html: zoom, sliders for "
-                 "parameters and gains, every trace with its verdict."),
+    typer.Option("--interactive", help="Write the interactive page RUN/report_interactive.html instead: zoom, sliders "
+                 "for parameters and gains, every trace with its verdict."),
 ]  # fmt: skip
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
-Advise = Annotated[bool, typer.Option("--advise", help="What one more trace of each test would tell instead.")]
+Advise = Annotated[
+    bool, typer.Option("--advise", help="Instead of the checks, show what one more trace of each test would add.")
+]
 At = Annotated[
     Path | None,
-    typer.Option("--at", help="Advise at the final model of this run, not at the graph readings.", metavar="RUN",
+    typer.Option("--at", help="Use the final model of this run for the advice, not the graph readings.", metavar="RUN",
                  exists=True, file_okay=False),
 ]  # fmt: skip
-AdviceOut = Annotated[Path | None, typer.Option("--out", help="Write the advice there too, advice.json.", metavar="RUN",
-                                                file_okay=False)]  # fmt: skip
+AdviceOut = Annotated[
+    Path | None, typer.Option("--out", help="Also write the advice to RUN/advice.json.", metavar="RUN", file_okay=False)
+]
 
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
 
@@ -84,7 +87,7 @@ def _stderr() -> Any:
 
 
 def _say(text: object, err: bool = False, nl: bool = True) -> None:
-    """A plain line, in which a name or a label gives the terminal no orders."""
+    """Print a plain line. Control characters in a name or a label are made visible, not executed by the terminal."""
     typer.echo(visible(str(text)), err=err, nl=nl)
 
 
@@ -117,7 +120,7 @@ def _contract(command: Callable[..., None]) -> Callable[..., None]:
 def _progress(quiet: bool, expected: Expected | None = None) -> AbstractContextManager[Callable[[str, float], None]]:
     """A bar on stderr: report(what is being done, fraction of it done). Where stderr is no terminal, lines.
 
-    `expected` is how long it will take; None where nothing is known of that.
+    `expected` is how long the work will take; None if that is not known.
     """
     from .api.progress import progress
 
@@ -125,11 +128,11 @@ def _progress(quiet: bool, expected: Expected | None = None) -> AbstractContextM
 
 
 def _stage(run: Path, stage: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
-    """Progress of a stage, which says at once how long it will take."""
+    """Progress of a stage, with the expected duration from the start."""
     return _progress(quiet, stages.expected(run, stage))
 
 
-# of commands that say little of how far they are: what they take on measurements/bench_twin, s
+# duration on measurements/bench_twin of the commands that report few steps, s
 _ON_THE_TWIN = {"check": 15.0, "advise": 25.0, "plan": 40.0}
 
 
@@ -144,17 +147,17 @@ def _option(
     """A field that is an option of a command.
 
     Args:
-        default: of the field; Ellipsis for one that must be given.
-        help, metavar: of `--help`.
+        default: the field's default; Ellipsis for an option that is required.
+        help, metavar: the texts for `--help`.
         shown: the default in words, for `--help`.
-        names: of the option, where they are not the field's; more: further arguments of `typer.Option`.
+        names: names of the option, if they differ from the field's; more: further arguments of `typer.Option`.
     """
     option = typer.Option(*names, help=help, metavar=metavar, show_default=shown or True, **more)
     return field(default=default, metadata={"option": option})
 
 
 def _with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose argument `options` is an object takes the fields of its class one by one, as typer has them."""
+    """Replace the argument `options` of a command by the fields of its class, one typer option for each field."""
     hints = get_type_hints(command, include_extras=True)
     if "options" not in hints:
         return command
@@ -178,11 +181,11 @@ def _with_options(command: Callable[..., None]) -> Callable[..., None]:
     return spread
 
 
-_TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # what rich takes for markup
+_TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # text that rich would read as markup
 
 
 def literally(text: str | None) -> str | None:
-    """A help text as rich prints it unchanged: `[ecu]` is a table of rig.toml, no markup."""
+    """A help text, escaped so that rich prints it unchanged: `[ecu]` is a table of rig.toml, not markup."""
     return text and _TAG.sub(r"\1\1\\\2", text)
 
 
@@ -197,12 +200,12 @@ def _literal_command(*args: Any, **given: Any) -> TyperCommand:
 
 
 def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A command of the command line.
+    """Register a function as a command.
 
     Args:
-        panel: of `etcfit --help`.
-        example: of the command's own help.
-        name: where it is not the function's.
+        panel: panel of `etcfit --help` that lists the command.
+        example: example at the end of the command's own help.
+        name: name of the command, if it differs from the function's.
     """
 
     def registered(command: Callable[..., None]) -> Callable[..., None]:
@@ -214,7 +217,7 @@ def _verb(panel: str, example: str, name: str | None = None) -> Callable[[Callab
 
 
 def _small(name: str | None) -> str | None:
-    """A make's name as `etcfit.ECUS` has it, however it is written."""
+    """The name of a make in lower case, as `etcfit.ECUS` has it."""
     return None if name is None else name.casefold()
 
 
@@ -226,7 +229,7 @@ _ANYWAY = _option(False, "Give gains for an ECU even where the fit did not conve
 
 
 def _must_be_writable(out: Path | None) -> None:
-    """See `files.require_writable`; nor is it a measurement folder. None for nothing to write."""
+    """Refuse a path that cannot be written or is a measurement folder. None: nothing is written."""
     if out is not None:
         from .files import require_writable
         from .run_folder.state import refuse_measurement_folder
@@ -252,7 +255,7 @@ def _global(
 
 @_verb("Look", "etcfit check measurements/bench_twin --advise --at runs/bench_twin")
 def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut = None, quiet: Quiet = False) -> None:
-    """What is in FOLDER, what it can identify, and what is wrong with it; fits nothing."""
+    """Show what FOLDER contains, which parameters it identifies, and what is wrong with it; no fit."""
     if advise:
         return _advise(folder, at, out, quiet)
     for option, given in (("--at", at), ("--out", out)):
@@ -263,7 +266,7 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
         from .rig.reader import read_folder
 
         rig = read_folder(folder)
-        report("working out what these data can identify", 0.3)
+        report("computing which parameters these data identify", 0.3)
         keep_compiled()
         from .experiment.check import check as check_rig
         from .reporting.check_table import check_table
@@ -283,7 +286,7 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
         from .rig.reader import read_folder
 
         rig = read_folder(folder)
-        report("working out what one more trace would tell", 0.3)
+        report("computing what one more trace would add", 0.3)
         keep_compiled()
         from .experiment.advice import advise
         from .reporting.check_table import advice_table
@@ -300,27 +303,27 @@ def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> Non
 
 @_verb("Fit", "etcfit fit measurements/bench_twin --out runs/bench_twin")
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
-    """The joint fit of all traces in FOLDER: RUN/fit.json, a table and a picture of the parameters."""
+    """Fit all traces in FOLDER jointly: RUN/fit.json, a table and a picture of the parameters."""
     with _stage(out, "fit", quiet) as progress:
         done = stages.fit_folder(folder, stages.opened(out, folder=folder), progress)
-    _tell(done)
+    _show_outcome(done)
 
 
 @_verb("Explain", "etcfit diagnose runs/bench_twin")
 def diagnose(run: Run, quiet: Quiet = False) -> None:
-    """What the model fitted in RUN lacks: residual, missing effect, refit, until nothing is left; before and after."""
+    """Find the effects that the model fitted in RUN lacks, add them and refit, until the residual shows no more."""
     with _stage(run, "diagnose", quiet) as progress:
         done = stages.diagnose_run(stages.opened(run), progress)
-    _tell(done)
+    _show_outcome(done)
 
 
 @_verb("Look", "etcfit report runs/bench_twin --interactive")
 def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
-    """One self-contained HTML page of all that RUN holds, RUN/report.html, with its pictures; or one to work with."""
+    """Write RUN/report.html, one self-contained page of everything in RUN, with pictures; or an interactive page."""
     write = stages.write_interactive if interactive else stages.write_report
     with _progress(quiet) as progress:
         done = write(stages.opened(run), progress)
-    _tell(done)
+    _show_outcome(done)
 
 
 @dataclass(frozen=True)
@@ -330,41 +333,41 @@ class RunOptions:
     ecu: str | None = _ECU
     until: str | None = _option(
         None,
-        f"The last stage that is done: {', '.join(stages.LAST)}. The page is written all the same.",
+        f"The last stage that runs: {', '.join(stages.LAST)}. The page is written in every case.",
         "STAGE",
         stages.LAST[-1],
     )
-    no_sample: bool = _option(False, "No posterior, which takes longest.", None, None, "--no-sample")
+    no_sample: bool = _option(False, "Skip the posterior, which takes longest.", None, None, "--no-sample")
 
 
 @_verb("Fit", "etcfit run measurements/bench_twin --out runs/bench_twin --until diagnose", name="run")
 def run_(folder: Folder, out: Out, options: RunOptions, quiet: Quiet = False) -> None:
-    """Everything from FOLDER to RUN/report.html, in order; what is done already is not done again.
+    """Run all stages from FOLDER to RUN/report.html, in order; a stage whose results are up to date is skipped.
 
-    Fit, diagnosis, page; transfer function, gains, page; posterior, page.
+    The order is: fit, diagnosis, page; transfer function, gains, page; posterior, page.
     """
     until, no_sample = options.until, options.no_sample
     if no_sample and until == "sample":
         raise UsageError("--no-sample and --until sample exclude each other.")
     last = until or ("design" if no_sample else stages.LAST[-1])
-    with _of_option("--ecu"):  # a wrong name is refused before an hour's work
-        asked = stages.designed_for(options.ecu)
-    with _of_option("--until"):
+    with _naming_option("--ecu"):  # a wrong name is refused before an hour's work
+        request = stages.designed_for(options.ecu)
+    with _naming_option("--until"):
         wanted = stages.stages_until(last)
 
     def show(name: str, done: stages.Done | None) -> None:
         if done is not None:
             _show(done.shown)
-        remark = "done before, from what lies there now" if done is None else done.remark
+        remark = "up to date, skipped" if done is None else done.remark
         if remark and not quiet:
             _stderr().print(f"{name}: {remark}", markup=False)
 
-    failure = stages.run_all(folder, out, lambda expected: _progress(quiet, expected), show, wanted, asked)
-    _tell(stages.Done(None, failure, closing=stages.closing_of(out)))
+    failure = stages.run_all(folder, out, lambda expected: _progress(quiet, expected), show, wanted, request)
+    _show_outcome(stages.Done(None, failure, closing=stages.closing_of(out)))
 
 
 def _show(result: Any) -> None:
-    """A table as wide as the terminal; plain words, such as a path, as they are; nothing where there is none."""
+    """Print a table at the width of the terminal, and text, such as a path, unchanged; None prints nothing."""
     if result is None:
         return
     if isinstance(result, str):
@@ -373,8 +376,8 @@ def _show(result: Any) -> None:
         _stdout().print(result)
 
 
-def _tell(done: stages.Done) -> None:
-    """What came of a command, on stdout, its closing last; a fit that did not converge is no success."""
+def _show_outcome(done: stages.Done) -> None:
+    """Print the result of a command on stdout, its closing lines last; a fit that did not converge is an error."""
     if done.remark:
         _stderr().print(done.remark, markup=False)
     _show(done.shown)
@@ -389,41 +392,43 @@ def _tell(done: stages.Done) -> None:
 @_verb("Look", "etcfit drive logs --compare before.csv after.csv --out runs/car")
 def drive(
     logs: Annotated[Path, typer.Argument(help="A log, a folder of logs, or FOLDER/drive.", exists=True)],
-    between: Annotated[tuple[float, float], typer.Option(help="Share of the time between these, %.")] = (5.0, 45.0),
+    between: Annotated[
+        tuple[float, float], typer.Option(help="Report the share of the time between these positions, %.")
+    ] = (5.0, 45.0),
     compare: Annotated[
-        tuple[str, str] | None, typer.Option(help="These two, before and after.", metavar="LOG LOG")
+        tuple[str, str] | None, typer.Option(help="Compare these two logs, before and after.", metavar="LOG LOG")
     ] = None,
     foretold: Annotated[
         Path | None,
-        typer.Option(help="Is the log as this run of `etcfit tune` foretold?", metavar="RUN", exists=True,
+        typer.Option(help="Compare the log with what this run of `etcfit tune` predicted.", metavar="RUN", exists=True,
                      file_okay=False),
     ] = None,
     made_with: Annotated[
         str | None,
-        typer.Option(help="Whose gains made it: present, half-way or proposed; with --foretold.", metavar="NAME",
+        typer.Option(help="Gains of the log: present, half-way or proposed; with --foretold.", metavar="NAME",
                      show_default="half-way"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="drive.html, drive.json and pictures.", file_okay=False, metavar="RUN")
+        Path | None, typer.Option(help="Folder for drive.html, drive.json, pictures.", file_okay=False, metavar="RUN")
     ] = None,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
-    """Logs from the car: does the plate follow well enough; steps, oscillation, duty, both sensors; two compared.
+    """Judge logs from the car: how well the plate follows; steps, oscillation, duty, both sensors; compare two logs.
 
-    After new gains: is the log as `etcfit tune` foretold?
+    After new gains: whether the log is as `etcfit tune` predicted.
     """
     if foretold is not None and compare is not None:
-        raise UsageError("--foretold and --compare exclude each other: the one is about one log, the other about two.")
+        raise UsageError("--foretold and --compare exclude each other: --foretold takes one log, --compare takes two.")
     if made_with is not None and foretold is None:
         raise UsageError("--made-with goes with --foretold.")
     _must_be_writable(out)
     with _progress(quiet) as progress:
         progress("reading the logs", 0.0)
-        if out is not None and logs.is_dir():  # of logs alone, without a rig.toml: drive.json would pass for one there
+        if out is not None and logs.is_dir():  # in a folder of logs without rig.toml, drive.json would pass for a log
             from .run_folder.state import refuse_among_measurements
 
             refuse_among_measurements(logs, out)
-        from .api.work import one_held_against
+        from .api.work import compared_with_prediction
         from .car_log import study
         from .car_log.read import logs_at
         from .car_log.study import chosen
@@ -433,7 +438,7 @@ def drive(
 
         config, found = logs_at(logs)
         studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
-        held = None if foretold is None else one_held_against(studies, foretold, made_with)
+        held = None if foretold is None else compared_with_prediction(studies, foretold, made_with)
         if out is not None:
             write_drive(out, config, studies, progress, held)
     if held is not None:
@@ -452,18 +457,21 @@ class TuneOptions:
 
     ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME", callback=_small)
     present: list[str] | None = _option(
-        None, "P,I,D that are in it now, as it writes them; once a log where these differ, the last are in it now.",
+        None, "Gains P,I,D that the ECU has now, in its own numbers; if the logs have different gains, once for each "
+        "log, the present gains last.",
         "P,I,D",
     )  # fmt: skip
     msq: Path | None = _option(
-        None, "Its tune: gains, unless --present gives them, bias table and limit of the integral.", "FILE",
+        None, "Tune of the ECU: gains (unless --present gives them), bias table and limit of the integral.", "FILE",
         exists=True, dir_okay=False,
     )  # fmt: skip
-    hold_out: float = _option(40.0, "Of the longest log, predicted and not fitted, %.", min=0.0, max=80.0)
-    supply: float | None = _option(None, "V.", None, "as logged, else 13.5", min=1.0, max=100.0)
-    ecu_period: str | None = _option(None, "Of the ECU's clock.", "TIME", "as its maker publishes")
-    ecu_delay: str | None = _option(None, "From its reading to its output.", "TIME", "one period")
-    column: list[str] | None = _option(None, "HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", "TEXT")
+    hold_out: float = _option(40.0, "Share of the longest log that is predicted, not fitted, %.", min=0.0, max=80.0)
+    supply: float | None = _option(None, "Supply voltage, V.", None, "as logged, else 13.5", min=1.0, max=100.0)
+    ecu_period: str | None = _option(None, "Period of the ECU's clock.", "TIME", "as its maker publishes")
+    ecu_delay: str | None = _option(None, "Delay from the ECU's reading to its output.", "TIME", "one period")
+    column: list[str] | None = _option(
+        None, "Meaning of a column: HEADER=QUANTITY [UNIT] or HEADER=ignore; may be repeated.", "TEXT"
+    )
     anyway: bool = _ANYWAY
 
 
@@ -474,9 +482,9 @@ def tune(
     options: TuneOptions,
     quiet: Quiet = False,
 ) -> None:
-    """From logs of a car to gains: checks, model, diagnosis, gains beside those that are in the ECU now.
+    """Tune an ECU from logs of a car: checks, model, diagnosis, and gains compared with the present ones.
 
-    A half-way step comes first, with what the next log should show.
+    It proposes a half-way step first, with what the next log should show.
     """
     from .api.tuned import TuneRequest
     from .importing.answers import parsed
@@ -484,8 +492,8 @@ def tune(
 
     ecu, present = options.ecu, [_three_gains(each) for each in options.present or ()]
     if len(present) > 1 and len(present) != len(logs):
-        raise UsageError(f"--present is there {len(present)} times for {len(logs)} logs. Give it once, or once for "
-                         "each log in their order.")  # fmt: skip
+        raise UsageError(f"--present is given {len(present)} times for {len(logs)} logs. Give it once, or once for "
+                         "each log, in the order of the logs.")  # fmt: skip
     given = _times_of_ecu(options)
     _refuse_what_a_make_fixes(ecu, given)
     answers = parsed(options.column or (), (), [str(file) for file in logs])
@@ -497,11 +505,11 @@ def tune(
         request = request.with_tune(options.msq)
     with _progress(quiet) as progress:
         done = stages.tune_logs(logs, stages.opened(out), progress, request)
-    _tell(done)
+    _show_outcome(done)
 
 
 def _three_gains(present: str) -> tuple[float, float, float]:
-    """P, I and D that are in the ECU now."""
+    """The gains P, I and D that the ECU has now."""
     try:
         p, i, d = map(float, present.split(","))
     except ValueError:
@@ -509,7 +517,7 @@ def _three_gains(present: str) -> tuple[float, float, float]:
             f"--present {present}: three numbers between commas are required. Write, say, 6.2,40,0.05."
         ) from None
     if not all(0.0 <= gain < inf for gain in (p, i, d)):
-        raise UsageError(f"--present {present}: a gain cannot be negative or endless.")
+        raise UsageError(f"--present {present}: a gain cannot be negative or infinite.")
     return p, i, d
 
 
@@ -517,23 +525,25 @@ def _three_gains(present: str) -> tuple[float, float, float]:
 def sample(
     run: Run,
     steps: Annotated[
-        int, typer.Option(help="Steps of each ensemble after which to stop all the same.", min=1)
+        int, typer.Option(help="Largest number of steps of each ensemble.", min=1)
     ] = SamplingSettings.most_steps,
     quiet: Quiet = False,
 ) -> None:
-    """The posterior of the model in RUN (that of the diagnosis, else of the fit); stops by itself, can be resumed."""
+    """Sample the posterior of the model in RUN (the diagnosis' model, else the fit's); stops by itself, resumes."""
     with _stage(run, "sample", quiet) as progress:
         done = stages.sample_run(stages.opened(run), progress, steps)
-    _tell(done)
+    _show_outcome(done)
 
 
 @_verb("Control", "etcfit reduce runs/bench_twin --output deg --pade 2")
 def reduce(
     run: Run,
-    unit_in: Annotated[str, typer.Option("--input", help="V or % (of duty).", metavar="UNIT")] = "V",
-    unit_out: Annotated[str, typer.Option("--output", help="rad, deg or % (of travel).", metavar="UNIT")] = "rad",
+    unit_in: Annotated[str, typer.Option("--input", help="Unit of the input: V or % (of duty).", metavar="UNIT")] = "V",
+    unit_out: Annotated[
+        str, typer.Option("--output", help="Unit of the output: rad, deg or % (of travel).", metavar="UNIT")
+    ] = "rad",
     at: Annotated[float, typer.Option(help="Operating point, % of the travel.", min=0.0, max=100.0)] = 25.0,
-    pade: Annotated[int, typer.Option(help="Append delay and sensor lag, to this Pade order.", min=0, max=10)] = 0,
+    pade: Annotated[int, typer.Option(help="Pade order of delay and sensor lag; 0: without them.", min=0, max=10)] = 0,
     quiet: Quiet = False,
 ) -> None:
     """The third-order transfer function of the model in RUN (after a diagnosis, the final one).
@@ -542,11 +552,11 @@ def reduce(
     is 2.208e5 / (s^3 + 1033 s^2 + 9.370e4 s + 1.282e5), poles near -1.4, -99 and -932 1/s. The paper prints another
     one, Eq. 8, 3.10e4 / (s^3 + 113.8 s^2 + 2941 s + 2.38e4), poles -81 and -16.3 +- 5.2j, which does not follow from
     its own table: its static gain is 1.303 instead of 1.722 rad/V. Where the rig has sine traces, their frequency
-    response is measured and set beside it.
+    response is measured and compared with it.
     """
     with _stage(run, "reduce", quiet) as progress:
         done = stages.reduce_run(stages.opened(run), progress, unit_in, unit_out, at / 100.0, pade)
-    _tell(done)
+    _show_outcome(done)
 
 
 @dataclass(frozen=True)
@@ -590,13 +600,15 @@ class DesignOptions:
     winding_heat: float = _option(inf, "Most heat in the winding, W.", None, "no limit", min=0.0)
     bridge_heat: float = _option(inf, "Most heat in the bridge, W.", None, "no limit", min=0.0)
     log: Path | None = _option(
-        None, "A log from the car: its setpoint is one scenario more.", exists=True, dir_okay=False
+        None, "A log from the car: its setpoint is a further scenario.", exists=True, dir_okay=False
     )
     parts: Path | None = _option(
         None, "Run folder of `etcfit fleet`: gains for parts like its units.", "RUN", exists=True, file_okay=False
     )
     anyway: bool = _ANYWAY
-    fleet: bool = _option(False, "RUN is of `etcfit fleet`: gains for 99 % of its units.", None, None, "--fleet")
+    fleet: bool = _option(
+        False, "RUN is a run folder of `etcfit fleet`: gains for 99 % of its units.", None, None, "--fleet"
+    )
 
 
 @_verb("Control", "etcfit design runs/bench_twin --ecu rusefi --ecu-period 1ms")
@@ -608,11 +620,11 @@ def design(run: Run, options: DesignOptions, quiet: Quiet = False) -> None:
             done = stages.design_fleet(run, progress, request)
         else:
             done = stages.design_run(stages.opened(run), progress, request)
-    _tell(done)
+    _show_outcome(done)
 
 
 def _design_request(o: DesignOptions) -> DesignRequest:
-    """What is asked for, in SI."""
+    """The request of `etcfit design`, in SI."""
     given = _times_of_ecu(o)
     if o.sensor_noise is not None:
         given["noise"] = _with_unit("--sensor-noise", o.sensor_noise, _RADIANS, "an angle", "0.1deg")
@@ -629,21 +641,21 @@ def _design_request(o: DesignOptions) -> DesignRequest:
         "bridge_W": o.bridge_heat,
     }
     if zero := [symbol for symbol, limit in limits.items() if limit == 0.0]:
-        raise UsageError(f"{zero[0]}: nothing stays below 0. Ask for more than that.")
+        raise UsageError(f"{zero[0]}: no loop stays below 0. Give a larger limit.")
     terms = _terms(o.feed_forward, o.feed_forward_terms)
     if o.fleet and o.parts is not None:
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
-    asked = {symbol: limit for symbol, limit in limits.items() if limit != inf}
+    required = {symbol: limit for symbol, limit in limits.items() if limit != inf}
     known = {} if o.present is None else dict(zip("PID", _three_gains(o.present), strict=True))
     known |= {} if o.swings_at is None else {"swings_at": o.swings_at}
-    return DesignRequest(o.rule, o.adc_bits, terms, asked, given, o.ecu, o.log, o.parts, o.anyway, known)
+    return DesignRequest(o.rule, o.adc_bits, terms, required, given, o.ecu, o.log, o.parts, o.anyway, known)
 
 
 _TIMES = {"period": "--ecu-period", "delay": "--ecu-delay", "lag": "--ecu-filter"}  # field of `Ecu` -> option
 
 
 def _times_of_ecu(options: TuneOptions | DesignOptions) -> dict[str, float]:
-    """What is given of the ECU's times, s, by field of `Ecu`."""
+    """The given times of the ECU, s, by field of `Ecu`."""
     texts = {each: getattr(options, option[2:].replace("-", "_"), None) for each, option in _TIMES.items()}
     given = {each: _seconds(_TIMES[each], text) for each, text in texts.items() if text is not None}
     if given.get("period") == 0.0:
@@ -652,12 +664,12 @@ def _times_of_ecu(options: TuneOptions | DesignOptions) -> dict[str, float]:
 
 
 def _refuse_what_a_make_fixes(make: str | None, given: Mapping[str, float]) -> None:
-    """Refuse what is given of an ECU where the make that is named fixes it otherwise."""
+    """Refuse a property of the ECU that its make fixes at another value."""
     if make is None:
         return
     from .model.ecus import named
 
-    with _of_option("--ecu"):
+    with _naming_option("--ecu"):
         clash = named(make).clashes(given)
     if clash:
         option = _TIMES | {"compensated": "--divides-by-battery"}
@@ -665,8 +677,8 @@ def _refuse_what_a_make_fixes(make: str | None, given: Mapping[str, float]) -> N
 
 
 @contextmanager
-def _of_option(option: str) -> Iterator[None]:
-    """A usage error is told with the option that it came by."""
+def _naming_option(option: str) -> Iterator[None]:
+    """Put the name of the option in front of a usage error."""
     try:
         yield
     except UsageError as err:
@@ -674,12 +686,12 @@ def _of_option(option: str) -> Iterator[None]:
 
 
 def _terms(spring: bool, others: str | None) -> bool | str:
-    """What is asked for ahead of the PID: the spring's table alone, or names between commas."""
+    """The feed-forward: whether the spring's table alone, or names between commas."""
     if others is None:
         return spring
     from .model.feed_forward import terms_of
 
-    with _of_option("--feed-forward-terms"):
+    with _naming_option("--feed-forward-terms"):
         terms_of(others)
     return f"spring,{others}" if spring else others
 
@@ -706,33 +718,35 @@ def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, ex
             f"{option} {text}: {what} needs a number and a unit, {known}. Write, say, {example}."
         ) from None
     if not 0.0 <= value < inf:
-        raise UsageError(f"{option} {text}: {what} cannot be negative or endless. Write, say, {example}.")
+        raise UsageError(f"{option} {text}: {what} cannot be negative or infinite. Write, say, {example}.")
     return value
 
 
 @_verb("Many units", "etcfit fleet line_4 --out runs/line_4 --workers 4")
 def fleet(
     what: Annotated[
-        list[str], typer.Argument(help="A folder of units, or an address (s3://...); or: report RUN.", metavar="FLEET")
+        list[str], typer.Argument(help="A folder of units or its address (s3://...); or: report RUN.", metavar="FLEET")
     ],
-    out: Annotated[Path | None, typer.Option("--out", help="The run folder.", file_okay=False, metavar="RUN")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The run folder to write.", file_okay=False, metavar="RUN")
+    ] = None,
     workers: Annotated[
-        int | None, typer.Option(help="Processes on this machine.", min=1, max=1024, show_default="one a core")
+        int | None, typer.Option(help="Processes on this machine.", min=1, max=1024, show_default="one per core")
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="Of Dask, that is there already, as tcp://host:8786.", metavar="ADDRESS")
+        str | None, typer.Option(help="Address of a running Dask scheduler, as tcp://host:8786.", metavar="ADDRESS")
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Many units of one design, FLEET/<unit>/ each a measurement folder: what they are, how they differ, which is odd.
+    """Fit many units of one design (each FLEET/<unit>/ is a measurement folder): how they differ, and which are odd.
 
-    `etcfit fleet report RUN` makes the page once more.
+    `etcfit fleet report RUN` writes the page again.
     """
     match what, out:
         case ["report", run], None:
             with _progress(quiet) as progress:
                 done = stages.fleet_report(Path(run), progress)
-            return _tell(done)
+            return _show_outcome(done)
         case [_], None:
             raise UsageError("--out RUN is missing: the run folder to write.")
         case [location], Path():
@@ -744,7 +758,7 @@ def fleet(
 
     with _progress(quiet) as progress:
         done = stages.fleet(location, out, workers, scheduler, progress, silent if quiet else _watched)
-    _tell(done)
+    _show_outcome(done)
 
 
 def _watched(address: str, share: float) -> None:
@@ -755,24 +769,24 @@ def _watched(address: str, share: float) -> None:
 class ExportOptions:
     """Options of `etcfit export`."""
 
-    to: str = _option(..., "c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", "FORMAT")
-    out: Path | None = _option(None, "Where; RUN/export if not given.", "DIR", file_okay=False)
-    step: str | None = _option(None, "Of the plant in C and FMU.", "TIME", "0.5ms")
-    at: float = _option(25.0, "Of a transfer function, % of the travel.", min=0.0, max=100.0)
+    to: str = _option(..., "Format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", "FORMAT")
+    out: Path | None = _option(None, "The folder to write; RUN/export if not given.", "DIR", file_okay=False)
+    step: str | None = _option(None, "Time step of the plant in C and FMU.", "TIME", "0.5ms")
+    at: float = _option(25.0, "Operating point of a transfer function, % of the travel.", min=0.0, max=100.0)
     into: Path | None = _option(
-        None, "Your own tune, for msq: a copy of it is changed.", "FILE", exists=True, dir_okay=False
+        None, "Your own tune, for msq: the gains are written into a copy.", "FILE", exists=True, dir_okay=False
     )
     anyway: bool = _ANYWAY
 
 
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
 def export(run: Run, options: ExportOptions, quiet: Quiet = False) -> None:
-    """The model in RUN (after a diagnosis, the final one) for another program; says what that format cannot hold."""
+    """Write the model in RUN (after a diagnosis, the final one) for another program; say what that format lacks."""
     o, seconds = options, None if options.step is None else _seconds("--step", options.step)
     with _progress(quiet) as progress:
         done = stages.export_run(stages.opened(run, o.out), progress, o.to, o.out, seconds, o.at / 100.0, o.into,
                                  o.anyway)  # fmt: skip
-    _tell(done)
+    _show_outcome(done)
 
 
 @dataclass(frozen=True)
@@ -780,11 +794,11 @@ class PlanOptions:
     """Options of `etcfit plan`."""
 
     out: Path = _option(..., "The folder to write.", "PLAN", None, "--out", file_okay=False)
-    tests: int = _option(CampaignSettings.tests, "How many, at most.", min=1, max=50)
+    tests: int = _option(CampaignSettings.tests, "Largest number of tests.", min=1, max=50)
     current: float = _option(CampaignSettings.current, "Limit of the winding's current, A.")
     temperature: float = _option(CampaignSettings.temperature, "Limit of the winding's temperature, degC.")
-    supply: float | None = _option(None, "V.", None, "that of the rig", min=0.1)
-    criterion: str = _option("A", "To become small: A, the sum of relative variances, or D, their geometric mean.")
+    supply: float | None = _option(None, "Supply voltage, V.", None, "that of the rig", min=0.1)
+    criterion: str = _option("A", "What to minimise: A, the sum of relative variances, or D, their geometric mean.")
     without: list[str] | None = _option(None, "A rig test that you cannot make; may be repeated.", "TEST")
 
 
@@ -799,7 +813,7 @@ def plan(
     options: PlanOptions,
     quiet: Quiet = False,
 ) -> None:
-    """The next tests as files to play within limits, chosen for what they tell, with a procedure sheet."""
+    """Choose the most informative next tests within limits: files to play, and a procedure sheet."""
     from .datasets.base import refuse_to_overwrite
 
     o = options
@@ -826,11 +840,13 @@ def plan(
 @_verb("Measure", "etcfit fetch kassel-throttle")
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, wintec-throttle, emps or bam-xl330.", metavar="NAME")],
-    to: Annotated[Path | None, typer.Option(help="Where; measurements/NAME if not given.", metavar="FOLDER")] = None,
+    to: Annotated[
+        Path | None, typer.Option(help="The folder to write; measurements/NAME if not given.", metavar="FOLDER")
+    ] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of local copies.", exists=True, file_okay=False)] = None,
     quiet: Quiet = False,
 ) -> None:
-    """A public measured data set as a measurement folder; local copies (also $ETCFIT_DATA) before a download."""
+    """Write a public measured data set as a measurement folder, from a local copy (also $ETCFIT_DATA) or a download."""
     with _progress(quiet) as report:
         report(f"fetching {name}", 0.0)
         from .datasets import fetch as fetch_dataset
@@ -848,8 +864,8 @@ def new(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """A rig.toml with every key explained, and a folder for each rig test that says what to record."""
-    del quiet  # it shows no progress; scripts give every command the same options
+    """Write a rig.toml that explains every key, and a folder for each rig test that says what to record."""
+    del quiet  # no progress is shown; every command takes the same options
     from .importing.new import new_folder
     from .reporting.closing import of_new
 
@@ -861,18 +877,21 @@ class ImportOptions:
     """Options of `etcfit import`."""
 
     to: Path = _option(..., "The measurement folder to write.", "FOLDER", file_okay=False)
-    yes: bool = _option(False, "Take every guess.", None, None, "--yes", "-y")
-    column: list[str] | None = _option(None, "[FILE:]HEADER=QUANTITY [UNIT], or =ignore; may be repeated.", "TEXT")
-    test: list[str] | None = _option(None, "FILE=TEST, its rig test; may be repeated.", "TEXT")
-    period: str | None = _option(None, "Between samples, for files without a time, as 1ms.", "TIME")
-    rig: Path | None = _option(None, "A rig.toml to take over, as `etcfit new` makes one.", "RIG.TOML", dir_okay=False)
-    motor: str | None = _option(None, "The motor to take, of files that have several.", "NAME")
+    yes: bool = _option(False, "Accept every guess.", None, None, "--yes", "-y")
+    column: list[str] | None = _option(
+        None, "Meaning of a column: [FILE:]HEADER=QUANTITY [UNIT] or =ignore; may be repeated.", "TEXT"
+    )
+    test: list[str] | None = _option(None, "Rig test of a file: FILE=TEST; may be repeated.", "TEXT")
+    period: str | None = _option(None, "Sampling period, for files without a time column, as 1ms.", "TIME")
+    rig: Path | None = _option(None, "A rig.toml to copy, as `etcfit new` writes one.", "RIG.TOML", dir_okay=False)
+    motor: str | None = _option(None, "The motor to read from files that have several.", "NAME")
     servo: str | None = _option(
         None,
-        "The columns are registers of: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330, dynamixel-ax.",
+        "The servo whose registers the columns hold: feetech-sts, feetech-scs, dynamixel-xm, dynamixel-xl330 or "
+        "dynamixel-ax.",
         "NAME",
     )
-    limit: str = _option("256MB", "Of one recording's numbers in memory; larger ones are refused.", "SIZE")
+    limit: str = _option("256MB", "Largest size of one recording's numbers in memory.", "SIZE")
 
 
 @_verb("Measure", "etcfit import recordings/* --to measurements/mine --rig my_rig/rig.toml", name="import")
@@ -883,7 +902,7 @@ def import_(
     options: ImportOptions,
     quiet: Quiet = False,
 ) -> None:
-    """Foreign recordings as a measurement folder: columns, units, signs and rig tests guessed, with reasons."""
+    """Convert foreign recordings to a measurement folder; guess columns, units, signs and rig tests, with reasons."""
     from .importing import import_files
     from .importing.answers import accept_all, parsed, refuse
     from .reporting.closing import of_imported
@@ -892,8 +911,8 @@ def import_(
     seconds = None if o.period is None else _seconds("--period", o.period)
     answers = parsed(o.column or (), o.test or (), [str(file) for file in files], seconds)
     most = int(_with_unit("--limit", o.limit, _BYTES, "a size", "2GB"))
-    resolve = accept_all if o.yes else _asked if sys.stdin.isatty() and sys.stderr.isatty() else refuse
-    with _progress(quiet or resolve is _asked) as report:
+    resolve = accept_all if o.yes else _ask_user if sys.stdin.isatty() and sys.stderr.isatty() else refuse
+    with _progress(quiet or resolve is _ask_user) as report:
         done = import_files(files, o.to, answers, resolve, rig=o.rig, most=most, motor=o.motor, servo=o.servo,
                             report=report)  # fmt: skip
     for file, source, reason in done.traces:
@@ -903,8 +922,8 @@ def import_(
     _say(of_imported(done))
 
 
-def _asked(doubts: Sequence[Any], answers: Any) -> Any:
-    """The guesses in doubt, one by one: Enter takes the guess, anything else is the answer."""
+def _ask_user(doubts: Sequence[Any], answers: Any) -> Any:
+    """Ask the user about each doubtful guess: Enter accepts the guess, any other text is the answer."""
     for doubt in doubts:
         _say(f"{doubt.where}\n  {doubt.reason}", err=True)
         while True:
@@ -918,18 +937,21 @@ def _asked(doubts: Sequence[Any], answers: Any) -> Any:
     return answers
 
 
-# glibc by itself: a heap for each thread, and freed arrays of up to 32 MB kept in the holes that they leave
+# by default glibc has one heap per thread and keeps freed arrays of up to 32 MB in the heap
 _HEAPS = {-8: ("MALLOC_ARENA_MAX", 2), -3: ("MALLOC_MMAP_THRESHOLD_", 1 << 20), -1: ("MALLOC_TRIM_THRESHOLD_", 1 << 25)}
 
 
 def _give_memory_back() -> None:
-    """Have the C library give freed arrays back: 1.2 GB of a diagnosis' 2.8 were free. What the user has set stands."""
+    """Let the C library return freed arrays to the system: 1.2 of the 2.8 GB of a diagnosis were free memory.
+
+    Environment variables that the user has set take precedence.
+    """
     if sys.platform == "linux":
         with suppress(AttributeError):  # another library than glibc
-            tell = ctypes.CDLL(None).mallopt
+            set_option = ctypes.CDLL(None).mallopt
             for number, (name, value) in _HEAPS.items():
                 if name not in os.environ:
-                    tell(number, value)
+                    set_option(number, value)
 
 
 def main() -> None:

@@ -45,7 +45,7 @@ class Done:
         remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; why
             pictures are missing from a page; or "".
         closing: how the command ends; None of a stage made by hand, as in tests.
-        stopped: why the data do not tell what was asked for; "" where they do.
+        stopped: why the data are not sufficient; "" if they are.
     """
 
     shown: Any
@@ -231,10 +231,10 @@ def reduce_run(
 
 
 @_alone("design")
-def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
+def design_run(run: RunFolder, report: Report, request: DesignRequest) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
-    if asked.parts is not None:
-        require_extra("fleet", f"{asked.parts}", "pyarrow")
+    if request.parts is not None:
+        require_extra("fleet", f"{request.parts}", "pyarrow")
     report("taking up the fit", 0.0)
     keep_compiled()
     result = run.final()
@@ -246,12 +246,12 @@ def design_run(run: RunFolder, report: Report, asked: DesignRequest) -> Done:
 
     fitted = result.fitted()
     drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design_of(fitted, asked, drawn, part_of(report, 0.0, 0.95))
-    keep_design(run, result, found, asked.recorded(), part_of(report, 0.95, 1.0))
+    found = design_of(fitted, request, drawn, part_of(report, 0.0, 0.95))
+    keep_design(run, result, found, request.recorded(), part_of(report, 0.95, 1.0))
     return Done(design_table(found), _failure(result), closing=of_design(found, result.state, run.path))
 
 
-def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: TuneRequest) -> Done:
+def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, request: TuneRequest) -> Done:
     """From logs of a car to gains: RUN/tune.json with its picture, and what fit, diagnosis and design leave."""
     keep_compiled()
     from .api.tuned import tune_logs as tune
@@ -259,13 +259,13 @@ def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, asked: Tune
     from .reporting.closing.control import of_tune
     from .reporting.tune import tune_table
 
-    found = tune(files, run, asked, report)
+    found = tune(files, run, request, report)
     unfinished = "" if found.result is None else _failure(found.result)
     shown, closing = tune_table(tuned_json(found)), of_tune(found, run.path, files)
     return Done(shown, unfinished, closing=closing, stopped=found.why_not)
 
 
-def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
+def design_fleet(run: Path, report: Report, request: DesignRequest) -> Done:
     """Gains that nearly all units of a fleet meet the requirements with, from its run folder: RUN/pid.json, the
     responses."""
     report("taking up the fleet", 0.0)
@@ -278,7 +278,7 @@ def design_fleet(run: Path, report: Report, asked: DesignRequest) -> Done:
 
     with held(run):
         units = Fleet.in_run(run)
-        found = design_of(units.model, asked, None, report)
+        found = design_of(units.model, request, None, report)
         units.keep_design(run, found, {}, report)
     return Done(design_table(found), closing=of_fleet_design(found, run))
 
@@ -463,15 +463,15 @@ def run_all(
     progress: Callable[[Expected | None], AbstractContextManager[Report]],
     show: Callable[[str, Done | None], None],
     stages: tuple[Stage, ...] = STAGES,
-    asked: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    stage_options: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> str:
-    """Run every stage that is not done yet, in order; one that was made with options before, with the same ones.
+    """Run every stage that is not up to date, in order; a stage that was made with options keeps them.
 
     Args:
-        progress: opened for each stage in turn, with how long it will take; None where nothing is known of that.
-        show: called after each stage with its name and what came of it, None where it was done before this run.
-        stages: in order; the same one may come again, and runs where what it shows has changed.
-        asked: options of stages, by the stage's name, in place of those of before; one made with others is not done.
+        progress: opened for each stage with its expected duration; None if that is not known.
+        show: called after each stage with its name and its outcome, None if it was up to date before this run.
+        stages: stages in order; a stage may occur twice, and runs again if its inputs have changed.
+        stage_options: options by name of stage, in place of the earlier ones; a stage made with others runs again.
     Returns:
         Why the model that is shown did not converge, or "".
     Raises:
@@ -488,7 +488,7 @@ def run_all(
         for stage in stages:
             stage.require()
         for stage in stages:
-            before, wanted = settings_before(path).get(stage.name, {}), asked.get(stage.name, {})
+            before, wanted = settings_before(path).get(stage.name, {}), stage_options.get(stage.name, {})
             if is_done(path, stage.name, folder) and all(before.get(name) == value for name, value in wanted.items()):
                 if stage.name not in shown:
                     show(stage.name, None)

@@ -327,7 +327,7 @@ REFUSED = {
         "--feed-forward-terms speed: no such term of feed-forward. Known: spring, friction, rate.",
     "design bench --sensor-noise 0.1": "an angle needs a number and a unit, deg or rad",
     "design bench --ecu-period 0ms": "longer than 0",
-    "design bench --winding-heat 0": "winding_W: nothing stays below 0",
+    "design bench --winding-heat 0": "winding_W: no loop stays below 0",
 }  # fmt: skip
 
 

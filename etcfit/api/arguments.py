@@ -1,6 +1,6 @@
-"""Arguments of the verbs, held against their annotations before any work.
+"""Arguments of the verbs, checked against their annotations before any work.
 
-Classes are compared by name, so that nothing heavy is imported for it.
+Classes are compared by name, so that no heavy module is imported for the check.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _IN_WORDS = {"str": "a text", "Path": "a path", "int": "a whole number", "float"
              "Sequence": "a sequence", "tuple": "a tuple", "Mapping": "a mapping", "None": "None", "Folder": "a path",
              "Rig": "a rig", "Fit": "a fit", "Diagnosed": "a diagnosis", "Sampled": "a posterior",
              "Fleet": "a fleet"}  # fmt: skip
-_ALONE = {"Model", "Literal", "Asked", "Any"}  # the verb itself says what it takes
+_ALONE = {"Model", "Literal", "Asked", "Any"}  # the verb itself checks these
 
 
 def typed(verb: Callable[P, R]) -> Callable[P, R]:
-    """A verb that refuses an argument of a kind that its annotation does not name.
+    """Make a verb refuse arguments of a type that its annotation does not name.
 
     Raises:
-        TypeError: by the verb's call; it names the argument, what it takes and what was given.
+        TypeError: when the verb is called; it names the argument, the types that it takes and the type that was given.
     """
     signature = inspect.signature(verb)
 
@@ -46,7 +46,7 @@ def typed(verb: Callable[P, R]) -> Callable[P, R]:
 
 
 def fits(value: Any, annotation: str) -> bool:
-    """Whether a value is of one of the kinds that an annotation names; what stands in brackets does not count."""
+    """Whether a value has one of the types that an annotation names; text in brackets does not count."""
     names = _names(annotation)
     if _ALONE & {*names}:
         return True
@@ -65,7 +65,7 @@ def fits(value: Any, annotation: str) -> bool:
 
 
 def in_words(annotation: str) -> str:
-    """As an error says it: "a rig, a path or None"."""
+    """The annotation as words for an error: "a rig, a path or None"."""
     *others, last = dict.fromkeys(_IN_WORDS.get(name, name) for name in _names(annotation))
     return f"{', '.join(others)} or {last}" if others else last
 

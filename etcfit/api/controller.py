@@ -1,4 +1,4 @@
-"""A transfer function and PID gains as a notebook holds them."""
+"""A transfer function and PID gains for a notebook."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Reduced(View):
         G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0)
 
     Args:
-        response: what the rig's sine traces say; None where it has none.
+        response: frequency response measured by the rig's sine traces; None if it has none.
     """
 
     fit: Fit
@@ -64,7 +64,7 @@ class Reduced(View):
         return self.reduction.to_control()
 
     def to_control(self, pade_order: int = 0) -> control.TransferFunction:
-        """For python-control; with delay and sensor lag where the order of a Pade approximation is given."""
+        """For python-control; with delay and sensor lag if the order of a Pade approximation is given."""
         return self.reduction.to_control(pade_order)
 
     @cached_property
@@ -80,7 +80,7 @@ class Reduced(View):
     def feedforward(self) -> pd.DataFrame:
         """kS, kV and kA of v = kS sgn(w) + kV w + kA dw/dt: value, stderr and unit."""
         found = constants_table(self._plant)
-        assert found is not None, "`etcfit.reduce` asks for them"
+        assert found is not None, "`etcfit.reduce` requests them"
         return frame(found.rows, "constant")
 
     @property
@@ -95,7 +95,7 @@ class Reduced(View):
 
     @property
     def unit(self) -> str:
-        """Of the gain: output over input."""
+        """Unit of the gain: output over input."""
         return f"{self.reduction.output_unit}/{self.reduction.input_unit}"
 
     @property
@@ -111,12 +111,12 @@ class Reduced(View):
         return stacked(reduction_table(fitted, self.reduction, 0), sines)
 
     def save(self, run: str | Path, pade_order: int = 0) -> Path:
-        """Write transfer_function.json and the Bode plot to a run folder, and what the sine traces say.
+        """Write transfer_function.json, the Bode plot and the measured frequency response to a run folder.
 
         Args:
-            pade_order: of the delay in `with_delay_and_lag` of the file; 0 leaves that out.
+            pade_order: Pade order of the delay in `with_delay_and_lag` of the file; 0 leaves that out.
         Raises:
-            UsageError: another model lies in RUN.
+            UsageError: RUN holds another model.
         """
         from ..run_folder.folder import RunFolder
         from .work import keep_reduction
@@ -167,17 +167,17 @@ class Designed(View):
 
     @property
     def rule(self) -> str:
-        """Whose gains are proposed."""
+        """The rule whose gains are proposed."""
         return self.design.chosen.rule
 
     @property
     def meets_all(self) -> bool:
-        """Whether the nominal nonlinear model meets every requirement with them."""
+        """Whether the nominal nonlinear model meets every requirement with the proposed gains."""
         return self.design.chosen.meets_all
 
     @cached_property
     def _written(self) -> dict[str, Any]:
-        """pid.json, infinities as they are."""
+        """The object of pid.json, infinities kept."""
         return PID.written(self.design)
 
     @property
@@ -202,12 +202,12 @@ class Designed(View):
 
     @property
     def safety(self) -> Safety:
-        """What the proposed gains do where something fails: jam check, sensor, supply, spring return, holding."""
+        """The loop with the proposed gains under failures: jam check, sensor, supply, spring return, holding."""
         return self.design.safety
 
     @property
     def limits(self) -> tuple[str, ...]:
-        """Where the proposed gains miss a requirement, what keeps any gains from meeting it."""
+        """For each requirement that the proposed gains miss, what prevents any gains from meeting it."""
         return self.design.limits
 
     @property
@@ -224,14 +224,14 @@ class Designed(View):
         """Write pid.json and the responses to a run folder.
 
         Raises:
-            UsageError: another model, or another fleet, lies in RUN.
+            UsageError: RUN holds another model, or another fleet.
         """
         self.fit.keep_design(Path(run), self.design, self._options)
         return Path(run)
 
     @property
     def _options(self) -> dict[str, Any]:
-        """With what `etcfit run` would make these gains anew."""
+        """The options with which `etcfit run` would design these gains again."""
         task = self.design.task
         return {
             "rule": self.rule,
@@ -246,7 +246,7 @@ class Designed(View):
 
     @property
     def _verdict(self) -> str:
-        """What is proposed and whether it does what is required; what binds where it does not."""
+        """The proposed gains, whether they meet the requirements, and which limits bind if they do not."""
         binds = f" What binds: {'; '.join(self.limits)}." if self.limits else ""
         return sentence(plain(self._written)) + binds
 

@@ -1,4 +1,4 @@
-"""A diagnosis and a posterior as a notebook holds them."""
+"""A diagnosis and a posterior for a notebook."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosed(View):
-    """What a model lacked: `etcfit.diagnose(fit)`."""
+    """The effects that a model lacked: `etcfit.diagnose(fit)`."""
 
     diagnosis: Diagnosis
 
@@ -41,17 +41,17 @@ class Diagnosed(View):
 
     @cached_property
     def final(self) -> Fit:
-        """The fit of the model with what was found."""
+        """The fit of the model with the effects that were found."""
         return Fit(self.diagnosis.after)
 
     @property
     def added(self) -> tuple[str, ...]:
-        """Effects that were found, in that order."""
+        """Effects that were found, in the order in which they were added."""
         return self.diagnosis.added
 
     @property
     def verdict(self) -> str:
-        """The whole in a few sentences."""
+        """The result in a few sentences."""
         return " ".join(self.diagnosis.verdict)
 
     @property
@@ -61,12 +61,12 @@ class Diagnosed(View):
 
     @property
     def unexplained(self) -> str | None:
-        """What no effect explains, in a sentence."""
+        """The part of the residual that no effect explains, in a sentence."""
         return None if self.diagnosis.unexplained is None else self.diagnosis.unexplained.sentence
 
     @property
     def ledger(self) -> pd.DataFrame:
-        """Free-running error before and after, a row a file and channel: test, held_out, unit, n (samples), sigma
+        """Free-running error before and after, one row per file and channel: test, held_out, unit, n (samples), sigma
         (noise of one sample), before and after (rms, in that unit), before_in_sigma and after_in_sigma."""
         was, now = self.diagnosis.before, self.diagnosis.after
         rows = (*was.score_fit, *was.score_holdout)
@@ -79,7 +79,8 @@ class Diagnosed(View):
 
     @property
     def candidates(self) -> pd.DataFrame:
-        """Every effect that was tried, a row a round and effect: what it promised, what refitting with it came to."""
+        """Every effect that was tried, one row per round and effect: the predicted improvement and that of the
+        refit."""
         every = [(k, each, c) for k, each in enumerate(self.diagnosis.rounds, start=1) for c in each.candidates]
         keys = ("screened", "fit_rms_ratio", "holdout_rms_ratio", "holdout_chi2_change", "bic_change")
         frame = pd.DataFrame(attributes((c for _, _, c in every), *keys))
@@ -101,7 +102,7 @@ class Diagnosed(View):
         return diagnosis_table(self.diagnosis)
 
     def save(self, run: str | Path) -> Path:
-        """Write the diagnosis, and the fit that it began from, to a run folder, whole."""
+        """Write the whole diagnosis, and the fit that it began from, to a run folder."""
         from ..run_folder.folder import RunFolder
         from .work import keep_diagnosis, keep_fit
 
@@ -112,7 +113,7 @@ class Diagnosed(View):
 
     @property
     def _errors(self) -> list[str]:
-        """How far both models are off on average, fitted and held out."""
+        """Rms errors of both models, fitted and held out."""
         was, now = self.diagnosis.before, self.diagnosis.after
         pairs = {"fitted": (was.score_fit, now.score_fit), "held out": (was.score_holdout, now.score_holdout)}
         return [f"{name}: rms error {short(pooled(a))} -> {short(pooled(b))} sigma"
@@ -146,13 +147,13 @@ class Diagnosed(View):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sampled(View):
-    """How sure: `etcfit.sample(fit)`."""
+    """The posterior of a fit: `etcfit.sample(fit)`."""
 
     posterior: Posterior
 
     @cached_property
     def fit(self) -> Fit:
-        """The fit it belongs to."""
+        """The fit that was sampled."""
         return Fit(self.posterior.fit)
 
     @property
@@ -166,10 +167,10 @@ class Sampled(View):
 
     @property
     def parameters(self) -> pd.DataFrame:
-        """What moves, combinations among it, indexed by symbol: mean, sd, median, low, high (SI, 95 %), unit, status,
-        ess (independent draws), r_hat.
+        """Free parameters and combinations of them, indexed by symbol: mean, sd, median, low, high (SI, 95 %), unit,
+        status, ess (independent draws), r_hat.
 
-        NaN where the status is "not identifiable": those draws show what was believed, not what was seen.
+        NaN where the status is "not identifiable": there the draws show the prior, not the data.
         """
         rows = [{**row, **dict(zip(("low", "high"), row["ci95"] or (None, None), strict=True))}
                 for row in self._shown.rows]  # fmt: skip
@@ -181,7 +182,7 @@ class Sampled(View):
 
     @property
     def draws(self) -> pd.DataFrame:
-        """Every draw after the burn-in, SI: a column a symbol, a row for each ensemble, step and walker."""
+        """Every draw after the burn-in, SI: one column per symbol, one row per ensemble, step and walker."""
         draws = self.posterior.draws
         shape = next(iter(draws.values())).shape
         index = pd.MultiIndex.from_product([range(n) for n in shape], names=["ensemble", "step", "walker"])
@@ -198,10 +199,10 @@ class Sampled(View):
         return posterior_table(self.posterior, {})
 
     def save(self, run: str | Path, quiet: bool = False) -> Path:
-        """Write posterior.json, posterior.nc and the pictures to a run folder; profiles are computed for it.
+        """Write posterior.json, posterior.nc and the pictures to a run folder; this computes the profiles.
 
         Raises:
-            UsageError: another model lies in RUN.
+            UsageError: RUN holds another model.
         """
         from ..posterior.profile import profiles
         from ..run_folder.folder import RunFolder

@@ -1,4 +1,4 @@
-"""A fit as a notebook holds it."""
+"""A fit for a notebook."""
 
 from __future__ import annotations
 
@@ -46,22 +46,22 @@ class Fit(View):
     def parameters(self) -> pd.DataFrame:
         """Every parameter, indexed by symbol: value, stderr, low, high (SI, 95 %), unit, status.
 
-        `stderr`, `low` and `high` are NaN where there is no interval: a value that was given, or one whose status is
-        "not identifiable", which these data do not determine whatever the number beside it. A "compromise" has no
+        `stderr`, `low` and `high` are NaN where there is no interval: the value was given, or its status is "not
+        identifiable", so that these data do not determine it and the number means nothing. A "compromise" has no
         `stderr`; its `low` and `high` are the range that subsets of the data give.
         """
         return frame(parameter_rows(self._parameters), "symbol", _KEYS)
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a reader of anything made from it must know, a sentence each; none of a sound fit."""
+        """Cautions for every result made from this fit, one sentence each; none if the fit is sound."""
         return self.result.state.cautions
 
     def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
-        """pid.json, the responses, and a line on the manifest.
+        """Write pid.json, the responses, and their entry in the manifest.
 
         Raises:
-            UsageError: another model lies in RUN.
+            UsageError: RUN holds another model.
         """
         from ..run_folder.folder import RunFolder
         from .work import keep_design
@@ -72,14 +72,15 @@ class Fit(View):
 
     @property
     def combinations(self) -> pd.DataFrame:
-        """What the plate feels of several parameters together (J_eq, B_eq, ...): columns as in `parameters`."""
+        """Combinations of parameters that act on the plate (J_eq, B_eq, ...): columns as in `parameters`."""
         return frame(parameter_rows(fit_json(self.result, "lumped")["lumped"]), "symbol", _KEYS)
 
     @property
     def influence(self) -> pd.DataFrame:
-        """What leaving out each test, and each trace, would move: columns test, file, parameter, pull; largest first.
+        """How far leaving out each test, and each trace, would move the parameters: columns test, file, parameter,
+        pull; largest first.
 
-        `pull` is in standard errors of noise alone. A parameter that one test alone tells has no row for it.
+        `pull` is in standard errors of noise alone. A parameter that only one test determines has no row for that test.
         """
         every = self.result.influence.pulls
         where = {"test": texts(p.test for p in every), "file": pd.Series([p.file for p in every], dtype="object")}
@@ -94,15 +95,15 @@ class Fit(View):
 
     @property
     def score(self) -> pd.DataFrame:
-        """Free-running error of the simulation, a row a file and channel: test, held_out, unit, n (samples), rms and
-        sigma (in that unit), in_sigma (rms / sigma)."""
+        """Free-running error of the simulation, one row per file and channel: test, held_out, unit, n (samples), rms
+        and sigma (in that unit), in_sigma (rms / sigma)."""
         rows = (*self.result.score_fit, *self.result.score_holdout)
         rms, sigma = numbers(row.rms for row in rows), numbers(row.sigma for row in rows)
         return score_frame(self.result, rows, {"rms": rms, "sigma": sigma, "in_sigma": rms / sigma})
 
     @property
     def converged(self) -> bool:
-        """Whether this is an optimum; `reason` says why (not)."""
+        """Whether the fit ended at an optimum; `reason` says why (not)."""
         return self.result.converged
 
     @property
@@ -111,12 +112,12 @@ class Fit(View):
 
     @property
     def chi2_per_dof(self) -> float:
-        """1 where all that is left is noise."""
+        """1 if the residual is noise."""
         return self.result.chi2_per_dof
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know."""
+        """Warnings of the fit, one sentence each."""
         return self.result.warnings
 
     @property
@@ -134,7 +135,7 @@ class Fit(View):
         return traces_of(self.result)
 
     def trace(self, file: str) -> FittedTrace:
-        """One trace beside its simulation.
+        """One trace and its simulation.
 
         Raises:
             UsageError: there is no such trace.
@@ -152,7 +153,7 @@ class Fit(View):
         return fit_table(self.result)
 
     def save(self, run: str | Path) -> Path:
-        """Write the fit to a run folder, whole; `etcfit.load` gives it back bit for bit."""
+        """Write the whole fit to a run folder; `etcfit.load` restores it bit for bit."""
         from ..run_folder.folder import RunFolder
         from .work import keep_fit
 
@@ -203,7 +204,7 @@ class Fit(View):
 
 
 def _predicts(result: FitResult) -> str:
-    """How far the simulation is off on average, in sigma."""
+    """Rms errors of the simulation, in sigma."""
     parts = {"fitted": result.score_fit, "held out": result.score_holdout}
     off = "".join(f"; {name} rms error {short(pooled(rows))} sigma" for name, rows in parts.items() if rows)
     said = motion_explained(result.score_fit, result.score_holdout, result.rig.measurements)

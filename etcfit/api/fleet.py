@@ -1,4 +1,4 @@
-"""A fleet as a notebook holds it."""
+"""A fleet for a notebook."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Fleet(View):
 
     Args:
         run: its run folder.
-        files: fleet.json and units.parquet, as they lie there.
+        files: contents of fleet.json and units.parquet.
     """
 
     run: Path
@@ -38,40 +38,40 @@ class Fleet(View):
 
     @classmethod
     def in_run(cls, run: str | Path) -> Fleet:
-        """That of a run folder.
+        """The fleet of a run folder.
 
         Raises:
-            UsageError: it holds none.
+            UsageError: the folder holds none.
         """
         return cls(Path(run), read_fleet_files(Path(run)))
 
     @property
     def units(self) -> pd.DataFrame:
-        """A row a unit and symbol: value, stderr, low, high, status by its own data (SI), and shrunk_value,
+        """One row per unit and symbol: value, stderr, low, high, status by the unit's own data (SI), and shrunk_value,
         shrunk_stderr given the population."""
         return self.files.units
 
     @property
     def members(self) -> pd.DataFrame:
-        """What is written down about each unit, and how its fit went, indexed by unit."""
+        """The row of units.csv for each unit, and the outcome of its fit, indexed by unit."""
         return pd.DataFrame.from_dict(dict(self._content["members"]), orient="index").rename_axis("unit")
 
     @property
     def population(self) -> pd.DataFrame:
         """The design, indexed by symbol: mean and sd between units with their 95 % intervals (SI), unit, cpk, whether
-        one value is shared by all, and how many units' data tell it."""
+        all units share one value, and how many units' data determine it."""
         keys = ("mean", "mean_low", "mean_high", "sd", "sd_low", "sd_high", "unit", "cpk", "shared", "informed")
         return frame(tables.population_table(self._content).rows, "symbol", keys)
 
     @property
     def correlation(self) -> pd.DataFrame:
-        """Between units, by symbol both ways."""
+        """Correlation between units; rows and columns are symbols."""
         held = self._content["correlation"]
         return pd.DataFrame(held["matrix"], index=held["symbols"], columns=held["symbols"])
 
     @property
     def odd(self) -> pd.DataFrame:
-        """Units unlike the others, most odd first, indexed by unit: distance, p, symbols, why."""
+        """Odd units, the oddest first, indexed by unit: distance, p, symbols, why."""
         return frame(self._content["odd"], "unit", ("distance", "p", "symbols", "why"))
 
     @property
@@ -82,7 +82,7 @@ class Fleet(View):
 
     @property
     def charts(self) -> pd.DataFrame:
-        """A row a symbol and unit in order: value, stderr (SI), centre, lower, upper, cusum_high, cusum_low."""
+        """One row per symbol and unit, in order: value, stderr (SI), centre, lower, upper, cusum_high, cusum_low."""
         frames = []
         for symbol, chart in self._content["charts"].items():
             alike = {key: chart[key] for key in ("value", "stderr", "cusum_high", "cusum_low")}
@@ -92,38 +92,39 @@ class Fleet(View):
 
     @property
     def figures(self) -> pd.DataFrame:
-        """What a line measures, indexed by figure: mean, sd, low, high (2.5 and 97.5 % of units), unit, meaning."""
+        """Figures that a line measures, indexed by figure: mean, sd, low, high (2.5 and 97.5 % of units), unit,
+        meaning."""
         return frame(
             tables.figures_table(self._content).rows, "figure", ("mean", "sd", "low", "high", "unit", "meaning")
         )
 
     @property
     def predictions(self) -> pd.DataFrame:
-        """The same hot and cold, on a weak battery and a charged one: a row a condition and figure."""
+        """The same figures hot and cold, on a weak battery and a charged one: one row per condition and figure."""
         rows = [{"condition": each["condition"], "figure": name, **figure}
                 for each in self._content["predictions"] for name, figure in each["figures"].items()]  # fmt: skip
         return pd.DataFrame(rows, columns=["condition", "figure", "mean", "low", "high", "unit"])
 
     @property
     def capability(self) -> pd.DataFrame:
-        """What has limits, indexed by symbol or figure: low, high, mean, sd, cp, cpk, outside, unit."""
+        """Quantities with limits, indexed by symbol or figure: low, high, mean, sd, cp, cpk, outside, unit."""
         keys = ("low", "high", "mean", "sd", "cp", "cpk", "outside", "unit")
         return frame(tables.capability_table(self._content).rows, "name", keys)
 
     @property
     def gauge(self) -> pd.DataFrame:
-        """Repeatability and reproducibility, indexed by symbol; empty where no part was measured twice."""
+        """Repeatability and reproducibility, indexed by symbol; empty if no part was measured twice."""
         keys = ("repeatability", "rig", "operator", "reproducibility", "part", "total", "rr_percent", "ndc", "unit")
         return frame(tables.gauge_table(self._content).rows, "symbol", keys)
 
     @property
     def effects(self) -> pd.DataFrame:
-        """Effects that the common model names, indexed by effect: how many units have it, of how many, median, unit."""
+        """Effects of the common model, indexed by effect: number of units with it, of how many, median, unit."""
         return frame(tables.effects_table(self._content).rows, "effect", ("present", "of", "median", "unit", "symbol"))
 
     @property
     def failed(self) -> pd.DataFrame:
-        """Units without a result, indexed by unit: why."""
+        """Units without a result, indexed by unit, with the reason."""
         return frame(self._content["failed"], "unit", ("why",))
 
     @property
@@ -135,7 +136,7 @@ class Fleet(View):
 
     @property
     def model(self) -> FleetModel:
-        """The units as models, by their shrunk values: what a design takes."""
+        """The units as models with their shrunk values, for a design."""
         return fleet_model_of(self.run)
 
     @property
@@ -145,14 +146,14 @@ class Fleet(View):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a reader of anything made from it must know."""
+        """Cautions for every result made from this fleet."""
         return ()
 
     def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
-        """pid.json and the responses.
+        """Write pid.json and the responses.
 
         Raises:
-            UsageError: a model, or another fleet, lies in RUN.
+            UsageError: RUN holds a model, or another fleet.
         """
         from ..files import held, write_json
         from ..reporting import draw_design
@@ -161,7 +162,7 @@ class Fleet(View):
         from ..run_folder.pid import design_json
 
         if run.resolve() != self.run.resolve() and (is_fleet(run) or read_records(run)):
-            raise UsageError(f"{run} holds other results than those of {self.run}, the fleet that these gains are of. "
+            raise UsageError(f"{run} holds results of another fleet than {self.run}, which these gains belong to. "
                              f"Save them to {self.run}, or to another folder.")  # fmt: skip
         with held(run):
             with all_or_none(run) as draft:

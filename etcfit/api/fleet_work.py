@@ -1,4 +1,4 @@
-"""A fleet, from its folder to its page, and a page for each odd unit: what the command and the verb do alike."""
+"""A fleet, from its folder to its page, and a page for each odd unit: shared by the command and the verb."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
     from .progress import Report
 
 _PICTURES = "pictures/fleet"
-MEMORY = 0.6  # share of this machine's that the workers may have together
-LEAST_MEMORY = 1500 * 1024**2  # bytes of one worker: a compiled model, and room to compile the next
+MEMORY = 0.6  # share of this machine's memory that all workers together may use
+LEAST_MEMORY = 1500 * 1024**2  # bytes of one worker: a compiled model, and space to compile the next
 
 
 def workers(count: int | None, scheduler: str | None) -> LocalWorkers | ExistingScheduler:
-    """Where to work.
+    """The workers of a fleet.
 
     Args:
-        count: of processes of this machine; None for one a core.
+        count: number of processes on this machine; None for one per core.
         scheduler: address of an existing one; None for this machine.
     """
     if scheduler is not None:
@@ -54,13 +54,13 @@ def work_through(
     watch: Report,
     remark: Callable[[str], None],
 ) -> FleetFiles:
-    """Fit every unit that is not done, study them together, and write what comes of it.
+    """Fit every unit that has no current result, study all units together, and write the results.
 
     Args:
-        watch: told where the workers can be watched.
-        remark: told what of the results that were stored could not be used.
+        watch: called with the address where the workers can be watched.
+        remark: called with a remark on each stored result that could not be used.
     Raises:
-        MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
+        MeasurementError: there is no unit, fleet.toml or units.csv is wrong, or no unit could be fitted.
         UsageError: a library of the extra `fleet` is not installed, no worker answers, RUN lies in the fleet, or
             another process writes there.
     """
@@ -70,7 +70,7 @@ def work_through(
     require_workers()
     refuse_inside(location, run)
     with held(run), ExitStack() as opened:
-        # a scheduler that is not there is said before anything else takes time
+        # a missing scheduler is reported before anything else takes time
         hands = opened.enter_context(crew(place)) if isinstance(place, ExistingScheduler) else None
         report("reading the fleet", 0.0)
         config = read_fleet(location)
@@ -83,7 +83,7 @@ def work_through(
         results = fit_all(config, hands, run / "parts", report)
         if results.remark:
             remark(results.remark)
-        report("what the units tell together", 0.0)
+        report("studying all units together", 0.0)
         found = study(config, rig, results)
         pages = write_unit_pages([unit.unit for unit in found.odd], results.work, run, hands, report)
         with all_or_none(run) as draft:
@@ -114,10 +114,10 @@ def _draw(draft: Draft, files: FleetFiles, report: Report) -> None:
 
 
 def rig_of_one(config: FleetConfig) -> Toml:
-    """rig.toml of the first unit that has a right one: the others' differ in no more than what is their own.
+    """rig.toml of the first unit with a valid one; those of the other units differ only in properties of the unit.
 
     Raises:
-        MeasurementError: none has; that of the first.
+        MeasurementError: no unit has a valid one; the error of the first unit.
     """
     from ..rig.reader import rig_toml
 
@@ -135,11 +135,11 @@ def rig_of_one(config: FleetConfig) -> Toml:
 
 
 def refuse_wrong_limits(config: FleetConfig, rig: RigConfig) -> None:
-    """Before hours of fits, say that a limit or a shared symbol is of nothing that there is, or a limit in a unit of
-    something else: a spring's torque without its angle.
+    """Refuse, before hours of fits, a limit or a shared symbol that the model does not have, and a limit in the unit of
+    another quantity, such as a spring's torque without its angle.
 
     Raises:
-        MeasurementError: so it is.
+        MeasurementError: there is such a limit or symbol.
     """
     from ..estimation.intervals import LUMPS
     from ..fleets.line import FIGURE_BY_NAME
@@ -154,7 +154,7 @@ def refuse_wrong_limits(config: FleetConfig, rig: RigConfig) -> None:
     ):
         if unknown := next((name for name in names if name not in known), None):
             where = place_of(toml.path, toml.source, table if table != "limits" else f"limits.{unknown}")
-            raise MeasurementError(where, f"{table}: {unknown} is nothing that this fleet's model has.",
+            raise MeasurementError(where, f"{table}: this fleet's model has no {unknown}.",
                                    f"Known: {', '.join(known)}.", closest(unknown, known, "Delete it."))  # fmt: skip
     units = {p.symbol: p.unit for p in layout.parameters}
     units |= {name: each.unit for table in (LUMPS, FIGURE_BY_NAME) for name, each in table.items()}
@@ -162,12 +162,12 @@ def refuse_wrong_limits(config: FleetConfig, rig: RigConfig) -> None:
         if not _comes_down_to(units[name], limit.unit):
             raise MeasurementError(place_of(toml.path, toml.source, f"limits.{name}"),
                                    f"limits.{name}: found unit '{limit.given}'.",
-                                   f"{name} is in {units[name]}, or a multiple of it.",
+                                   f"{name} is in {units[name]}, or in a multiple of it.",
                                    f'Write unit = "{units[name]}", and the limits in it.')  # fmt: skip
 
 
 def _comes_down_to(unit: str, base: str) -> bool:
-    """Whether a unit is a multiple of that base unit; True for one that is too odd to be read."""
+    """Whether a unit is a multiple of that base unit; True for a unit that cannot be parsed."""
     from ..rig.units import UnitError, to_si
 
     try:
@@ -181,7 +181,7 @@ FOLDER = "units"  # below the run folder of the fleet
 
 @dataclass(frozen=True)
 class PageWork(AbstractWork):
-    """The unit fitted once more, saved whole, its pictures and its page.
+    """Fit a unit again, save the whole fit, and write its pictures and its page.
 
     Args:
         fits: how units are read and fitted.
@@ -192,19 +192,19 @@ class PageWork(AbstractWork):
     run: str
 
     def prepare(self) -> None:
-        """Imports, the folder of compiled programs, and pictures without a screen."""
+        """Import modules, set the folder of compiled programs, and draw pictures without a screen."""
         import matplotlib
 
         matplotlib.use("agg")
         self.fits.prepare()
 
     def digest(self, unit: str) -> str:
-        """That of the fit; another where the page is gone."""
+        """The digest of the fit; another value if the page is missing."""
         here = "" if page_of(Path(self.run), unit).is_file() else " without a page"
         return self.fits.digest(unit) + here
 
     def fit(self, unit: str) -> UnitResult:
-        """The unit's result, the same as before; its files are what counts."""
+        """The unit's result, the same as before; the purpose is to write its files."""
         from ..run_folder.folder import RunFolder
         from .work import keep_fit, keep_page
 
@@ -217,17 +217,17 @@ class PageWork(AbstractWork):
 
 
 def page_of(run: Path, unit: str) -> Path:
-    """Where a unit's page lies."""
+    """Path of a unit's page."""
     return run / FOLDER / unit / "report.html"
 
 
 def write_unit_pages(
     units: Sequence[str], fits: FitWork, run: Path, crew: Crew, report: Callable[[str, float], None]
 ) -> dict[str, str]:
-    """A page for each of these units; what is there and still holds is not made again.
+    """Write a page for each of these units that has no current page.
 
     Returns:
-        unit -> its page, below the run folder; without those whose page could not be made.
+        unit -> its page, below the run folder; without the units whose page could not be made.
     """
     parts = run / "parts" / "pages"
     with Store(parts) as store:

@@ -1,4 +1,4 @@
-"""What is said of measurements without a fit, as a notebook holds it: check, advice, next tests, logs from the car."""
+"""Results about measurements without a fit, for a notebook: check, advice, next tests, logs from the car."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Checked(View):
-    """What is in a measurement folder, and what it can identify: `etcfit.check(rig)`."""
+    """The contents of a measurement folder, and the parameters that it identifies: `etcfit.check(rig)`."""
 
     result: CheckResult
 
@@ -41,8 +41,8 @@ class Checked(View):
 
     @property
     def findings(self) -> pd.DataFrame:
-        """Mistakes and habits of the rig itself, indexed by kind: test, file, channel ("" where it is none in
-        particular), size, unit, chance, found, mend, and sure: physics rules the data out, and `fit` refuses them.
+        """Mistakes and habits of the rig itself, indexed by kind: test, file, channel ("" if no particular one), size,
+        unit, chance, found, mend, and sure: such data are physically impossible, and `fit` refuses them.
         """
         rows = [
             {key: "" if each is None else each for key, each in asdict(f).items()} for f in self.result.rig.findings
@@ -51,12 +51,12 @@ class Checked(View):
 
     @property
     def not_identifiable(self) -> tuple[str, ...]:
-        """Symbols that these data cannot determine; () where nothing can be fitted, see `why_not`."""
+        """Symbols that these data cannot determine; () if nothing can be fitted, see `why_not`."""
         return () if self.result.identifiability is None else self.result.identifiability.lost
 
     @property
     def directions(self) -> tuple[str, ...]:
-        """What these data cannot tell, or hardly, and what would: a sentence each."""
+        """What these data cannot determine, or hardly, and which test would: one sentence each."""
         return self.result.directions
 
     @property
@@ -66,7 +66,7 @@ class Checked(View):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a reader must know."""
+        """Warnings about the folder, one sentence each."""
         return self.result.warnings
 
     def _printed(self) -> RenderableType:
@@ -92,11 +92,11 @@ class Checked(View):
     def _repr_html_(self) -> str:
         return views.card(
             self.result.rig.config,
-            "what these traces can identify",
+            "what these traces identify",
             "" if self._alarm else views.paragraph(self._verdict),
             views.table(traces_table(self.result.traces)),
             views.folded("Mistakes and habits of the rig", [str(f) for f in self.result.rig.findings]),
-            views.folded("What these data cannot tell, or hardly", self.directions),
+            views.folded("What these data cannot determine, or hardly", self.directions),
             views.folded("Warnings", [w for w in self.warnings if w not in map(str, self.result.rig.findings)]),
             alarm=self._alarm,
         )
@@ -104,20 +104,20 @@ class Checked(View):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Advised(View):
-    """What one more trace of each rig test would tell: `etcfit.advise(rig)`."""
+    """The information of one more trace of each rig test: `etcfit.advise(rig)`."""
 
     advice: Advice
 
     @property
     def options(self) -> pd.DataFrame:
-        """One more trace each, best first, indexed by rig test: how it is made, again (it repeats a trace that is
-        there), mean (geometric, of the widths), separates (the pair that it tells apart best, or ""), remark (what was
-        assumed)."""
+        """One further trace per row, best first, indexed by rig test: how it is made, again (it repeats an existing
+        trace), mean (geometric, of the widths), separates (the pair of parameters that it separates best, or ""),
+        remark (what was assumed)."""
         return frame(options_table(self.advice).rows, "test", ("how", "again", "mean", "separates", "remark"))
 
     @property
     def widths(self) -> pd.DataFrame:
-        """Width of each parameter's interval after it, as a share of what it is now; rows as in `options`."""
+        """Width of each parameter's interval after the further trace, over the present width; rows as in `options`."""
         every = self.advice.options
         columns = {
             symbol: numbers(float(option.shrinks[k]) for option in every)
@@ -127,12 +127,12 @@ class Advised(View):
 
     @property
     def stderr(self) -> pd.Series:
-        """Standard errors now, relative: of a factor, where a parameter is positive; by symbol."""
+        """Present relative standard errors by symbol; of the logarithm if the parameter is positive."""
         return pd.Series(self.advice.sd, index=pd.Index(self.advice.symbols, name="symbol"), name="stderr")
 
     @property
     def not_judged(self) -> dict[str, str]:
-        """Rig tests that no trace can be simulated of, with the reason."""
+        """Rig tests of which no trace can be simulated, with the reason."""
         return dict(self.advice.not_judged)
 
     def _printed(self) -> RenderableType:
@@ -153,7 +153,7 @@ class Advised(View):
     def _repr_html_(self) -> str:
         return views.card(
             self.advice.rig.config,
-            "what one more trace would tell",
+            "what one more trace would add",
             views.table(options_table(self.advice)),
             views.folded("Not judged", [f"{test}: {why}." for test, why in self.advice.not_judged]),
         )
@@ -186,12 +186,12 @@ class Planned(View):
         return plan_table(self.campaign)
 
     def save(self, plan: str | Path) -> Path:
-        """Write plan.json, the files to play, the procedure sheet and the folder for the records, whole or not at all.
+        """Write plan.json, the files to play, the procedure sheet and the folder for the records, all or none.
 
         Args:
-            plan: the folder; must not exist, or be empty.
+            plan: the folder; it must not exist, or be empty.
         Raises:
-            UsageError: it holds something already.
+            UsageError: the folder is not empty.
         """
         from ..datasets.base import whole_folder, write_files
         from ..files import write_json
@@ -221,9 +221,9 @@ class Driven(View):
     """Operating range, spectrum, tracking and verdict of logs from the car: `etcfit.drive(folder)`.
 
     Args:
-        config: of the rig, or what stands for it where no rig.toml lies beside the logs.
-        foretold: the one log beside what `etcfit tune` foretold: `says`, `found.as_foretold`, `found.figures`; None
-            where that was not asked.
+        config: configuration of the rig, or its substitute if there is no rig.toml with the logs.
+        foretold: the log compared with the prediction of `etcfit tune`: `says`, `found.as_foretold`,
+            `found.figures`; None if this was not requested.
     """
 
     config: RigConfig
@@ -233,7 +233,7 @@ class Driven(View):
     @property
     def table(self) -> pd.DataFrame:
         """Indexed by log: seconds, share_between (of the time, 0 to 1), dominant_hz, half_hz, rmse_pct, rmse_stderr,
-        lag_s, lag_stderr, demand_pct_s; NaN where a log does not tell.
+        lag_s, lag_stderr, demand_pct_s; NaN if the log does not determine a figure.
         """
         keys = ("seconds", "share_between", "dominant_hz", "half_hz", "rmse_pct", "rmse_stderr", "lag_s", "lag_stderr",
                 "demand_pct_s")  # fmt: skip
@@ -241,18 +241,18 @@ class Driven(View):
 
     @cached_property
     def verdict(self) -> str:
-        """What changed from the first log to the second, where there are two; else ""."""
+        """What changed from the first log to the second; "" if there is only one."""
         return verdict(*self.studies) if len(self.studies) == 2 else ""
 
     @property
     def good_enough(self) -> dict[str, str]:
-        """For each log whether it is good enough, and why not."""
+        """For each log, whether the control is good enough, and why not."""
         return {each.log.name: each.verdict.says for each in self.studies}
 
     @property
     def judgements(self) -> pd.DataFrame:
-        """A row a threshold, indexed by log and name: value, limit, unit, word ("good", "not good", "cannot be said"),
-        where, source (of the threshold), at_least.
+        """One row per threshold, indexed by log and name: value, limit, unit, word ("good", "not good", "cannot be
+        said"), where, source (of the threshold), at_least.
         """
         rows = [{"log": s.log.name} | asdict(j) for s in self.studies for j in s.verdict.judgements]
         return pd.DataFrame(rows).set_index(["log", "name"])
@@ -268,14 +268,14 @@ class Driven(View):
 
     @property
     def sensors(self) -> pd.DataFrame:
-        """What to type into an ECU for both sensors, indexed by log: ecu, name, value, unit."""
+        """Settings of an ECU for both sensors, indexed by log: ecu, name, value, unit."""
         pairs = [(s.log.name, s.sensors) for s in self.studies if s.sensors is not None]
         rows = [{"log": name} | asdict(setting) for name, pair in pairs for setting in pair.table]
         return pd.DataFrame(rows, columns=["log", "ecu", "name", "value", "unit"]).set_index("log")
 
     @property
     def record_next(self) -> pd.DataFrame:
-        """What to record next, indexed by the moves that lack: found, needed, unit, record (what to do), why."""
+        """What to record next, indexed by the missing moves: found, needed, unit, record (what to do), why."""
         every = record_next([study.log for study in self.studies])
         return pd.DataFrame([asdict(lack) for lack in every]).set_index("name")
 
@@ -283,7 +283,7 @@ class Driven(View):
         """Operating range, spectrum and the busiest seconds of one log; Axes, shape (3,).
 
         Args:
-            name: of the log, as in `table`.
+            name: name of the log, as in `table`.
         Raises:
             UsageError: there is no such log.
         """

@@ -1,4 +1,4 @@
-"""Pictures as matplotlib Axes of figures that pyplot knows: a notebook shows them, a script may `plt.show()` them."""
+"""Pictures as matplotlib Axes of figures of pyplot: a notebook shows them, a script may call `plt.show()`."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ if TYPE_CHECKING:
     from ..run_folder.fleet import FleetFiles
 
 _ACROSS = 4  # panels of an overview
-_SHORT = 0.1  # s; a shorter trace is drawn over ms
-_INTEREST = ("position", "current", "motor_speed", "emf")  # which channel an overview shows, if it was logged
+_SHORT = 0.1  # s; the time axis of a shorter trace is in ms
+_INTEREST = ("position", "current", "motor_speed", "emf")  # an overview shows the first of these that was logged
 
 
 def panels_of(draw: Callable[[], Figure]) -> np.ndarray:
-    """Draw a figure in our style, hand it to pyplot, and give its panels, shape (K,)."""
+    """Draw a figure in our style, register it with pyplot, and return its panels, shape (K,)."""
     with style.drawing():
         figure = draw()
     plt.figure(figure)
@@ -63,7 +63,7 @@ class FitPlots:
     result: FitResult
 
     def trace(self, file: str) -> np.ndarray:
-        """Measured and simulated, the residual below each, and what drove it; Axes from the top, shape (K,).
+        """Measured and simulated channels, the residual below each, and the input; Axes from the top, shape (K,).
 
         Args:
             file: as in `fit.traces`.
@@ -73,7 +73,7 @@ class FitPlots:
         return panels_of(_by_name(pictures.jobs(self.result))[f"traces/{name}"])
 
     def parameters(self) -> Axes:
-        """How well each parameter is known, and how far off reading a graph with a ruler is."""
+        """Interval of each parameter, and the error of the value read from a graph with a ruler."""
         return panels_of(lambda: pictures.draw_parameters(pictures.parameter_picture(self.result)))[0]
 
     def test(self, name: str) -> np.ndarray:
@@ -85,14 +85,14 @@ class FitPlots:
         jobs = _by_name(pictures.jobs(self.result))
         there = ", ".join(key.removeprefix("tests/") for key in jobs if key.startswith("tests/"))
         if f"tests/{name}" not in jobs:
-            raise UsageError(f"no trace is of a test called {name!r}. There are: {there}.")
+            raise UsageError(f"no trace belongs to a test called {name!r}. There are: {there}.")
         return panels_of(jobs[f"tests/{name}"])
 
     def overview(self, most: int = 40) -> np.ndarray:
-        """Every trace at a glance, measured and simulated, one channel each; Axes, shape (K,).
+        """Overview of every trace, measured and simulated, one channel each; Axes, shape (K,).
 
         Args:
-            most: traces that are shown; where there are more, the worst, those held out first.
+            most: number of traces that are shown; if there are more, the worst ones, held-out traces first.
         """
         return panels_of(lambda: _overview(self.result, most))
 
@@ -119,7 +119,7 @@ def _overview(result: FitResult, most: int) -> Figure:
 
 
 def _rows(result: FitResult, file: str) -> list[PredictionError]:
-    """Errors of one trace, a channel each."""
+    """Errors of one trace, one per channel."""
     return [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
 
 
@@ -151,23 +151,23 @@ class DiagnosisPlots:
         return self._named("ledger", "the model cannot be simulated: there are no errors to draw.")[0]
 
     def missing_torque(self) -> np.ndarray:
-        """The torque that the first model lacks along the measured motion, and what is left of it."""
-        return self._named("missing_torque", "no trace tells what torque the model lacks: none moves the plate.")
+        """The torque that the first and the final model lack along the measured motion."""
+        return self._named("missing_torque", "no trace shows what torque the model lacks: none moves the plate.")
 
     def missing_voltage(self) -> np.ndarray:
-        """The same of the voltage, where the current was logged."""
-        return self._named("missing_voltage", "no trace tells what voltage the model lacks: none logs the current.")
+        """The voltage that both models lack, where the current was logged."""
+        return self._named("missing_voltage", "no trace shows what voltage the model lacks: none logs the current.")
 
     def rounds(self) -> np.ndarray:
-        """What each round tried, and what was left after it."""
+        """The candidates of each round, and the residual after it."""
         return self._named("rounds", "nothing was tried: there are no rounds to draw.")
 
     def unexplained(self) -> np.ndarray:
-        """What no effect explains, as a curve."""
+        """The part of the residual that no effect explains, as a curve."""
         return self._named("unexplained", "nothing is left unexplained: there is no curve to draw.")
 
     def parameters(self) -> Axes:
-        """Those of the final model."""
+        """Parameters of the final model."""
         return FitPlots(self.diagnosis.after).parameters()
 
     def trace(self, file: str) -> np.ndarray:
@@ -215,7 +215,7 @@ class ReductionPlots:
 
     Args:
         fitted, reduction: the model and its linear plant.
-        response: what the rig's sine traces say, or None.
+        response: frequency response measured by the rig's sine traces, or None.
     """
 
     fitted: Fitted
@@ -227,10 +227,10 @@ class ReductionPlots:
         return panels_of(lambda: bode.draw(self.fitted, self.reduction))
 
     def sines(self) -> np.ndarray:
-        """What the rig's sine traces say, beside the model."""
+        """The rig's sine traces and the model."""
         response = self.response
         if response is None or not response.points:
-            raise UsageError("no sine trace of this rig says anything: there is no measured response to draw.")
+            raise UsageError("no sine trace of this rig gives a measured response: there is nothing to draw.")
         return panels_of(lambda: bode.draw_sines(self.fitted.config, response))
 
 
@@ -241,7 +241,7 @@ class DesignPlots:
     design: Design
 
     def responses(self) -> np.ndarray:
-        """Setpoint and response by every rule, a panel a rule."""
+        """Setpoint and response by every rule, one panel per rule."""
         return panels_of(lambda: control_pictures.draw_responses(self.design))
 
     def scenarios(self) -> np.ndarray:
@@ -266,7 +266,7 @@ def log_panels(config: RigConfig, study: Study) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FleetPlots:
-    """Pictures of a fleet; each gives its panels, shape (K,)."""
+    """Pictures of a fleet; each method returns its panels, shape (K,)."""
 
     files: FleetFiles
 
@@ -277,16 +277,16 @@ class FleetPlots:
         return panels_of(lambda: fleet_pictures.draw_population(content, columns))
 
     def correlation(self) -> np.ndarray:
-        """Which parameters go together from unit to unit."""
+        """Correlation of parameters between units."""
         return panels_of(lambda: fleet_pictures.draw_correlation(self.files.content))
 
     def charts(self, *symbols: str) -> np.ndarray:
-        """Control chart and cumulative sums, a figure a symbol.
+        """Control chart and cumulative sums, one figure per symbol.
 
         Args:
-            symbols: which; all that have a chart where none is named.
+            symbols: symbols to draw; all that have a chart if none is named.
         Raises:
-            UsageError: a symbol has none.
+            UsageError: a symbol has no chart.
         """
         there = self.files.content["charts"]
         if unknown := [symbol for symbol in symbols if symbol not in there]:
@@ -295,7 +295,7 @@ class FleetPlots:
         return np.concatenate(drawn) if drawn else np.empty(0, dtype=object)
 
     def odd(self) -> np.ndarray:
-        """How far each unit is from the population, and by what the odd ones are."""
+        """Distance of each unit from the population, and which parameters make units odd."""
         if not self.files.content["odd"]:
             raise UsageError("no unit of this fleet is odd: there is nothing to draw.")
         return panels_of(lambda: fleet_pictures.draw_odd(self.files.content))

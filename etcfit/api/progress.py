@@ -1,4 +1,4 @@
-"""How far a long computation has come, and how long it will take: a bar on a terminal or in a notebook, else lines."""
+"""Progress of a long computation and its remaining time: a bar on a terminal or in a notebook, else lines of text."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from typing import Any, NamedTuple
 
 from ..errors import visible
 
-Report = Callable[[str, float], None]  # what is being done, and the share of it that is done, 0 to 1
-Clock = Callable[[], float]  # s since any instant
-_EARLIEST = 3.0  # s of work before its pace says anything
-_LEAST = 0.03  # share of the work that must be done for that
-_STEPS = 2  # in so many steps at least: one may be any guess
+Report = Callable[[str, float], None]  # name of the current step, and the share of the work that is done, 0 to 1
+Clock = Callable[[], float]  # s since an arbitrary instant
+# the pace of the work gives an estimate only after
+_EARLIEST = 3.0  # s of work,
+_LEAST = 0.03  # this share of the work,
+_STEPS = 2  # and so many steps
 _EVERY = 30.0  # s between two lines, at most
 
 
 class Expected(NamedTuple):
-    """How long some work will take, before it has begun.
+    """Duration of some work, expected before it begins.
 
     Args:
-        seconds: that.
-        why: where it is known from, as in "as last time".
+        seconds: the duration.
+        why: the source of the estimate, as in "as last time".
     """
 
     seconds: float
@@ -34,16 +35,17 @@ class Expected(NamedTuple):
 
 
 def silent(stage: str, done: float) -> None:
-    """A progress report that says nothing."""
+    """A progress report that prints nothing."""
 
 
 def part_of(report: Report, low: float, high: float) -> Report:
-    """A report for one part of a longer work: its share from 0 to 1 is that from low to high of the whole."""
+    """The report for one part of longer work: its share 0 to 1 becomes low to high of the whole."""
     return lambda stage, done: report(stage, low + (high - low) * done)
 
 
 class Remaining:
-    """Seconds left: those expected less those gone; else, at the pace so far, (1 - s) (t - t_0) / (s - s_0)."""
+    """Seconds left: expected minus elapsed; without an expectation, at the pace so far, (1 - s) (t - t_0) / (s -
+    s_0)."""
 
     def __init__(self, expected: Expected | None = None, clock: Clock = time.monotonic) -> None:
         self._whole, self._clock = (0.0 if expected is None else expected.seconds), clock
@@ -52,7 +54,7 @@ class Remaining:
         self._steps = 0
 
     def update(self, share: float) -> None:
-        """What is done now. A share that falls begins a new part of the work, with a pace of its own."""
+        """Set the share that is done. A share that falls begins a new part of the work, with a pace of its own."""
         now = self._clock()
         if share < self.share:
             self._start, self._first, self._steps = now, share, 0
@@ -62,17 +64,17 @@ class Remaining:
 
     @property
     def _is_expected(self) -> bool:
-        """Whether what was expected can still be true."""
+        """Whether the expected duration is still possible."""
         return self._clock() - self._began < self._whole
 
     @property
     def elapsed(self) -> float:
-        """Since it began, s."""
+        """Time since the start, s."""
         return self._clock() - self._began
 
     @property
     def seconds(self) -> float | None:
-        """Left, s; None while nothing can be said."""
+        """Time left, s; None as long as there is no estimate."""
         now = self._clock()
         if self._is_expected:
             return self._whole - (now - self._began)
@@ -83,13 +85,13 @@ class Remaining:
         return left if left > 0.0 else None
 
     def __str__(self) -> str:
-        """As it is shown: "about 40 s left", or "" while nothing can be said. Work that searches may end early."""
+        """The text that is shown: "about 40 s left", or "" as long as there is no estimate. A search may end early."""
         left = self.seconds
         return "" if left is None else f"{'about' if self._is_expected else 'up to'} {in_words(left)} left"
 
 
 def in_words(seconds: float) -> str:
-    """A duration as coarse as an estimate is: "5 s", "40 s", "3 min", "2 h"."""
+    """A duration, rounded as coarsely as an estimate is accurate: "5 s", "40 s", "3 min", "2 h"."""
     if seconds < 90.0:
         return f"{5 * max(1, round(seconds / 5.0))} s"
     return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.0f} h"
@@ -97,7 +99,7 @@ def in_words(seconds: float) -> str:
 
 @contextmanager
 def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[Report]:
-    """For a verb that computes: models compiled before are found again, and progress is shown."""
+    """For a verb that computes: use models compiled before, and show progress."""
     keep_compiled()
     with progress(quiet, expected) as report:
         yield report
@@ -106,10 +108,10 @@ def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[R
 def progress(
     quiet: bool = False, expected: Expected | None = None, say: Callable[[str], None] | None = None
 ) -> AbstractContextManager[Report]:
-    """Show progress where somebody looks, on stderr or below the notebook's cell.
+    """Show progress on stderr or below the notebook's cell.
 
     Args:
-        say: prints a line of an output that is neither a terminal nor a notebook; None: such an output gets nothing.
+        say: prints a line if the output is neither a terminal nor a notebook; None: such an output shows no progress.
     """
     if quiet:
         return nullcontext(silent)
@@ -121,17 +123,17 @@ def progress(
 
 
 def in_notebook() -> bool:
-    """Whether this is a Jupyter kernel. IPython is not imported to find out: a kernel has imported it."""
+    """Whether this is a Jupyter kernel. No import of IPython is needed: a kernel has imported it."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None and hasattr(ipython, "get_ipython") else None
     return getattr(shell, "kernel", None) is not None
 
 
 class Lines:
-    """A line for each new stage, and one at least every half minute while nothing is reported.
+    """One line for each new stage, and one at least every half minute if nothing is reported.
 
     Args:
-        every: most time between two lines, s.
+        every: longest time between two lines, s.
     """
 
     def __init__(
@@ -147,7 +149,7 @@ class Lines:
             say(f"this takes about {in_words(expected.seconds)}, {expected.why}")
 
     def report(self, stage: str, done: float) -> None:
-        """What is being done, and the share of it that is done."""
+        """Set the current step, and the share of the work that is done."""
         with self._lock:
             self._left.update(done)
             if stage != self._stage:
@@ -155,7 +157,7 @@ class Lines:
                 self._print(str(self._left))
 
     def tick(self) -> None:
-        """Called now and then: says how far it is where the last line is old."""
+        """Print a line if the last one is old; called regularly."""
         with self._lock:
             if self._stage and self._clock() - self._said >= self._every:
                 gone = f"{100.0 * self._left.share:.0f} % done after {in_words(self._left.elapsed)}"
@@ -188,7 +190,7 @@ def plain_lines(
 
 @contextmanager
 def terminal_bar(expected: Expected | None = None, console: Any = None) -> Iterator[Report]:
-    """A bar on stderr that is wiped away at the end.
+    """A bar on stderr that is removed at the end.
 
     Args:
         console: a rich Console to draw on instead.
@@ -217,10 +219,10 @@ def terminal_bar(expected: Expected | None = None, console: Any = None) -> Itera
 
 @contextmanager
 def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterator[Report]:
-    """A bar below the cell that is wiped away at the end: rich's own needs ipywidgets, this needs nothing.
+    """A bar below the cell that is removed at the end; unlike rich's own it does not need ipywidgets.
 
     Args:
-        every: least time between two updates, s.
+        every: shortest time between two updates, s.
     """
     from IPython.core.display import HTML
     from IPython.display import DisplayHandle
@@ -250,7 +252,7 @@ def _bar(stage: str, done: float, left: str) -> str:
 
 @cache
 def keep_compiled() -> None:
-    """The next process finds its models compiled; called where something is computed for the first time."""
+    """Keep compiled models on the disk for later processes; called before the first computation."""
     from ..backend import use_compilation_cache
 
     use_compilation_cache()

@@ -1,6 +1,6 @@
-"""From the logs of a car to gains: import, checks, fit, diagnosis, design and the way from the present gains, in turn.
+"""From the logs of a car to gains: import, checks, fit, diagnosis, design and the steps from the present gains.
 
-What every stage leaves lies in the run folder as if its own command had been given; tune.json sums it up.
+Every stage writes the same files into the run folder as its own command; tune.json summarises them.
 """
 
 from __future__ import annotations
@@ -45,23 +45,23 @@ if TYPE_CHECKING:
 
 LOGS = "logs"  # the measurement folder, below the run folder
 TIMES = {"period": "--ecu-period", "delay": "--ecu-delay"}  # field of `Ecu` -> option of `etcfit tune`
-_IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # of the work, when each is done
+_IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # share of the work that is done after each
 
 
 @dataclass(frozen=True)
 class TuneRequest:
-    """What gains are asked for.
+    """The request of `etcfit tune`.
 
     Args:
         profile: name of the make of ECU.
-        gains: P, I and D that are in it now, as it writes them; None where nobody knows.
-        ecu: what is given of the ECU, by field of `Ecu`, as `period`.
-        supply: V; None for what the log says.
-        answers: what the user said of the columns.
-        anyway: give gains even where the model is a compromise or did not converge.
-        settings: what of the logs is fitted.
-        of_logs: gains under which each log was made, where somebody said so; the last of them are in it now.
-        own: what the user's own tune says; its gains count where none are given. None where there is none.
+        gains: P, I and D that the ECU has now, in its own numbers; None if unknown.
+        ecu: given properties of the ECU, by field of `Ecu`, as `period`.
+        supply: supply voltage, V; None: as logged.
+        answers: the user's answers about the columns.
+        anyway: give gains even if the model is a compromise or did not converge.
+        settings: which part of the logs is fitted.
+        of_logs: gains under which each log was made, if given; the last ones are the present gains.
+        own: settings of the user's own tune, or None; its gains count if none are given.
     """
 
     profile: str
@@ -75,11 +75,11 @@ class TuneRequest:
     own: OwnTune | None = None
 
     def with_tune(self, file: Path) -> TuneRequest:
-        """With what the user's own tune says; gains that are given go before its own.
+        """The request with the settings of the user's own tune; given gains take precedence over those of the tune.
 
         Raises:
             UsageError: the make of ECU has no tune file.
-            MeasurementError: it is no tune, or one without these settings.
+            MeasurementError: the file is no tune, or lacks these settings.
         """
         from ..exporting.tune import read_tune
 
@@ -87,10 +87,10 @@ class TuneRequest:
         return replace(self, gains=self.gains or own.gains, own=own)
 
     def options(self, of_files: bool = False) -> list[str]:
-        """The options that ask for it once more, the present gains apart, which change from log to log.
+        """The options that repeat this request, without the present gains, which change from log to log.
 
         Args:
-            of_files: those too that are about these logs: a column of one of them, and the tune that made them.
+            of_files: include options about these logs: a column of one of them, and the tune that made them.
         """
         words = ["--ecu", self.profile]
         for key, value in self.ecu:
@@ -109,22 +109,22 @@ class TuneRequest:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tuned(View):
-    """What logs of a car came to.
+    """The result of `etcfit tune`.
 
     Args:
-        input: what the logs hold, and what drives the model.
+        input: contents of the logs, and the input of the model.
         lacks: what to record next.
-        result: the final model; None where the logs stop it before.
+        result: the final model; None if the logs did not permit a fit.
         design: gains; None likewise.
-        steps: from the present gains to the proposed ones; () likewise.
+        steps: sets of gains from the present to the proposed ones; () likewise.
         explained: share of the motion that the model explains, on the held-out part and on the fitted one, 0 to 1; None
-            where there is none.
-        why_not: why there are no gains, or none to type in; "" where there are.
-        borne: what the loop of each new step bears, half way first.
+            if there is none.
+        why_not: why there are no gains, or none to type in; "" if there are.
+        borne: tolerance of the loop to the model's error, for each new step, half way first.
         doubts: why gains would be withheld without `anyway`.
     """
 
-    asked: TuneRequest
+    request: TuneRequest
     input: TuneInput
     lacks: tuple[Lack, ...]
     result: FitResult | None = None
@@ -141,17 +141,17 @@ class Tuned(View):
         return tune_table(tuned_json(self))
 
     def __repr__(self) -> str:
-        said = f"not from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets of gains; see .steps"
-        return f"Gains for {self.profile.title} from logs of the car: {said}"
+        outcome = f"none from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets; see .steps"
+        return f"Gains for {self.profile.title} from logs of the car: {outcome}"
 
     @property
     def profile(self) -> EcuProfile:
         """The make of ECU."""
-        return named(self.asked.profile)
+        return named(self.request.profile)
 
     @property
     def held_out_error(self) -> float | None:
-        """Rms of measured - predicted on the held-out part, per cent of the travel; None where nothing was held out."""
+        """Rms of measured - predicted on the held-out part, per cent of the travel; None if nothing was held out."""
         if self.result is None or self.result.holdout is None:
             return None
         low, high = self.result.rig.config.travel
@@ -164,29 +164,29 @@ class Tuned(View):
         return self.design.written(gains, notation_of(self.profile))
 
 
-def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report: Report = silent) -> Tuned:
-    """From logs to gains; the run folder has what every stage made, and tune.json with its picture.
+def tune_logs(files: Sequence[Path], run: RunFolder, request: TuneRequest, report: Report = silent) -> Tuned:
+    """Tune from logs; write the files of every stage, tune.json and its picture into the run folder.
 
     Raises:
         MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
         UsageError: no such make of ECU, or a field given that its source fixes otherwise.
     """
-    profile = named(asked.profile)
+    profile = named(request.profile)
     notation_of(profile)
-    given = dict(asked.ecu)
+    given = dict(request.ecu)
     if clash := profile.clashes(given):
         raise UsageError(f"{clash[0]}: {profile.title} fixes it at {profile.fixes[clash[0]]:g}. Leave it out.")
     report("reading the logs", 0.0)
     with held(run.path):
-        known = _known(profile, given, asked)
-        logs = _imported(files, asked)
-        prepared = tune_input(logs, re.sub(r"[^\w .-]+", "_", files[0].stem), known, asked.settings)
+        known = _known(profile, given, request)
+        logs = _imported(files, request)
+        prepared = tune_input(logs, re.sub(r"[^\w .-]+", "_", files[0].stem), known, request.settings)
         lacks = record_next([as_log(log, logs.config) for log in logs.measurements if "position" in log.channels])
         if prepared.stopped_by:
             why = " ".join(f"{each.says[0].upper()}{each.says[1:]}. {each.cure}" for each in prepared.stopped_by)
-            found = Tuned(asked, prepared, lacks, why_not=why)
+            found = Tuned(request, prepared, lacks, why_not=why)
         else:
-            found = _worked_out(run, prepared, lacks, profile, given, asked, report)
+            found = _fit_and_design(run, prepared, lacks, profile, given, request, report)
         keep_tuned(run.path, found, report)
     return found
 
@@ -194,7 +194,7 @@ def tune_logs(files: Sequence[Path], run: RunFolder, asked: TuneRequest, report:
 def sets_of(
     gains: tuple[float, float, float] | Sequence[tuple[float, float, float]] | None,
 ) -> tuple[tuple[float, float, float], ...]:
-    """One set of gains or one a log, as sets; none of None."""
+    """One set of gains, or one set per log, as a tuple of sets; () for None."""
     if gains is None:
         return ()
     every: Any = [gains] if np.ndim(gains[0]) == 0 else gains
@@ -205,7 +205,7 @@ def notation_of(profile: EcuProfile) -> Notation:
     """How a make of ECU writes gains.
 
     Raises:
-        UsageError: its maker does not publish that.
+        UsageError: its maker does not publish the unit.
     """
     if profile.notation is None:
         raise UsageError(
@@ -216,37 +216,38 @@ def notation_of(profile: EcuProfile) -> Notation:
     return profile.notation
 
 
-def _known(profile: EcuProfile, given: dict[str, float], asked: TuneRequest) -> KnownEcu:
+def _known(profile: EcuProfile, given: dict[str, float], request: TuneRequest) -> KnownEcu:
     fields = profile.completed(given)
-    # nobody publishes it: what is read at a tick acts by the next one, and the lag of the winding takes up the rest
+    # no maker publishes the delay: a reading acts by the next tick, and the lag of the winding absorbs the rest
     fields.setdefault("delay", fields.get("period", Ecu().period))
-    if asked.own is not None and asked.own.integral is not None:
-        fields["integral"] = asked.own.integral
-    bias = () if asked.own is None else asked.own.bias
-    gains = None if asked.gains is None else Terms(*asked.gains)
-    of_logs = tuple(Terms(*each) for each in asked.of_logs)
+    if request.own is not None and request.own.integral is not None:
+        fields["integral"] = request.own.integral
+    bias = () if request.own is None else request.own.bias
+    gains = None if request.gains is None else Terms(*request.gains)
+    of_logs = tuple(Terms(*each) for each in request.of_logs)
     return KnownEcu(
-        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, asked.supply, of_logs, bias
+        profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, request.supply, of_logs, bias
     )
 
 
-def _imported(files: Sequence[Path], asked: TuneRequest) -> Rig:
-    """The logs as the importer reads them, every guess taken."""
+def _imported(files: Sequence[Path], request: TuneRequest) -> Rig:
+    """The logs as the importer reads them, with every guess accepted."""
     from ..importing import import_files
     from ..importing.answers import accept_all
     from ..rig.reader import read_folder
 
     with TemporaryDirectory() as scratch:
         toml = Path(scratch) / "rig.toml"
-        supply = asked.supply or asked.settings.supply  # a logged one goes before it
+        supply = request.supply or request.settings.supply  # a logged supply takes precedence
         toml.write_text(f'[rig]\nname = "logs"\nsupply_V = {supply}\n', encoding="utf-8")
-        import_files(files, Path(scratch) / LOGS, asked.answers, accept_all, rig=toml)
+        import_files(files, Path(scratch) / LOGS, request.answers, accept_all, rig=toml)
         return replace(read_folder(Path(scratch) / LOGS), folder=str(files[0]))
 
 
 def fit_settings(model: str) -> FitSettings:
-    """Of the fit: optima nearby are not looked for, which takes minutes, for gains are tried over draws anyway. Rows at
-    their ticks are good to the sensor's noise, so that a start ten times further off is near all the same.
+    """Settings of the fit. It does not search for nearby optima, which takes minutes: gains are tried over draws
+    anyway. Rows moved to their ticks are accurate to the sensor's noise, so a start ten times further off still counts
+    as near.
     """
     from ..estimation.settings import FitSettings, GlobalSearchSettings
 
@@ -255,24 +256,24 @@ def fit_settings(model: str) -> FitSettings:
 
 
 def diagnosis_settings() -> DiagnosisSettings:
-    """Of the diagnosis: one round of two candidates, for a log without a current tells few effects apart."""
+    """Settings of the diagnosis: one round of two candidates, because a log without a current separates few effects."""
     from ..diagnosis.settings import DiagnosisSettings
 
     return DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
 
 
 def design_settings() -> DesignSettings:
-    """Of the design: a shorter search over fewer models, so that all is done in minutes."""
+    """Settings of the design: a shorter search over fewer models, so that the command takes minutes."""
     from ..control.settings import DesignSettings, OptimumSettings
 
     return DesignSettings(draws=48, optimum=OptimumSettings(few=16, searches=1, rounds=18, starts=2))
 
 
-def _worked_out(
+def _fit_and_design(
     run: RunFolder, prepared: TuneInput, lacks: tuple[Lack, ...], profile: EcuProfile, given: dict[str, float],
-    asked: TuneRequest, report: Report,
+    request: TuneRequest, report: Report,
 ) -> Tuned:  # fmt: skip
-    """Fit, diagnosis and design of a folder that can tell gains."""
+    """Fit, diagnosis and design of a folder that is sufficient for gains."""
     from ..control.pid import Gains
     from ..control.proposal import gain_steps
     from ..diagnosis import diagnose
@@ -282,38 +283,39 @@ def _worked_out(
 
     folder = _written(run.path / LOGS, prepared)
     rig = read_folder(folder)
-    about = _read_off(prepared.duty_files) if prepared.duty_files else None
+    about = _graph_readings(prepared.duty_files) if prepared.duty_files else None
     result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model), about)
     keep_fit(run, result)
     diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), diagnosis_settings())
     keep_diagnosis(run, diagnosis)
     final = diagnosis.after
-    # the delay is in the model of a logged duty already, and no part of that of an ECU
+    # the model of a logged duty contains the delay already; that of an ECU does not
     delay = 0.0 if prepared.model == DUTY else prepared.delay
     request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given, "delay": delay},
-                            profile=profile.name, anyway=asked.anyway)  # fmt: skip
+                            profile=profile.name, anyway=request.anyway)  # fmt: skip
     design = design_of(final.fitted(), request, None, part_of(report, _DIAGNOSIS, _DESIGN),
                        design_settings())  # fmt: skip
     present = None
-    if asked.gains is not None:
+    if request.gains is not None:
         low, high = rig.config.travel
         units = notation_of(profile).units(design.task.ecu, high - low)
-        present = Gains(*(gain * unit for gain, unit in zip(asked.gains, units, strict=True)))
-    report("what each step does", _DESIGN)
+        present = Gains(*(gain * unit for gain, unit in zip(request.gains, units, strict=True)))
+    report("simulating each step", _DESIGN)
     steps, explained = gain_steps(design, present), _explained(final)
-    judged = _borne(final, design, prepared, present, steps)
+    judged = _tolerances(final, design, prepared, present, steps)
     doubts = reasons_to_withhold(final, explained[0], judged, steps)
-    if not doubts:  # of a compromise that the loop bears: said, and given
+    if not doubts:  # a compromise that the loop tolerates: stated, and gains are given
         design = replace(design, anyway=True)
     keep_design(run, final, design, replace(request, anyway=design.anyway).recorded())
-    why_not = "" if asked.anyway else " ".join(doubts)
-    return Tuned(asked, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
+    why_not = "" if request.anyway else " ".join(doubts)
+    return Tuned(request, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
 
 
-def _borne(
+def _tolerances(
     result: FitResult, design: Design, prepared: TuneInput, present: Gains | None, steps: Sequence[GainStep]
 ) -> tuple[Borne, ...]:
-    """What the loop of each new step bears, by the part held out; by the fitted one where there is none."""
+    """Tolerance of each new step's loop to the model's error, from the held-out part, or the fitted one if there is
+    none."""
     from ..control.borne import borne
     from ..control.proposal import PRESENT
 
@@ -327,10 +329,10 @@ def _borne(
 def reasons_to_withhold(
     result: FitResult, explained: float | None, judged: Sequence[Borne], steps: Sequence[GainStep]
 ) -> tuple[str, ...]:
-    """Why gains are withheld, and what to record; () where there is no reason.
+    """Why gains are withheld, and what to record; () if there is no reason.
 
-    An estimate is good enough. A compromise is where it explains the motion that was not fitted and the new loops bear
-    what it misses, half-way step included.
+    An estimate is good enough. A compromise is good enough if it explains the motion that was not fitted and the new
+    loops tolerate its error, half-way step included.
     """
     from ..control.proposal import not_held
     from ..estimation.explained import judged as enough
@@ -348,7 +350,7 @@ def reasons_to_withhold(
 
 
 def _written(folder: Path, prepared: TuneInput) -> Path:
-    """The measurement folder, anew."""
+    """Write the measurement folder again."""
     import shutil
 
     from ..datasets.base import write_folder
@@ -358,8 +360,8 @@ def _written(folder: Path, prepared: TuneInput) -> Path:
     return write_folder(folder, prepared.files)
 
 
-def _read_off(files: Mapping[str, str]) -> Mapping[str, float]:
-    """What the graphs of a folder tell, SI by symbol."""
+def _graph_readings(files: Mapping[str, str]) -> Mapping[str, float]:
+    """Parameters read from the graphs of a folder, SI by symbol."""
     from ..datasets.base import write_folder
     from ..rig.paper_readings import read_graphs
     from ..rig.reader import read_folder
@@ -369,7 +371,7 @@ def _read_off(files: Mapping[str, str]) -> Mapping[str, float]:
 
 
 def _explained(result: FitResult) -> tuple[float | None, float | None]:
-    """Share of the position's motion, held out and fitted, as `etcfit fit` has it."""
+    """Share of the position's motion that is explained, held out and fitted, as `etcfit fit` computes it."""
     from ..estimation.explained import explained, share_of
 
     scores = (result.score_holdout, result.score_fit)
@@ -378,7 +380,8 @@ def _explained(result: FitResult) -> tuple[float | None, float | None]:
 
 
 def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Instants (s), measured and predicted position (rad) of each trace with one, shape (n,); NaN where none is."""
+    """Instants (s), measured and predicted position (rad) of each trace that logs one, shape (n,); NaN where
+    missing."""
     for trace in problem.batch.traces:
         if "position" in trace.channels:
             k = trace.channels.index("position")
@@ -386,7 +389,7 @@ def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np
 
 
 def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
-    """RUN/tune.json and RUN/pictures/tune.png."""
+    """Write RUN/tune.json and RUN/pictures/tune.png."""
     from ..reporting.tune import draw_tune
 
     made_with = None if found.design is None else digest(run / "pid.json")
@@ -408,7 +411,7 @@ def tuned_json(found: Tuned, pid: str | None = None) -> dict[str, Any]:
     """The object of tune.json.
 
     Args:
-        pid: SHA-256 of the pid.json that it goes with.
+        pid: SHA-256 of the pid.json that belongs to it.
     """
     from ..reporting.tune import says_of
 
@@ -419,7 +422,7 @@ def tuned_json(found: Tuned, pid: str | None = None) -> dict[str, Any]:
 
 
 def _step(found: Tuned, step: GainStep) -> dict[str, Any]:
-    """A set of gains: what is withheld, or not to be believed as a probability, is None."""
+    """A set of gains; a withheld figure, or a probability that cannot be trusted, is None."""
     withheld = bool(found.why_not)
     doubted = bool(withheld or found.doubts or (found.result is not None and found.result.state.cautions))
     written = found.written(step.gains)._asdict()

@@ -2,10 +2,10 @@
 
     rig = read_folder(FOLDER);  fit(rig) -> diagnose -> sample, reduce, design -> report
 
-Each takes what the one before it returned, or a run folder, and returns an object of this room. The command line does
-not call them, but for `plan` and `load`: its stages (`etcfit.stages`) share `work` with them. Most compute and return;
-`report`, `export`, `fetch`, `tune`, `fleet` and `sample` with a folder write files, as does `save` of what is returned.
-Whatever is heavy is imported when a function is called.
+Each takes the result of an earlier one, or a run folder, and returns an object of this room. The command line calls
+only `plan` and `load` of them: its stages (`etcfit.stages`) share `work` with the others. Most only compute and
+return; `report`, `export`, `fetch`, `tune`, `fleet`, `sample` with a folder, and `save` of a result write files.
+Heavy modules are imported when a function is called.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ if TYPE_CHECKING:
 
 @typed
 def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool = False) -> Checked:
-    """What is in a measurement folder, what it can identify, and what is wrong with it; fits nothing.
+    """The contents of a measurement folder, which parameters it identifies, and what is wrong with it; no fit.
 
     Args:
-        rig: as read, or its folder.
-        settings: what is odd about a clock or a channel; the defaults where None.
+        rig: a rig, or its folder.
+        settings: thresholds for an odd clock or channel; the defaults if None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong.
@@ -65,7 +65,7 @@ def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bo
         from .measurements import Checked
 
         rig = _rig_of(rig, report)
-        report("working out what these data can identify", 0.3)
+        report("computing which parameters these data identify", 0.3)
         return Checked(check_rig(rig, **_given(settings)))
 
 
@@ -77,17 +77,17 @@ def advise(
     *,
     quiet: bool = False,
 ) -> Advised:
-    """What one more trace of each rig test would do to each interval, before anybody measures it; fits nothing.
+    """How one more trace of each rig test would change each interval, before it is measured; no fit.
 
     Args:
-        rig: as read, or its folder.
-        at: a fit or a diagnosis of this rig (its final model counts), or its run folder: judge at the model fitted; at
-            the graph readings where None.
-        settings: when two parameters are told apart, and how a trace would be made; the defaults where None.
+        rig: a rig, or its folder.
+        at: the model to use: a fit or a diagnosis of this rig (its final model counts), or its run folder; None for
+            the graph readings.
+        settings: when two parameters count as separate, and how a trace would be made; the defaults if None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
-        UsageError: `at` holds no fit, or one of other measurements.
+        UsageError: `at` holds no fit, or a fit of other measurements.
     """
     with working(quiet) as report:
         from ..experiment.advice import advise as advise_rig
@@ -95,7 +95,7 @@ def advise(
 
         rig = _rig_of(rig, report)
         model = None if at is None else _fitted_to(at, rig)
-        report("working out what one more trace would tell", 0.3)
+        report("computing what one more trace would add", 0.3)
         return Advised(advise_rig(rig, model, **_given(settings)))
 
 
@@ -109,19 +109,19 @@ def plan(
     supply: float | None = None,
     quiet: bool = False,
 ) -> Planned:
-    """The next tests as files to play: what tells most of what is known least, within what the rig can bear.
+    """The next tests as files to play: those that most improve the least known parameters, within the rig's limits.
 
     Args:
         source: a fit or a diagnosis (its final model counts), a run folder; or a rig, or a measurement folder, whose
-            graph readings then stand in for a fit.
-        settings: limits, and what is tried; the defaults where None.
+            graph readings then replace a fit.
+        settings: limits and candidates; the defaults if None.
         criterion: "A" for the sum of the relative variances, "D" for their geometric mean.
-        without: rig tests that nobody can make.
-        supply: V; that of the rig where None.
+        without: rig tests that cannot be made.
+        supply: supply voltage, V; that of the rig if None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
-        UsageError: no such criterion or rig test, no voltage drives the rig, or nothing keeps within the limits.
+        UsageError: no such criterion or rig test, no voltage drives the rig, or no candidate is within the limits.
     """
     with working(quiet) as report:
         from ..experiment.campaign import Criterion, plan_campaign
@@ -135,7 +135,7 @@ def plan(
         else:
             model = _fit_of("plan", source).result
             rig = model.rig
-        report("working out what the next tests would tell", 0.2)
+        report("computing the information of the next tests", 0.2)
         limits = {"criterion": Criterion(criterion), "without": without, "supply": supply}
         return Planned(plan_campaign(rig, model, **_given(settings), **limits))
 
@@ -145,8 +145,8 @@ def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool =
     """The joint fit of all traces that are not held out.
 
     Args:
-        rig: as read, or its folder.
-        settings: thresholds, budgets and seeds; the defaults where None.
+        rig: a rig, or its folder.
+        settings: thresholds, budgets and seeds; the defaults if None.
         quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
@@ -160,11 +160,11 @@ def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool =
 
 @typed
 def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, quiet: bool = False) -> Diagnosed:
-    """What the fitted model lacks: residual, missing effect, refit, until nothing is left.
+    """Find the effects that the fitted model lacks, add them and refit, until the residual shows no more.
 
     Args:
         fit: what `fit` returned, or a run folder that holds one.
-        settings: what it decides by; the defaults where None.
+        settings: thresholds of its decisions; the defaults if None.
         quiet: show no progress.
     Raises:
         UsageError: the run folder holds no fit.
@@ -186,13 +186,13 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
 def sample(
     model: Model, *, steps: int = SamplingSettings.most_steps, keep: Folder | None = None, quiet: bool = False
 ) -> Sampled:
-    """The posterior of a fitted model by emcee; stops by itself once the chain is long enough.
+    """The posterior of a fitted model by emcee; stops by itself when the chain is long enough.
 
     Args:
         model: a fit, a diagnosis (its final model counts), or a run folder.
-        steps: of each ensemble after which to stop all the same.
-        keep: folder that keeps the chain between blocks of steps, so that an interrupted one is taken up again; the
-            run folder where `model` is one, else nothing is kept.
+        steps: largest number of steps of each ensemble.
+        keep: folder in which the chain is saved after each block of steps, so that an interrupted chain can continue;
+            None: the run folder if `model` is one, else the chain is not saved.
         quiet: show no progress.
     Raises:
         UsageError: another process writes into the folder.
@@ -228,8 +228,8 @@ def reduce(
         model: a fit, a diagnosis (its final model counts), a posterior (its fit), or a run folder.
         input_unit: "V" or "%" (of duty).
         output_unit: "rad", "deg" or "%" (of travel).
-        share: of the travel, 0 to 1.
-        settings: which sine traces count, and when they tell an order of lag; the defaults where None.
+        share: operating point as a share of the travel, 0 to 1.
+        settings: which sine traces count, and when they determine an order of lag; the defaults if None.
         quiet: show no progress.
     """
     with working(quiet) as report:
@@ -258,31 +258,30 @@ def design(
     quiet: bool = False,
     **ecu: float,
 ) -> Designed:
-    """PID gains: every rule tried on the linear plant and on the nonlinear one, over many draws; one is proposed.
+    """PID gains: tries every rule on the linear plant and on the nonlinear one, over many draws, and proposes one.
 
     Args:
         model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder; or a fleet,
             for gains that 99 % of its units meet the requirements with.
-        rule: whose gains are proposed.
-        requirements: what a response must stay below in every scenario; the paper's and 5 % of duty activity where
-            None.
-        posterior: where the draws come from; where None, `model` if it is one, the posterior in the run folder, or the
+        rule: the tuning rule whose gains are proposed.
+        requirements: limits of the response in every scenario; if None, the paper's and 5 % of duty activity.
+        posterior: source of the draws; if None, `model` if it is a posterior, the posterior in the run folder, or the
             fit's own normal approximation.
-        adc_bits: of the position sensor, over its travel.
-        feed_forward: True where the ECU has a bias curve; else names of terms ahead of the PID, such as
+        adc_bits: bits of the position sensor's converter, over the travel.
+        feed_forward: True if the ECU has a bias curve; else names of feed-forward terms, such as
             ("friction", "rate"), with "spring" for that curve.
-        settings: draws, and the budgets of simulation and rules; the defaults where None.
+        settings: draws, and the budgets of simulation and rules; the defaults if None.
         profile: name of the make of ECU, a key of `etcfit.ECUS`; None for none in particular.
-        log: file of a log from the car: the stretch in which most is asked of the plate is one scenario more.
-        parts: a fleet of the same design, or its run folder: gains for parts like its units, and how they fare on them.
-        anyway: give what is typed into an ECU even where the fit did not converge or is a compromise.
+        log: file of a log from the car: its most demanding stretch is a further scenario.
+        parts: a fleet of the same design, or its run folder: gains for parts like its units, and their results on them.
+        anyway: give gains for an ECU even if the fit did not converge or is a compromise.
         present: gains that the ECU has now, in its own numbers: {"P": 60, "I": 80, "D": 120}; with "swings_at" the P at
-            which P alone makes the plate swing on.
+            which P alone makes the plate oscillate.
         quiet: show no progress.
-        ecu: what is known of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
+        ecu: known properties of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
-        UsageError: no such rule, or one that has no gains for this plant; no such make of ECU, a field given that its
-            source fixes otherwise, or feed-forward that it cannot have; parts of another design.
+        UsageError: no such rule, or a rule without gains for this plant; no such make of ECU, a given field that its
+            source fixes at another value, or feed-forward that it cannot have; parts of another design.
     """
     with working(quiet) as report:
         from ..control.request import DesignRequest
@@ -295,23 +294,23 @@ def design(
 
         if unknown := sorted(set(ecu) - set(Ecu._fields)):
             raise TypeError(
-                f"etcfit.design knows no {', '.join(unknown)}. Of the ECU there are {', '.join(Ecu._fields)}."
+                f"etcfit.design knows no {', '.join(unknown)}. Properties of the ECU are {', '.join(Ecu._fields)}."
             )
         mine, limits = settings or DesignSettings(), {} if requirements is None else asdict(requirements)
         where = parts.run if isinstance(parts, Fleet) else parts
         if where is not None:
             require_extra("fleet", f"{where}", "pyarrow")
-        asked = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway, present or {})
+        request = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway, present or {})
         if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
             if parts is not None:
                 raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
             whole = model if isinstance(model, Fleet) else Fleet.in_run(model)
-            found = design_of(whole.model, asked, None, report, mine)
+            found = design_of(whole.model, request, None, report, mine)
             return Designed(whole, found, None if log is None else str(log))
         fit = _fit_of("design", model)
         fitted = fit.result.fitted()
         drawn = _draws(model if posterior is None else posterior, fitted, mine)
-        found = design_of(fitted, asked, drawn, report, mine)
+        found = design_of(fitted, request, drawn, report, mine)
         return Designed(fit, found, None if log is None else str(log))
 
 
@@ -332,13 +331,13 @@ def export(
         model: a fit, a diagnosis (its final model counts), a posterior, a transfer function, a run folder with the
             gains in it, or gains with their fit.
         to: name of the format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.
-        out: folder of its files; RUN/export of a run folder where None.
-        settings: step and operating point; the defaults where None.
-        into: file of your own tune, for msq: a copy of it is changed.
-        anyway: write gains into a tune even where the fit did not converge or is a compromise.
+        out: folder for its files; if None, RUN/export of a run folder.
+        settings: step and operating point; the defaults if None.
+        into: file of your own tune, for msq: the gains are written into a copy.
+        anyway: write gains into a tune even if the fit did not converge or is a compromise.
         quiet: show no progress.
     Raises:
-        UsageError: no such format, or the model lacks what it needs; a model of no run folder, and no `out`.
+        UsageError: no such format, or the model lacks what the format needs; neither a run folder nor `out` is given.
     """
     with working(quiet) as say:
         from ..exporting import ExportSettings, named
@@ -362,7 +361,7 @@ def export(
         pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
         if not isinstance(fit, Fit):
-            raise UsageError("a fleet has no one model to export. Export the fit of one unit.")
+            raise UsageError("a fleet is not a single model. Export the fit of one unit.")
         return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run, own, anyway)
 
 
@@ -374,16 +373,16 @@ def report(
     page: Literal["printed", "interactive"] = "printed",
     quiet: bool = False,
 ) -> Path:
-    """One self-contained HTML page of everything that a run folder holds, RUN/report.html, and its pictures; or one to
-    work with.
+    """Write RUN/report.html, one self-contained page of everything in a run folder, and its pictures; or an interactive
+    page.
 
     Args:
         run: the run folder; or a fit or a diagnosis, which is written to `to` first.
-        to: the run folder where `run` is none.
+        to: the run folder, if `run` is a fit or a diagnosis.
         page: "printed", without scripts, or "interactive", RUN/report_interactive.html.
         quiet: show no progress.
     Returns:
-        Where the page is.
+        Path of the page.
     """
     with working(quiet) as say:
         from ..reporting.interactive import write_interactive
@@ -417,15 +416,15 @@ def drive(
     """Logs from the car: operating range, spectrum, how closely the plate follows and whether that is good enough.
 
     Args:
-        folder: of logs, a measurement folder with logs in drive/, or one log.
-        between: the share of the time between these positions, %.
-        compare: only these two, before and after.
-        foretold: run folder of `etcfit.tune`; the one log is held against what it foretold, see `Driven.foretold`.
-        made_with: whose gains made that log: "present", "half_way" or "proposed"; half way where None.
+        folder: a folder of logs, a measurement folder with logs in drive/, or one log.
+        between: report the share of the time between these positions, %.
+        compare: only these two logs, before and after.
+        foretold: run folder of `etcfit.tune`; the log is compared with its prediction, see `Driven.foretold`.
+        made_with: gains of that log: "present", "half_way" or "proposed"; half way if None.
         quiet: show no progress.
     Raises:
-        MeasurementError: no log, or, of one that is held against something, no such steps in it.
-        UsageError: several logs for `foretold`, or a run folder that foretells nothing.
+        MeasurementError: no log, or a log to compare with a prediction has no such steps.
+        UsageError: several logs for `foretold`, or a run folder without a prediction.
     """
     with working(quiet) as report:
         report("reading the logs", 0.0)
@@ -433,11 +432,11 @@ def drive(
         from ..car_log.read import logs_at
         from ..car_log.study import chosen
         from .measurements import Driven
-        from .work import one_held_against
+        from .work import compared_with_prediction
 
         config, logs = logs_at(folder)
         every = tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs))
-        held = None if foretold is None else one_held_against(every, Path(foretold), made_with)
+        held = None if foretold is None else compared_with_prediction(every, Path(foretold), made_with)
         return Driven(config, every, held)
 
 
@@ -455,18 +454,18 @@ def tune(
     quiet: bool = False,
     **controller: float,
 ) -> Tuned:
-    """From logs of a car to gains, beside those that are in its ECU now.
+    """Gains from logs of a car, compared with the gains that its ECU has now.
 
     Args:
         logs: files of any known format, all of one car.
         ecu: make of the ECU that made the logs and gets the gains.
         out: the run folder; made if absent.
-        gains: P, I and D that are in the ECU now, as it writes them; where logs were made under different ones, those
-            of each log, the last of which are in it now.
-        anyway: give gains even where the model is a compromise or did not converge.
-        supply: V; as logged where None, else 13.5.
-        tune_file: the ECU's tune (.msq): its gains where none are given, its bias table, the limit of its integral.
-        settings: what of the logs is fitted; the defaults where None.
+        gains: P, I and D that the ECU has now, in its own numbers; if the logs were made under different gains, those
+            of each log, the present gains last.
+        anyway: give gains even if the model is a compromise or did not converge.
+        supply: supply voltage, V; if None, as logged, else 13.5.
+        tune_file: the ECU's tune (.msq): its gains if none are given, its bias table, the limit of its integral.
+        settings: which part of the logs is fitted; the defaults if None.
         quiet: show no progress.
         controller: fields of `Ecu` that its make leaves open, as period=1e-3.
     Raises:
@@ -482,10 +481,10 @@ def tune(
         every = sets_of(gains)
         if len(every) > 1 and len(every) != len(files):
             raise UsageError(f"gains: {len(every)} sets for {len(files)} logs. Give one, or one for each log.")
-        asked = TuneRequest(ecu, every[-1] if every else None, tuple(controller.items()), supply, anyway=anyway,
+        request = TuneRequest(ecu, every[-1] if every else None, tuple(controller.items()), supply, anyway=anyway,
                             settings=settings or TuneSettings(), of_logs=every if len(every) > 1 else ())  # fmt: skip
-        asked = asked if tune_file is None else asked.with_tune(Path(tune_file))
-        return tune_logs(files, RunFolder(Path(out)), asked, report)
+        request = request if tune_file is None else request.with_tune(Path(tune_file))
+        return tune_logs(files, RunFolder(Path(out)), request, report)
 
 
 @typed
@@ -494,9 +493,9 @@ def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, qu
 
     Args:
         name: one of `etcfit.DATASETS`.
-        to: the folder to write; measurements/NAME where None.
-        data: folder of local copies; without it, the one that the environment variable ETCFIT_DATA names. A file that
-            is in neither is downloaded.
+        to: the folder to write; measurements/NAME if None.
+        data: folder of local copies; if None, the one that the environment variable ETCFIT_DATA names. A file that
+            is not there is downloaded.
         quiet: show no progress.
     Returns:
         The measurement folder.
@@ -517,19 +516,19 @@ def fleet(
     scheduler: str | None = None,
     quiet: bool = False,
 ) -> Fleet:
-    """Many units of one design: each fitted where the workers are, then what they tell together.
+    """Fit many units of one design on workers, then estimate the design from all of them.
 
-    What is done already is not done again. In a script, call it below `if __name__ == "__main__":`, for the worker
-    processes import the script.
+    A unit with a current result is not fitted again. In a script, call it below `if __name__ == "__main__":`, because
+    the worker processes import the script.
 
     Args:
         location: FLEET, a folder of measurement folders, or an address that fsspec opens (s3://...).
         out: the run folder; made if absent.
-        workers: processes of this machine; one a core where None.
-        scheduler: address of a Dask scheduler that is there already, "tcp://host:8786" say; None for this machine.
+        workers: processes on this machine; one per core if None.
+        scheduler: address of a running Dask scheduler, such as "tcp://host:8786"; None for this machine.
         quiet: show no progress.
     Raises:
-        MeasurementError: there is no unit, what is written down about the fleet is wrong, or no unit could be fitted.
+        MeasurementError: there is no unit, fleet.toml or units.csv is wrong, or no unit could be fitted.
         UsageError: a library of the extra `fleet` is not installed, or no worker answers.
     """
     with working(quiet) as report:
@@ -545,13 +544,13 @@ def fleet(
 
 @typed
 def load(run: Folder) -> Fit | Diagnosed | Fleet:
-    """The last model of a run folder, bit for bit as it was saved: the diagnosis where there is one, else the fit; of
-    the run folder of a fleet the fleet.
+    """The last model of a run folder, bit for bit as it was saved: the diagnosis if there is one, else the fit; the
+    fleet if the run folder is of a fleet.
 
     Args:
         run: the run folder.
     Raises:
-        UsageError: it holds no fit, or one of another version.
+        UsageError: the folder holds no fit, or a fit of another version.
     """
     from ..run_folder.manifest import is_fleet
 
@@ -602,14 +601,16 @@ def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
 
 
 def _fit_of(verb: str, model: Model) -> Fit:
-    """The fit behind whatever a verb was given."""
+    """The fit that belongs to the model given to a verb."""
     from ..run_folder.manifest import is_fleet
     from .explanation import Diagnosed
     from .fit import Fit
 
     if isinstance(model, str | Path):
         if is_fleet(Path(model)):
-            raise UsageError(f"{model} is of a fleet: etcfit.{verb} takes one unit's run folder, as in {model}/units.")
+            raise UsageError(
+                f"{model} is the run folder of a fleet: etcfit.{verb} takes one unit's run folder, as in {model}/units."
+            )
         model = _load_model(Path(model))
     if isinstance(model, Fit):
         return model
@@ -634,7 +635,7 @@ def _given(
 
 
 def _draws(source: Model, fitted: Fitted, settings: DesignSettings) -> np.ndarray | None:
-    """Coordinates of further models from a posterior or a run folder that holds one, shape (D, P); None without."""
+    """Coordinates of draws from a posterior or a run folder that holds one, shape (D, P); None without a posterior."""
     import numpy as np
 
     from ..run_folder.reading import read_draws

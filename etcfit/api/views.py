@@ -1,6 +1,6 @@
-"""How results are shown: a few lines of text, a small table for a notebook in which all is escaped, DataFrames.
+"""How results are shown: a few lines of text, a small table for a notebook in which all text is escaped, DataFrames.
 
-And a trace beside what the model says of it.
+Also a trace with its simulation.
 """
 
 from __future__ import annotations
@@ -26,39 +26,39 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-_WIDTH, _LINES = 110, 12  # of a repr
+_WIDTH, _LINES = 110, 12  # size of a repr
 _NAME = 60  # letters of a rig's name that a repr shows
 _RED, _PURPLE = "#c00000", "#c000c0"
 
 
 class View(ABC):
-    """What a notebook holds of a result."""
+    """A result for a notebook."""
 
     @abstractmethod
     def _printed(self) -> RenderableType:
-        """What the command of the same name prints."""
+        """The output of the command of the same name."""
 
     def summary(self, width: int = 140) -> str:
-        """What the command of the same name prints, for `print`."""
+        """The output of the command of the same name, as text."""
         from ..reporting.blocks import render
 
         return render(self._printed(), width)
 
 
 def name_of(config: RigConfig) -> str:
-    """The rig's name, shortened where it is long, and that its data were made up where they were."""
+    """The rig's name, shortened if it is long, with a remark if its data are synthetic."""
     name = textwrap.shorten(config.name, _NAME, placeholder="...") if config.name.strip() else "a rig"
     return name + (", SYNTHETIC DATA" if config.synthetic else "")
 
 
 def block(*parts: str) -> str:
-    """Paragraphs wrapped to a dozen lines at most; the last ones are cut where there are more."""
+    """Paragraphs wrapped to at most a dozen lines; further lines are cut."""
     lines = [line for part in parts if part for line in textwrap.wrap(part, _WIDTH, subsequent_indent="    ")]
     return "\n".join(lines if len(lines) <= _LINES else [*lines[: _LINES - 1], "    ..."])
 
 
 def count_of(warnings: Sequence[str]) -> str:
-    """How many there are to be read; "" without any."""
+    """The number of warnings in words; "" if there are none."""
     many = len(warnings)
     return f"{many} warning{'s' * (many > 1)}, see .warnings" if many else ""
 
@@ -67,8 +67,8 @@ def card(config: RigConfig, title: str, *parts: str, alarm: str = "") -> str:
     """A heading, and parts made by `paragraph`, `table` and `folded` below it.
 
     Args:
-        config: of the rig; names it, and its data as made up where they were.
-        alarm: what a reader must know before all else, as "NOT CONVERGED: ...".
+        config: configuration of the rig: its name, and whether its data are synthetic.
+        alarm: the most important caution, as "NOT CONVERGED: ...".
     """
     tag = f' <b style="color:{_PURPLE}">SYNTHETIC DATA</b>' if config.synthetic else ""
     shout = f'<div style="color:{_RED}"><b>{escape(alarm)}</b></div>' if alarm else ""
@@ -80,7 +80,7 @@ def paragraph(text: str) -> str:
 
 
 def table(it: Table) -> str:
-    """Looks as Jupyter shows a DataFrame, but columns of words begin on the left; a row with something bad is red."""
+    """A table in the style of a DataFrame in Jupyter; columns of words are left-aligned, a bad row is red."""
     top = "".join(_cell("th", Cell(column.head.replace("\n", " "), kind=column.kind)) for column in it.columns)
     body = "".join(f"<tr>{''.join(_row(row))}</tr>" for row in it.cells)
     notes = "".join(map(paragraph, it.notes))
@@ -99,7 +99,7 @@ def _cell(kind: str, cell: Cell, bad: bool = False) -> str:
 
 
 def folded(title: str, sentences: Sequence[str]) -> str:
-    """Sentences behind a heading that opens at a click; nothing where there are none."""
+    """Sentences behind a heading that opens at a click; "" if there are none."""
     if not sentences:
         return ""
     items = "".join(f"<li>{escape(text)}</li>" for text in sentences)
@@ -112,16 +112,16 @@ def numbers(values: Iterable[float | None]) -> np.ndarray:
 
 
 def texts(values: Iterable[str]) -> pd.Series:
-    """Of dtype str, also where there are none."""
+    """A series of dtype str, even if it is empty."""
     return pd.Series(list(values), dtype="str")
 
 
 def frame(rows: Iterable[Mapping[str, Any]], index: str | None, keys: Sequence[str] = ()) -> pd.DataFrame:
-    """The rows of a table as they are, SI, NaN for None.
+    """The rows of a table, SI, NaN for None.
 
     Args:
-        index: key that names them; None for numbers.
-        keys: that are shown; all but the index where none is named.
+        index: key that names the rows; None: rows are numbered.
+        keys: keys that are shown; all but the index if none is named.
     """
     every = list(rows)
     shown = keys or [key for key in (every[0] if every else ()) if key != index]
@@ -141,20 +141,20 @@ def _column(values: Sequence[Any]) -> Any:
 
 
 def indexed(columns: Mapping[str, Any], names: Sequence[str], index: str = "symbol") -> pd.DataFrame:
-    """Columns under names for their rows."""
+    """A DataFrame of these columns; `names` name the rows."""
     frame = pd.DataFrame(dict(columns))
     frame.index = pd.Index(list(names), dtype="str", name=index)
     return frame
 
 
 def attributes(rows: Iterable[Any], *names: str) -> dict[str, np.ndarray]:
-    """A column of numbers for each of these attributes."""
+    """One column of numbers for each of these attributes."""
     every = list(rows)
     return {name: numbers(getattr(row, name) for row in every) for name in names}
 
 
 def score_frame(result: FitResult, rows: Sequence[PredictionError], columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """Columns under file and channel, behind test, held_out, unit and n (samples); fitted traces come first."""
+    """Columns indexed by file and channel, after test, held_out, unit and n (samples); fitted traces come first."""
     where = {
         "test": texts(row.test for row in rows),
         "held_out": np.arange(len(rows)) >= len(result.score_fit),
@@ -169,12 +169,12 @@ def score_frame(result: FitResult, rows: Sequence[PredictionError], columns: Map
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedTrace:
-    """One measured trace beside what the model says of it.
+    """One measured trace and its simulation.
 
     Args:
         predicted: free-running simulation, SI, shape (n, M).
-        whitened: what the fit minimised, independent of sample to sample where the model is right, sigma, shape (n, M);
-            None where the trace was held out.
+        whitened: residual that the fit minimised, in sigma, independent from sample to sample if the model is right,
+            shape (n, M); None if the trace was held out.
     """
 
     trace: Trace
@@ -187,12 +187,12 @@ class FittedTrace:
 
     @property
     def held_out(self) -> bool:
-        """Whether it was only predicted, never fitted."""
+        """Whether the trace was only predicted, never fitted."""
         return self.trace.measurement.held_out
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What the model predicts of it."""
+        """Channels that the model predicts."""
         return self.trace.channels
 
     @property
@@ -206,9 +206,9 @@ class FittedTrace:
         return out
 
     def to_frame(self) -> pd.DataFrame:
-        """One row an instant: time (s), measured and simulated (in the unit that was logged), residual (in sigma).
+        """One row per instant: time (s), measured and simulated (in the unit that was logged), residual (in sigma).
 
-        The residual is (measured - simulated) over the noise of one sample. Where a trace has several channels each
+        The residual is (measured - simulated) over the noise of one sample. If a trace has several channels, each
         has columns of its own, `position_measured` and so on. NaN where nothing was logged. `frame.attrs["units"]`
         names the units.
         """
@@ -246,7 +246,7 @@ def traces_of(result: FitResult) -> dict[str, FittedTrace]:
 
 
 def named(traces: Mapping[str, FittedTrace], file: str) -> FittedTrace:
-    """One of them.
+    """The trace of a file.
 
     Raises:
         UsageError: there is no such trace.

@@ -1,5 +1,5 @@
-"""What verbs and stages do alike: from a fit to its linear plant, to gains, to the files of another program; and what
-each step leaves in a run folder, files and pictures together.
+"""Work shared by verbs and stages: from a fit to its linear plant, to gains, to the files of another program; and the
+files and pictures that each step writes into a run folder.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class Plant(NamedTuple):
     """The linear plant of a fit.
 
     Args:
-        reduction: about a plate held at a share of its travel.
-        response: what the sine traces say; None where the rig has none.
+        reduction: linear model about a plate held at a share of its travel.
+        response: frequency response measured by the sine traces; None if the rig has none.
     """
 
     reduction: Reduction
@@ -60,11 +60,11 @@ def plant_of(
     report: Report,
     settings: FrequencySettings | None = None,
 ) -> Plant:
-    """Linearise a fitted model, and fit the rig's sine traces where it has some.
+    """Linearise a fitted model, and fit the rig's sine traces, if there are any.
 
     Args:
         input_unit, output_unit, share: as `control.linearise.reduce` takes them.
-        settings: which sine traces count; the defaults where None.
+        settings: which sine traces count; the defaults if None.
     """
     from ..control.frequency import frequency_response
     from ..control.linearise import motor_constants, reduce
@@ -83,21 +83,21 @@ def plant_of(
 
 def design_of(
     model: Fitted | FleetModel,
-    asked: DesignRequest,
+    request: DesignRequest,
     drawn: np.ndarray | None,
     report: Report,
     settings: DesignSettings | None = None,
 ) -> Design:
-    """Gains by every rule for an ECU that reads the position by an ADC over its travel; of a fleet those that nearly
-    all of its units meet the requirements with.
+    """Gains by every rule for an ECU that reads the position by an ADC over its travel; for a fleet, gains with which
+    nearly all of its units meet the requirements.
 
     Args:
-        asked: of a fleet without `parts`.
-        drawn: coordinates of further models, shape (D, P), or None; None of a fleet, whose units are drawn.
-        settings: draws, and the budgets of simulation and rules; the defaults where None.
+        request: the request; for a fleet without `parts`.
+        drawn: coordinates of further models, shape (D, P), or None; None for a fleet, whose units are drawn.
+        settings: draws, and the budgets of simulation and rules; the defaults if None.
     Raises:
         MeasurementError: the log cannot be read, or has no setpoint.
-        UsageError: no such make, a field given that its source fixes otherwise, or parts of another design.
+        UsageError: no such make, a given field that its source fixes at another value, or parts of another design.
     """
     from ..control.design import design, design_for_fleet
     from ..control.fleet import future_units
@@ -105,38 +105,38 @@ def design_of(
     from ..control.settings import DesignSettings
     from ..estimation.fitted_model import FleetModel
 
-    computer, make = _computer(model.nominal if isinstance(model, FleetModel) else model, asked)
-    log = None if asked.log is None else setpoint_of(Path(asked.log), model.config)
-    limits, mine = Requirements(**asked.limits), settings or DesignSettings()
+    computer, make = _computer(model.nominal if isinstance(model, FleetModel) else model, request)
+    log = None if request.log is None else setpoint_of(Path(request.log), model.config)
+    limits, mine = Requirements(**request.limits), settings or DesignSettings()
     if isinstance(model, FleetModel):
-        return design_for_fleet(model, computer, limits, asked.rule, future_units(model), asked.feed_forward, report,
-                                mine, profile=make, log=log, present=asked.present)  # fmt: skip
+        return design_for_fleet(model, computer, limits, request.rule, future_units(model), request.feed_forward,
+                                report, mine, profile=make, log=log, present=request.present)  # fmt: skip
     parts = None
-    if asked.parts is not None:
+    if request.parts is not None:
         from ..run_folder.fleet import parts_of
 
-        parts = parts_of(Path(asked.parts))
-    found = design(model, computer, limits, asked.rule, drawn, asked.feed_forward, report, mine, make, log,
-                   asked.present, parts=parts)  # fmt: skip
-    return replace(found, anyway=True) if asked.anyway else found
+        parts = parts_of(Path(request.parts))
+    found = design(model, computer, limits, request.rule, drawn, request.feed_forward, report, mine, make, log,
+                   request.present, parts=parts)  # fmt: skip
+    return replace(found, anyway=True) if request.anyway else found
 
 
-def _computer(fitted: Fitted, asked: DesignRequest) -> tuple[Ecu, EcuProfile | None]:
-    """The ECU by what is given of it and what its make fixes."""
+def _computer(fitted: Fitted, request: DesignRequest) -> tuple[Ecu, EcuProfile | None]:
+    """The ECU from its given properties and those that its make fixes."""
     from ..control.design import ecu_of
     from ..model.ecus import named
 
-    make, ecu = None if asked.profile is None else named(asked.profile), asked.ecu
+    make, ecu = None if request.profile is None else named(request.profile), request.ecu
     if make is not None:
         if clash := make.clashes(ecu):
             raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
         ecu = make.completed(ecu)
     lower, upper = fitted.config.stops
-    return ecu_of(fitted, **({"resolution": (upper - lower) / 2**asked.adc_bits} | dict(ecu))), make
+    return ecu_of(fitted, **({"resolution": (upper - lower) / 2**request.adc_bits} | dict(ecu))), make
 
 
 def setpoint_of(path: Path, config: RigConfig) -> Series:
-    """What the ECU asked of the plate in a log from the car, per cent of the travel.
+    """The setpoint of the plate in a log from the car, per cent of the travel.
 
     Raises:
         MeasurementError: the log cannot be read, or has no setpoint.
@@ -146,7 +146,7 @@ def setpoint_of(path: Path, config: RigConfig) -> Series:
 
     log = read_log(path, config, "rig.toml")
     if log.setpoint is None:
-        raise MeasurementError(str(path), "no setpoint among its columns.", "Gains are tried on what a log asks for.",
+        raise MeasurementError(str(path), "no setpoint among its columns.", "Gains are tried on the log's setpoint.",
                                log.hint)  # fmt: skip
     return log.setpoint
 
@@ -155,7 +155,7 @@ class Exported(NamedTuple):
     """An export on the disk.
 
     Args:
-        cannot_hold: what the format leaves out, a sentence each; the files say so too.
+        cannot_hold: what the format leaves out, one sentence each; the files say so too.
     """
 
     files: tuple[Path, ...]
@@ -175,11 +175,11 @@ def exported(
     """Write a model in a format.
 
     Args:
-        folder: that takes the files; made if absent.
+        folder: folder for the files; made if absent.
         settings: step and operating point.
-        pid: the object of pid.json; None where no gains were designed.
-        run: the run folder, for messages; None where there is none.
-        into: the user's own file of that format, of which a copy is changed; None for a new file.
+        pid: the object of pid.json; None if no gains were designed.
+        run: the run folder, for messages; None if there is none.
+        into: the user's own file of that format, whose copy is changed; None for a new file.
         anyway: see `Source`.
     """
     from ..errors import command
@@ -191,7 +191,7 @@ def exported(
 
 
 def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:
-    """fit.json, the fit whole, and the picture that sums it up."""
+    """Write fit.json, the whole fit, and its summary picture."""
     from ..reporting import clear_for_fit, draw_fit
 
     with held(run.path):
@@ -201,7 +201,7 @@ def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None
 
 
 def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) -> None:
-    """diagnosis.json, the diagnosis whole with the fit it began from, and the pictures that sum it up."""
+    """Write diagnosis.json, the whole diagnosis with the fit that it began from, and its summary pictures."""
     from ..reporting import clear_for_diagnosis, draw_diagnosis
 
     with held(run.path):
@@ -212,10 +212,10 @@ def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) ->
 
 @contextmanager
 def _all_is_saved(run: RunFolder) -> Iterator[None]:
-    """Ctrl-C says what is kept.
+    """Give Ctrl-C a message that says which results are saved.
 
     Raises:
-        KeyboardInterrupt: as it came, with a message.
+        KeyboardInterrupt: with this message.
     """
     try:
         yield
@@ -227,15 +227,15 @@ def _all_is_saved(run: RunFolder) -> Iterator[None]:
 
 
 def keep_page(run: RunFolder, report: Report = silent) -> Page:
-    """RUN/report.html, and the pictures that it shows.
+    """Write RUN/report.html and the pictures that it shows.
 
-    Where the models cannot be loaded any more, as when the measurements have changed since, the page shows the pictures
-    that are there, and `missing` says why.
+    If the models cannot be loaded any more, for example because the measurements have changed, the page shows the
+    existing pictures, and `missing` says why.
     """
     from ..reporting import draw_others
     from ..reporting.page import read_run, write_page
 
-    read_run(run.path)  # says what is wrong with RUN before anything is drawn
+    read_run(run.path)  # reports errors of RUN before anything is drawn
     missing = ""
     with held(run.path):
         try:
@@ -253,7 +253,7 @@ def keep_posterior(
     settings: Mapping[str, Any],
     report: Report = silent,
 ) -> None:
-    """posterior.json, posterior.nc and pictures."""
+    """Write posterior.json, posterior.nc and pictures."""
     from ..posterior.sampling import bands
     from ..reporting.drawing import draw_shared
     from ..reporting.posterior.pictures import jobs
@@ -276,7 +276,7 @@ def keep_reduction(
     pade_order: int,
     report: Report = silent,
 ) -> None:
-    """transfer_function.json, frequency_response.json where the rig has sine traces, and their Bode plots."""
+    """Write transfer_function.json, frequency_response.json if the rig has sine traces, and their Bode plots."""
     from ..reporting.control import bode
     from ..reporting.drawing import Job, draw_here
     from ..run_folder.plant import frequency_json, reduction_json
@@ -304,7 +304,7 @@ def keep_reduction(
 def keep_design(
     run: RunFolder, result: FitResult, design: Design, settings: Mapping[str, Any], report: Report = silent
 ) -> None:
-    """pid.json and the responses of every rule; the manifest names the log and the fleet that gains were made from."""
+    """Write pid.json and the responses of every rule; the manifest names the log and the fleet behind the gains."""
     from ..reporting import draw_design
     from ..run_folder.pid import design_json
     from ..run_folder.state import exit_of
@@ -318,23 +318,23 @@ def keep_design(
         draw_design(draft, design, report)
 
 
-def one_held_against(studies: Sequence[Study], run: Path, made_with: str | None) -> Held:
-    """The one log that there is, beside what a run foretold.
+def compared_with_prediction(studies: Sequence[Study], run: Path, made_with: str | None) -> Held:
+    """A log compared with the prediction of a run.
 
     Args:
-        studies: of it alone.
-        run: of `etcfit tune`.
-        made_with: whose gains made it, as tune.json or the command line names them; half way where None.
+        studies: the study of this log, and no other.
+        run: run folder of `etcfit tune`.
+        made_with: gains of the log, as tune.json or the command line names them; half way if None.
     Raises:
-        UsageError: several logs, or a run that foretells nothing.
-        MeasurementError: no such steps in it.
+        UsageError: several logs, or a run without a prediction.
+        MeasurementError: the log has no such steps.
     """
     from ..car_log.foretold import held_against
     from ..reporting.car_log import Held
     from ..run_folder.reading import read_foretold
 
     if len(studies) != 1:
-        raise UsageError(f"--foretold is about one log, and there are {', '.join(each.log.name for each in studies)}. "
-                         "Name the file of the one that the new gains made.")  # fmt: skip
+        raise UsageError(f"--foretold takes one log, and there are {', '.join(each.log.name for each in studies)}. "
+                         "Name the file of the log that was made with the new gains.")  # fmt: skip
     told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
     return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))

@@ -111,7 +111,7 @@ def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "answer": answer(found),
         "model": _model(found),
         "requirements": of_requirements(design_json(found.design), shown) if shown else None,
-        "next": _next(shown, bool(found.asked.own and found.asked.own.bias)) if shown else [],
+        "next": _next(shown, bool(found.request.own and found.request.own.bias)) if shown else [],
     }
 
 

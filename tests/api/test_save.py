@@ -124,5 +124,5 @@ def test_gains_of_a_fleet_are_not_saved_beside_a_fit_or_another_fleet(fitted: Fi
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "fleet.json").write_text("{}")
     for name in ("fit", "other"):
-        with pytest.raises(UsageError, match=f"{name} holds other results than those of .*mine"):
+        with pytest.raises(UsageError, match=f"{name} holds results of another fleet than .*mine"):
             Fleet(tmp_path / "mine", files).keep_design(tmp_path / name, gains, {})

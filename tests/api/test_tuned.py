@@ -230,7 +230,7 @@ def test_the_next_command_keeps_what_the_user_said(
              "12.6", "--hold-out", "30", "--column", "TPS 1=position [%]"]  # fmt: skip
     given += ["--column", "lap.csv:PPS=ignore"]
     first = asked_by(monkeypatch, ["tune", "lap.csv", *given, "--out", "car"])
-    found = replace(tuned, asked=first)
+    found = replace(tuned, request=first)
     bad = held(found, tmp_path / "car", as_foretold=False)
     _, _, command = of_foretold(bad, Path("next.csv")).next.partition("with this log: etcfit ")
     again = asked_by(monkeypatch, shlex.split(command))

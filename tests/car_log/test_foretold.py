@@ -159,7 +159,7 @@ def test_python_says_the_same(tmp_path: Path) -> None:
         ("next.csv --foretold empty", 2, "there is no tune.json"),
         ("next.csv --foretold withheld", 2, "it gave no gains, so nothing was foretold"),
         ("next.csv --foretold run --made-with third", 2, "foretells present, half_way, proposed"),
-        (". --foretold run", 2, "--foretold is about one log"),
+        (". --foretold run", 2, "--foretold takes one log"),
         ("next.csv --made-with proposed", 2, "--made-with goes with --foretold"),
         (". --foretold run --compare next.csv small.csv", 2, "exclude each other"),
     ],

@@ -107,7 +107,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     if found.why_not:
         return Closing(said, _mended(found, run, files), look)
     if len(found.steps) == 1:
-        again = _tune(map(str, files), found.asked.options(of_files=True), ["P,I,D"], run)
+        again = _tune(map(str, files), found.request.options(of_files=True), ["P,I,D"], run)
         return Closing(said, f"say which gains are in the ECU now, for a half-way step: {again}", look)
     return Closing(said, f"type them in, engine off, and log the same moves again; then: "
                    f"{command('drive', NEXT_LOG, '--foretold', run)}", look)  # fmt: skip
@@ -157,10 +157,10 @@ def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
     stopped = found.input.stopped_by
     if stopped:
         return stopped[0].cure
-    asked = found.asked
-    sets = asked.of_logs or (() if asked.gains is None else (asked.gains,))
+    request = found.request
+    sets = request.of_logs or (() if request.gains is None else (request.gains,))
     present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
-    again = _tune(map(str, files), replace(asked, anyway=True).options(of_files=True), present, run)
+    again = _tune(map(str, files), replace(request, anyway=True).options(of_files=True), present, run)
     return f"look at {command('report', run)}; the gains all the same: {again}"
 
 
