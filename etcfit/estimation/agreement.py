@@ -1,4 +1,4 @@
-"""Do the parts of the data agree: what each pulls, how wide intervals must be, which test contradicts the others."""
+"""Whether the parts of the data agree: influence of each part, width of the intervals, contradicting tests."""
 
 from __future__ import annotations
 
@@ -37,15 +37,16 @@ from .statement import Piece, Split, Statement, inflations_of, prior, statement
 #
 #     T_k = sum_g d_gk^2 / E[sum_g d_gk^2],    nu_k = (tr Q_k)^2 / tr Q_k^2
 #
-# d_g is what leaving cluster g out moves, Q_k = cov(d_gk, d_hk) if the model is right and noise as `inflation` has it:
-# then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters to a parameter, nu_k about 2, and
-# its raw cluster covariance would be a number drawn at random; it counts only where T_k refuses agreement. There
+# d_g is the shift of the estimate when cluster g is left out, Q_k = cov(d_gk, d_hk) if the model is right and the noise
+# is as in `inflation`: then nu_k T_k is nearly chi2 of nu_k degrees of freedom. A bench has few clusters per parameter,
+# nu_k about 2, and its raw cluster covariance would be a random number; it counts only where T_k rejects agreement.
+# There
 #
 #     C' = C + W (sum_g d_g d_g^T) W,    C'_kk = phi_k (t_(1 + nu_k) / 1.96)^2 C_kk
 #     phi_k = (1 + nu_k T_k) / (1 + nu_k)
 #
-# with W diagonal, and 0 for all other parameters. The 1 is one degree of freedom's worth of belief that noise is what
-# it is said to be: without it an interval of two clusters would be ten times as wide or not at all.
+# with W diagonal, and 0 for all other parameters. The 1 is a prior of one degree of freedom that the noise is as
+# stated: without it an interval from two clusters would be ten times as wide, or not wider at all.
 #
 # Source: Bell and McCaffrey 2002, Survey Methodology 28(2) (jackknife over clusters, degrees of freedom after
 # Satterthwaite); Birge 1932, Phys. Rev. 40 (T); Smyth 2004, Stat. Appl. Genet. Mol. Biol. 3(1) (phi). Differs from
@@ -62,7 +63,7 @@ class Scatter(NamedTuple):
 
     Args:
         shifts: d, shape (G, P).
-        ratio: T, shape (P,); 0 where a cluster alone determines the parameter, so that nothing can disagree.
+        ratio: T, shape (P,); 0 where one cluster alone determines the parameter, so that no other can disagree.
         freedom: nu, shape (P,).
     """
 
@@ -72,12 +73,12 @@ class Scatter(NamedTuple):
 
     @property
     def p(self) -> np.ndarray:
-        """Probability of such a scatter, or a larger one, where clusters agree, shape (P,)."""
+        """Probability of such a scatter, or a larger one, if clusters agree, shape (P,)."""
         return np.asarray(chdtrc(self.freedom, self.ratio * self.freedom))
 
 
 def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarray, unknown: float) -> Scatter:
-    """Leave out every cluster once."""
+    """Leave out each cluster in turn."""
     everything = reduce(add, clusters, believed)
     splits = [Split(own, everything - own, reach, unknown) for own in clusters]
     shifts = np.array([split.shift for split in splits])
@@ -89,9 +90,9 @@ def scatter(clusters: Sequence[Statement], believed: Statement, reach: np.ndarra
     for k in range(reach.size):
         q = _covariance(inverse[k], others[:, k], spread)
         expected[k], squares[k] = np.trace(q), np.sum(q**2)
-    told = ~alone & (expected > 0.0)
-    ratio = np.where(told, np.sum(shifts**2, axis=0) / np.where(told, expected, 1.0), 0.0)
-    freedom = np.where(told, expected**2 / np.where(told, squares, 1.0), 1.0)
+    determined = ~alone & (expected > 0.0)
+    ratio = np.where(determined, np.sum(shifts**2, axis=0) / np.where(determined, expected, 1.0), 0.0)
+    freedom = np.where(determined, expected**2 / np.where(determined, squares, 1.0), 1.0)
     return Scatter(shifts, ratio, np.maximum(1.0, freedom))
 
 
@@ -110,12 +111,12 @@ def _covariance(all_row: np.ndarray, without_rows: np.ndarray, spread: np.ndarra
 
 
 def widened(covariance: np.ndarray, every: Iterable[Scatter], level: float) -> np.ndarray:
-    """The covariance that clusters which disagree leave, shape (P, P); never narrower, not even a combination.
+    """The covariance widened for clusters that disagree, shape (P, P); never narrower in any direction.
 
     Args:
         covariance: C, shape (P, P).
         every: the scatter over traces, over tests: the wider one counts for each parameter.
-        level: of the test for agreement.
+        level: significance level of the test for agreement.
     """
     wide = covariance
     for each in every:
@@ -130,13 +131,13 @@ def widened(covariance: np.ndarray, every: Iterable[Scatter], level: float) -> n
     return wide
 
 
-# ---- What each rig test and each trace does to each parameter: where the fit would go without it, in one step
+# ---- Influence of each rig test and each trace on each parameter: the fit without it, in one step
 #
 #     pull = (x_without - x) / sd,    x_without - x = -(F - F_g)^-1 (s - s_g) + F^-1 s
 #
-# F, s and sd are those of all data, F_g and s_g those of the part left out, see `statement`; sd is what noise alone
-# leaves, not widened. Exact where the model is linear. A parameter that the rest does not determine has no pull:
-# `alone` names it.
+# F, s and sd are those of all data, F_g and s_g those of the part left out, see `statement`; sd is due to noise alone,
+# not widened. Exact if the model is linear. A parameter that the remaining data do not determine has no pull: `alone`
+# names it.
 #
 # Source: Belsley, Kuh and Welsch 1980, Regression Diagnostics, eq. 2.1 (DFBETAS). Differs from source: rows are left
 # out by trace and by test, and sd is that of all data.
@@ -144,14 +145,14 @@ def widened(covariance: np.ndarray, every: Iterable[Scatter], level: float) -> n
 
 @dataclass(frozen=True)
 class Pull:
-    """What leaving a part of the data out moves.
+    """The shift of one parameter when a part of the data is left out.
 
     Args:
-        test: the rig test left out, or of the file left out.
-        file: the one left out; None for the whole test.
+        test: the rig test left out, or the test of the file left out.
+        file: the file left out; None for the whole test.
         parameter: symbol.
-        pull: by how much, standard errors of noise alone.
-        moved: the same in the coordinate.
+        pull: the shift in standard errors of noise alone.
+        moved: the shift of the coordinate.
     """
 
     test: str
@@ -163,7 +164,7 @@ class Pull:
 
 @dataclass(frozen=True)
 class Influence:
-    """Who determines what.
+    """Which part of the data determines which parameter.
 
     Args:
         pulls: every part of the data on every parameter that the others determine as well; the largest first.
@@ -174,16 +175,16 @@ class Influence:
     alone: Mapping[str, str] = field(default_factory=dict)
 
     def largest(self, least: float, most: int) -> tuple[Pull, ...]:
-        """The first ones.
+        """The largest pulls.
 
         Args:
-            least: standard errors that a pull must have.
+            least: smallest pull, standard errors.
         """
         return tuple(pull for pull in self.pulls[:most] if abs(pull.pull) >= least)
 
 
 def root(variance: np.ndarray, instead: float) -> np.ndarray:
-    """sqrt(variance), shape (P,); `instead` where rounding leaves none, of what the data do not tell."""
+    """sqrt(variance), shape (P,); `instead` where rounding makes the variance of an undetermined parameter negative."""
     return np.sqrt(np.where(variance > 0.0, variance, instead))
 
 
@@ -194,7 +195,7 @@ def influence(
     reach: np.ndarray,
     unknown: float,
 ) -> Influence:
-    """Leave out every test and, where it has more than one, every trace of it."""
+    """Leave out each test and, if it has several traces, each of its traces."""
     everything = reduce(add, traces.values(), believed)
     sd = root(np.diag(np.linalg.inv(everything.information)), np.inf)
     known = sd < unknown * reach
@@ -204,12 +205,12 @@ def influence(
         lost = split.lost_without
         alone = {s: file or test for s, gone, k in zip(symbols, lost, known, strict=True) if gone and k} | alone
         rows = zip(symbols, split.shift.tolist(), sd.tolist(), known & ~lost, strict=True)
-        pulls += [Pull(test, file, s, moved / sigma, moved) for s, moved, sigma, told in rows if told]
+        pulls += [Pull(test, file, s, moved / sigma, moved) for s, moved, sigma, determined in rows if determined]
     return Influence(tuple(sorted(pulls, key=lambda each: -abs(each.pull))), alone)
 
 
 def parts(traces: Mapping[tuple[str, str], Statement]) -> dict[tuple[str, str | None], Statement]:
-    """What every test says, with None for its file, and every trace of a test that has several."""
+    """The statement of each test, with None for its file, and of each trace of a test that has several."""
     tests: dict[str, list[str]] = {}
     for test, file in traces:
         tests.setdefault(test, []).append(file)
@@ -223,24 +224,25 @@ def parts(traces: Mapping[tuple[str, str], Statement]) -> dict[tuple[str, str | 
 # ---- Parameters of a model that is far from its data, or of tests that contradict each other: the range that subsets
 # give.
 #
-#     [min, max] over the fits to all tests but one of x_g -+ 1.96 sd_g, and over what one test alone says, x_g
+#     [min, max] over the fits to all tests but one of x_g -+ 1.96 sd_g, and over the estimates of single tests, x_g
 #
-# Only subsets that know a parameter speak of it; the interval stated for all the data is always inside. It is no
-# statistical interval: errors that all tests share, a wrong angle scale say, move every subset alike.
+# Only subsets that determine a parameter contribute; the interval stated for all the data is always inside. It is not a
+# statistical interval: errors that all tests share, such as a wrong angle scale, move every subset in the same way.
 
 Z_95 = 1.96  # half width of a 95 % interval, standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Compromise:
-    """What subsets of the data give.
+    """The results of subsets of the data.
 
     Args:
-        why: in words.
+        why: the reason in words.
         without: tests left out, G.
         points: coordinates of the fits without them, shape (G, P).
         covariances: of those coordinates, shape (G, P, P).
-        alone: coordinates by one test alone, in one linearised step, NaN where it does not know them, shape (S, P).
+        alone: coordinates by one test alone, in one linearised step, NaN where it does not determine them, shape (S,
+            P).
     """
 
     why: str
@@ -255,12 +257,12 @@ class Compromise:
         Args:
             half: half width of an interval, standard deviations.
             low, high: the interval stated for all the data, shape (P,).
-            most: standard deviation above which a subset does not know a coordinate, shape (P,).
+            most: standard deviation above which a subset does not determine a coordinate, shape (P,).
         """
         sd = np.sqrt(np.maximum(np.diagonal(self.covariances, axis1=1, axis2=2), 0.0))
-        told = sd < most
-        lows = np.where(told, self.points - half * sd, np.inf)
-        highs = np.where(told, self.points + half * sd, -np.inf)
+        determined = sd < most
+        lows = np.where(determined, self.points - half * sd, np.inf)
+        highs = np.where(determined, self.points + half * sd, -np.inf)
         alone = np.where(np.isnan(self.alone), np.inf, self.alone), np.where(np.isnan(self.alone), -np.inf, self.alone)
         return (np.min(np.vstack((low, lows, alone[0])), axis=0), np.max(np.vstack((high, highs, alone[1])), axis=0))
 
@@ -291,21 +293,21 @@ def compromise_reason(far: bool, chi2: float, contradicting: Iterable[str], sett
 
 _SEEN = 1.0  # standard errors by which a parameter must move to show a contradiction
 _LOOK = (
-    "Look for what differs in that test: series resistance, a sensor, wiring, temperature, or an effect that the model "
+    "Look for a difference in that test: series resistance, a sensor, wiring, temperature, or an effect that the model "
     "lacks."
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """What the parts of the data say of each other.
+    """How far the parts of the data agree.
 
     Args:
-        influence: by how much each part moves each parameter.
+        influence: how far each part moves each parameter.
         covariance: of the coordinates, wide enough for the scatter of traces and tests, shape (P, P).
         contradictions: tests that contradict the others, worst first.
-        outweighed: tests that disagree with the others, and yet move nothing.
-        compromise: what subsets of the data give, where the parameters are no estimates; else None.
+        outweighed: tests that disagree with the others, but move no parameter.
+        compromise: results of subsets of the data, if the parameters are no estimates; else None.
     """
 
     influence: Influence
@@ -315,7 +317,7 @@ class Agreement:
     compromise: Compromise | None = None
 
     def words(self, units: Callable[[str], str]) -> list[str]:
-        """Warnings; `units` of a symbol, SI."""
+        """Warnings; `units` gives the SI unit of a symbol."""
         return [
             *(in_words(each, units(each.parameter)) for each in self.contradictions),
             *map(outweighed_in_words, self.outweighed),
@@ -324,14 +326,14 @@ class Agreement:
 
 @dataclass(frozen=True, eq=False)
 class _FittedData:
-    """What is compared: the problem at its optimum; see `agreement`."""
+    """The data that are compared: the problem at its optimum; see `agreement`."""
 
     problem: EstimationProblem
     weighted: WeightedData
     x: np.ndarray
     pieces: tuple[Piece, ...]
     settings: FitSettings
-    made: dict[tuple[str, ...], Subset] = field(default_factory=dict)  # what was refitted to, by its tests
+    made: dict[tuple[str, ...], Subset] = field(default_factory=dict)  # refits to subsets, by their tests
 
     @property
     def reach(self) -> np.ndarray:
@@ -346,23 +348,23 @@ class _FittedData:
         return Subset(tests_of(self.problem), self.x, self.pieces, prior_score(self.problem, self.weighted, self.x))
 
     def believed(self, here: Subset) -> Statement:
-        """The priors: those given, and `WIDE` about wherever the fit went."""
+        """The priors: those given, and `WIDE` about the end of the fit."""
         return prior(prior_information(self.problem.layout, self.x, self.weighted.prior_sd), here.belief)
 
     def refitted(self, x: np.ndarray, tests: tuple[str, ...]) -> Subset:
-        """The fit made again to some tests, from x, shape (P,), where that was not yet done."""
+        """The refit to some tests, from x, shape (P,); made once."""
         if tests not in self.made:
             self.made[tests] = fitted_to(self.problem, self.weighted, x, tests, self.settings)
         return self.made[tests]
 
     def freed(self, each: Contradicting) -> Contradicting:
-        """A contradicting test, the others fitted with a whitening that it does not bend."""
+        """A contradicting test, with the others fitted under a whitening that this test does not influence."""
         rest = refit_with_own_whitening(self.problem, each.without, self.settings)
         self.made[rest.tests] = rest
         return replace(each, without=rest)
 
     def covariance(self, here: Subset) -> np.ndarray:
-        """Of the coordinates as a subset knows them, widened for what its own residual shows, shape (P, P)."""
+        """Covariance of the coordinates from a subset, widened for the subset's own residual, shape (P, P)."""
         counted = [piece for piece in here.pieces if piece.test in here.tests]
         said = statement(counted, inflations_of(counted)) + self.believed(here)
         inverse = np.linalg.inv(said.information)
@@ -381,8 +383,8 @@ def agreement(
     """Compare every trace and every test of a fit with the others.
 
     Args:
-        pieces: every channel of every trace, linearised there.
-        covariance: of the coordinates, widened channel by channel, shape (P, P).
+        pieces: every channel of every trace, linearised at the optimum.
+        covariance: covariance of the coordinates, widened channel by channel, shape (P, P).
         misfit: whether the model is far from the data, and chi2 per degree of freedom.
     """
     if not all(np.isfinite(piece.jacobian).all() and np.isfinite(piece.r).all() for piece in pieces):
@@ -395,7 +397,7 @@ def agreement(
     every = (scatter(each, believed, data.reach, data.unknown) for each in ([*traces.values()], tests))
     wide = widened(covariance, every, SCATTER)
     comparison = Comparison(data.refitted, data.believed, data.reach, data.unknown, settings.contradiction)
-    # far from the data each channel is weighed by its own error: there, the test that errs hardly counts
+    # far from the data each channel is weighted by its own error, so a wrong test hardly counts
     contradicting = () if misfit[0] else tuple(map(data.freed, comparison.contradicting(data.everything)))
     named = tuple(_named(data, each) for each in contradicting)
     real, outweighed = by_consequence(named, settings.contradiction.moves)
@@ -412,7 +414,7 @@ def _by_trace(pieces: Sequence[Piece]) -> dict[tuple[str, str], Statement]:
 
 
 def _named(data: _FittedData, each: Contradicting) -> Contradiction:
-    """The parameter that the test pulls most, of those that the others know."""
+    """The contradiction, with the parameter that the test pulls most, of those that the others determine."""
     layout = data.problem.layout
     said = reduce(add, (statement((piece,), (1.0,)) for piece in data.pieces), data.believed(data.everything))
     sd = np.sqrt(np.diag(np.linalg.inv(said.information)))
@@ -425,7 +427,7 @@ def _named(data: _FittedData, each: Contradicting) -> Contradiction:
 
 
 def _compromise(data: _FittedData, why: str) -> Compromise:
-    """The range that subsets give: the fit made again without each test, and one step to each test alone."""
+    """The range from subsets: the refit without each test, and one step to each test alone."""
     tests, size = tests_of(data.problem), data.x.size
     left_out = tests if len(tests) > 1 else ()
     rest = [tuple(each for each in tests if each != test) for test in left_out]
@@ -440,8 +442,8 @@ def _compromise(data: _FittedData, why: str) -> Compromise:
 
 
 def _alone(data: _FittedData, test: str) -> np.ndarray:
-    """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where it does not know them, or lies so
-    far off that one step does not lead there."""
+    """Coordinates by one test alone, one step from the optimum, shape (P,); NaN where the test does not determine them,
+    or where its optimum is too far for one step."""
     believed = data.believed(data.everything)
     split = split_off(data.everything, test, believed, data.reach, data.unknown)
     sd = np.sqrt(np.diag(np.linalg.inv(split.own.information + believed.information)))
@@ -451,7 +453,7 @@ def _alone(data: _FittedData, test: str) -> np.ndarray:
 
 
 def in_words(each: Contradiction, unit: str) -> str:
-    """The warning for a test that contradicts the others; unit: of the parameter it pulls, SI."""
+    """The warning for a test that contradicts the others; unit: SI unit of the parameter that it pulls."""
     if abs(each.pull) < _SEEN:
         return (
             f"{each.test} contradicts the other tests: without it a combination of parameters moves by "
@@ -466,8 +468,8 @@ def in_words(each: Contradiction, unit: str) -> str:
 
 
 def outweighed_in_words(each: Contradiction) -> str:
-    """The warning for a test that disagrees with the others and moves nothing."""
+    """The warning for a test that disagrees with the others but moves no parameter."""
     return (
         f"{each.test} disagrees with the other tests by more than its noise, but the others outweigh it: without it no "
-        f"parameter moves by more than {each.moved:.2g} standard errors. The parameters hold. {_LOOK}"
+        f"parameter moves by more than {each.moved:.2g} standard errors. The parameters remain valid. {_LOOK}"
     )

@@ -1,4 +1,4 @@
-"""Which rig test contradicts the others: the fit made again without it, and how far the two sides disagree."""
+"""Which rig test contradicts the others: the refit without it, and how far the two sides disagree."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from .levenberg_marquardt import descend
 from .settings import ContradictionSettings, FitSettings
 from .statement import Piece, Split, Statement, inflations_of, pieces_at, statement
 
-# ---- The fit made again to some of its rig tests: same model, same whitening, same compiled programs, other weights
+# ---- The refit to some of the rig tests: same model, same whitening, same compiled programs, other weights
 
 
-_CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than parts that disagree differ by
+_CLOSE = 1e-4  # relative change of chi2 that ends a descent: far less than the difference between parts that disagree
 
 _RENEWALS = 3  # of a subset's whitening
 
 
 @dataclass(frozen=True, eq=False)
 class Subset:
-    """Where the fit goes on a part of the data.
+    """The fit to a part of the data.
 
     Args:
-        tests: those that count.
+        tests: the tests that count.
         x: coordinates, shape (P,).
-        pieces: every channel of every trace linearised there, those that do not count among them.
-        belief: score of the priors there, shape (P,).
+        pieces: every channel of every trace linearised at x, including those that do not count.
+        belief: score of the priors at x, shape (P,).
     """
 
     tests: tuple[str, ...]
@@ -49,17 +49,17 @@ def tests_of(problem: EstimationProblem) -> tuple[str, ...]:
 def fitted_to(
     problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, tests: Collection[str], settings: FitSettings
 ) -> Subset:
-    """Descend from x with some tests alone."""
+    """Descend from x with some tests only."""
     counts = with_only_weights_of(problem, weighted, lambda trace: trace.test.name in tests)
     end, _ = descend(problem, x, counts, _CLOSE, settings.steps)
     return at(problem, weighted, end, tests)
 
 
 def refit_with_own_whitening(problem: EstimationProblem, here: Subset, settings: FitSettings) -> Subset:
-    """The fit to a subset with a whitening, and outliers, of its own.
+    """The refit to a subset with its own whitening and outliers.
 
-    Those of all the data were made along the path that the test left out had bent. Sums of squares before and after
-    are not comparable.
+    Whitening and outliers of all the data were computed along a path that the test left out had influenced. Sums of
+    squares before and after are not comparable.
     """
     fresh = replace(problem, sigma=problem.batch.slots.sigma)
     for _ in range(_RENEWALS):
@@ -81,7 +81,7 @@ def prior_score(problem: EstimationProblem, weighted: WeightedData, x: np.ndarra
 def with_only_weights_of(
     problem: EstimationProblem, weighted: WeightedData, counts: Callable[[Trace], bool]
 ) -> WeightedData:
-    """The data with the weights of all traces 0 but of those that count."""
+    """The data with the weights of all traces set to 0, except those that count."""
     weight = np.array(weighted.whitening.weight)
     for trace, (lane, _, marks) in zip(problem.batch.traces, problem.batch.places, strict=True):
         if not counts(trace):
@@ -93,14 +93,14 @@ def with_only_weights_of(
 #
 #     T = z^T cov(z)^-1 z,    z_i = b_i^T F (x_own - x_others)
 #
-# in the directions b_i that both sides determine, see `statement`. Each side's noise is what its own residual shows
-# once it need not agree with the other (`inflation`), so that no test is named where the model fits neither. T is
-# compared with Hotelling's T^2 of the smaller side's independent samples.
+# in the directions b_i that both sides determine, see `statement`. The noise of each side comes from its own residual
+# with its own parameters (`inflation`), so that no test is named if the model fits neither side. T is compared with
+# Hotelling's T^2 of the smaller side's independent samples.
 #
 # Source: Hausman 1978, Econometrica 46(6). Differs from source: the estimates compared are those of two disjoint parts
 # of the data.
 
-_LEAST = 1e-4  # share of the information of a direction below which a side has no say in it
+_LEAST = 1e-4  # share of the information of a direction below which a side does not count there
 _SURE = 3.0  # standard deviations by which noise alone may exceed its mean
 
 
@@ -111,7 +111,7 @@ class Parted:
     Args:
         split: the two sides.
         misfit: sum of squared residuals of both sides together, over the noise itself.
-        samples: of both.
+        samples: number of samples of both sides.
     """
 
     split: Split
@@ -119,10 +119,10 @@ class Parted:
     samples: int
 
     def share(self, together: float) -> float:
-        """Of the misfit, what is gone once they need not agree; what noise alone leaves counts as none.
+        """Share of the misfit that disappears if the sides need not agree; the part due to noise counts as no misfit.
 
         Args:
-            together: sum of squared residuals where they must.
+            together: sum of squared residuals if they must agree.
         """
         gain = max(0.0, together - self.misfit)
         left = max(0.0, self.misfit - self.samples - _SURE * (2.0 * self.samples) ** 0.5)
@@ -130,10 +130,10 @@ class Parted:
 
 
 def disagreement(split: Split, understated: float = 1.0) -> float:
-    """log p of T; 0 where no direction is determined by both sides, or a side has too few independent samples.
+    """log p of T; 0 if no direction is determined by both sides, or a side has too few independent samples.
 
     Args:
-        understated: times that their errors may exceed the standard errors stated.
+        understated: factor by which the errors may exceed the stated standard errors.
     """
     common = (
         split.determined_by_own & split.determined_by_others & (split.share > _LEAST) & (split.others_share > _LEAST)
@@ -147,7 +147,7 @@ def disagreement(split: Split, understated: float = 1.0) -> float:
     z = others.T @ split.others.score - own.T @ split.own.score
     spread = own.T @ split.own.spread @ own + others.T @ split.others.spread @ others
     t2 = float(z @ np.linalg.solve(spread, z)) / understated**2
-    with np.errstate(divide="ignore"):  # log 0 where no double is small enough
+    with np.errstate(divide="ignore"):  # log 0: p underflows
         return float(np.log(fdtrc(count, freedom, max(t2, 0.0) * freedom / ((freedom + count - 1.0) * count))))
 
 
@@ -159,10 +159,10 @@ def parted(
     unknown: float,
     alone: Subset | None = None,
 ) -> Parted:
-    """One test against the others, linearised at the same point.
+    """One test and the others, linearised at the same point.
 
     Args:
-        here: the others fitted, or all of them with the test among them.
+        here: the fit to the others, or to all tests.
         believed: the priors, at that point.
         alone: the fit to this test alone, where its own optimum is more than one step away: linearised there.
     """
@@ -185,28 +185,28 @@ def sides_of(here: Subset, test: str) -> tuple[list[Piece], list[Piece]]:
 
 
 def undisputed(pieces: Sequence[Piece]) -> Statement:
-    """What channels say whose noise is as declared."""
+    """The statement of channels with the declared noise."""
     return statement(pieces, [1.0] * len(pieces))
 
 
 def split_off(here: Subset, test: str, believed: Statement, reach: np.ndarray, unknown: float) -> Split:
-    """One test and the others that count, noise as declared."""
+    """One test and the others that count, with the declared noise."""
     own, others = sides_of(here, test)
     return Split(undisputed(own), undisputed(others) + believed, reach, unknown)
 
 
-# ---- Which rig test contradicts the others: it is left out, the fit is made again, and the two sides are compared
+# ---- Which rig test contradicts the others: it is left out, the others are refitted, and the two sides are compared
 #
-# The level is shared out over the tests (Holm's first step). Of those that contradict, the one is named that explains
-# most of the misfit if it may differ; then the others are asked again without it, so that what disagreed with it alone
-# is not named beside it.
+# The level is divided by the number of tests (Holm's first step). Of the contradicting tests, the one is named that
+# explains most of the misfit if it may differ; then the others are tested again without it, so that a test that
+# disagrees only with the named one is not named too.
 #
-# Source: Holm 1979, Scand. J. Statist. 6. Differs from source: of all that could be rejected only the worst is, and the
-# rest tested anew.
+# Source: Holm 1979, Scand. J. Statist. 6. Differs from source: only the worst of all that could be rejected is
+# rejected, and the rest is tested again.
 
 
-_SHARE = 0.5  # of the misfit that must be gone when a test may differ from the others, for it to be named
-NAMED = 1  # tests that may be named, one after the other; where one is mended the next shows by itself
+_SHARE = 0.5  # share of the misfit that must disappear if a test may differ from the others, for the test to be named
+NAMED = 1  # largest number of named tests; when one is mended, the next shows by itself
 
 
 @dataclass(frozen=True)
@@ -214,15 +214,15 @@ class Contradiction:
     """A rig test that the others contradict.
 
     Args:
-        test: which.
-        parameter: the one that it pulls most, symbol.
-        pull: by how much leaving it out moves that, standard errors of noise alone.
-        value, without: of that parameter, with the test and without it, SI.
-        p: probability of so large a disagreement, or a larger one, where there is none and errors are as much larger
-            than stated as they may be (`ContradictionSettings.understated`).
-        share: of the misfit that is gone if this test may differ from the others.
-        moved: by how much leaving it out moves the combination of parameters that moves most, standard errors of noise
-            alone; see `contradiction_distance`.
+        test: name of the test.
+        parameter: symbol of the parameter that it pulls most.
+        pull: shift of that parameter without the test, standard errors of noise alone.
+        value, without: value of that parameter with the test and without it, SI.
+        p: probability of so large a disagreement, or a larger one, if tests agree and errors are larger than stated by
+            the allowed factor (`ContradictionSettings.understated`).
+        share: share of the misfit that disappears if this test may differ from the others.
+        moved: shift without the test of the combination of parameters that moves most, standard errors of noise alone;
+            see `contradiction_distance`.
     """
 
     test: str
@@ -236,11 +236,11 @@ class Contradiction:
 
 
 def digits_apart(one: float, other: float, least: int = 3, most: int = 8) -> int:
-    """Significant digits with which two numbers differ by more than their last one.
+    """Significant digits at which two numbers differ by more than one unit of the last digit.
 
     Args:
         one, other: in one unit.
-        least, most: the digits are no fewer and no more.
+        least, most: bounds of the number of digits.
     """
     gap, size = abs(one - other), max(abs(one), abs(other))
     if not (math.isfinite(gap) and gap > 0.0):
@@ -254,9 +254,9 @@ class Contradicting:
 
     Args:
         test: which.
-        together, without: the fit with it and the one to the others.
+        together, without: the fit with the test, and the fit to the others.
         p, share: see `Contradiction`.
-        gain: sum of squared residuals, over the noise itself, that is gone if the test may differ.
+        gain: fall of the sum of squared residuals, over the noise itself, if the test may differ.
     """
 
     test: str
@@ -268,7 +268,7 @@ class Contradicting:
 
 
 def contradiction_distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
-    """By how much leaving a test out moves the fit, along whatever combination of parameters moves most.
+    """How far leaving a test out moves the fit, along the combination of parameters that moves most.
 
         sqrt(sum_i (b_i^T F (x_without - x_together))^2)    over the directions b_i that the others determine
 
@@ -287,7 +287,7 @@ def by_consequence(
     """Tests that contradict the others, and those that the others outweigh.
 
     Args:
-        least: standard errors by which a contradiction moves something; see `ContradictionSettings.moves`.
+        least: least shift of a contradiction, standard errors; see `ContradictionSettings.moves`.
     """
     return tuple(each for each in found if each.moved >= least), tuple(each for each in found if each.moved < least)
 
@@ -297,11 +297,11 @@ class Comparison:
     """How tests are compared.
 
     Args:
-        refitted: the fit made again to some tests, from coordinates of shape (P,).
+        refitted: refits to some tests, from coordinates of shape (P,).
         believed: the priors, at a subset's coordinates.
-        reach: of each coordinate, shape (P,).
+        reach: reach of each coordinate, shape (P,).
         unknown: standard deviation above which a parameter is not known, reaches.
-        settings: what decides.
+        settings: thresholds.
     """
 
     refitted: Callable[[np.ndarray, tuple[str, ...]], Subset]
@@ -326,7 +326,7 @@ class Comparison:
         together = sum(piece.misfit() for piece in here.pieces if piece.test in here.tests)
         believed = self.believed(here)
         likely = []
-        for test in here.tests:  # to first order, as if noise were as declared: cheap, and never too lenient
+        for test in here.tests:  # to first order, with the declared noise: cheap, and never too lenient
             split = split_off(here, test, believed, self.reach, self.unknown)
             if self._unlikely(split) < bound:
                 likely.append(test)
@@ -335,7 +335,7 @@ class Comparison:
         return max(proven, key=lambda each: each.gain, default=None)
 
     def _bound(self, here: Subset) -> float:
-        """log p below which one of so many tests contradicts the others."""
+        """log p below which a test contradicts the others, for this number of tests."""
         return float(np.log(self.settings.level / len(here.tests)))
 
     def _unlikely(self, split: Split) -> float:
@@ -343,9 +343,9 @@ class Comparison:
 
     def _tried(self, here: Subset, test: str, together: float) -> Contradicting:
         without = self.refitted(here.x, tuple(each for each in here.tests if each != test))
-        asked = without, test, self.believed(without), self.reach, self.unknown
-        two = parted(*asked)
+        arguments = without, test, self.believed(without), self.reach, self.unknown
+        two = parted(*arguments)
         if two.share(together) >= _SHARE and self._unlikely(two.split) > self._bound(here):
-            two = parted(*asked, self.refitted(without.x, (test,)))  # its own optimum may be more than a step away
+            two = parted(*arguments, self.refitted(without.x, (test,)))  # its own optimum may be more than a step away
         p = float(np.exp(self._unlikely(two.split)))
         return Contradicting(test, here, without, p, two.share(together), together - two.misfit)

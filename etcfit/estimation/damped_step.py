@@ -1,6 +1,6 @@
-"""One step of Levenberg-Marquardt by Optimistix, compiled, on a residual that was computed before.
+"""One step of Levenberg-Marquardt by Optimistix, compiled, on a residual that is already computed.
 
-A module of its own because Optimistix is imported where a descent begins and nowhere before.
+This is a module of its own so that Optimistix is imported only when a descent begins.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from jaxtyping import Float
 from ..model.parameters import AnyArray
 from ..problem.normal_equations import NormalEquations
 
-_ROOM = 8  # parameters by which the solver's program grows, so that few are compiled
+_ROOM = 8  # the solver's program has a multiple of so many parameters, so that few programs are compiled
 _TINY = 1e-12  # singular values below this share of the largest count as zero
 
 
 def room_of(size: int) -> int:
-    """Coordinates of the program that serves so many."""
+    """Number of coordinates of the program for a problem of this size."""
     return _ROOM * -(-size // _ROOM)
 
 
@@ -36,7 +36,7 @@ def _silent(**_: Any) -> None:
 class _LevenbergMarquardt(optimistix.AbstractGaussNewton):
     """Optimistix's Levenberg-Marquardt with a trust region that grows on good steps, not on perfect ones only."""
 
-    rtol: float = 1.0  # `least_squares` says itself when it is done
+    rtol: float = 1.0  # `least_squares` decides itself when to stop
     atol: float = 1.0
     norm: Callable[[Any], Any] = optimistix.max_norm
     descent: optimistix.DampedNewtonDescent = optimistix.DampedNewtonDescent(lineax.Normal(lineax.Cholesky()))
@@ -51,12 +51,12 @@ _BACKWARD = {"jac": "bwd"}  # a Jacobian that is a plain matrix
 
 
 class Condensed(NamedTuple):
-    """A residual of P + 1 entries with the chi2, the gradient and the curvature of one of any length.
+    """A residual of P + 1 entries with the chi2, gradient and curvature of a residual of any length.
 
         rho = [D^-1/2 V^T g, sqrt(chi2 - |D^-1/2 V^T g|^2)],    K = [D^1/2 V^T, 0],    J^T J = V D V^T,    g = J^T r
 
-    so that rho^T rho = chi2, K^T rho = g and K^T K = J^T J: every step of Gauss-Newton or Levenberg-Marquardt is the
-    same.
+    so that rho^T rho = chi2, K^T rho = g and K^T K = J^T J: every step of Gauss-Newton or Levenberg-Marquardt is
+    unchanged.
 
     Args:
         residual: rho, shape (P + 1,).
@@ -68,13 +68,13 @@ class Condensed(NamedTuple):
 
     @classmethod
     def sum_alone(cls, chi2: float, size: int) -> Condensed:
-        """Of a point of which no slope is known: enough to reject it; NaN where the sum is not finite."""
+        """For a point whose derivatives are unknown: enough to reject it; NaN if the sum is not finite."""
         rest = np.sqrt(chi2) if np.isfinite(chi2) else np.nan
         return cls(np.append(np.zeros(size), rest), np.zeros((size + 1, size)))
 
     @classmethod
     def of_equations(cls, e: NormalEquations) -> Condensed:
-        """Of normal equations; NaN where they are not finite, so that no step there is taken."""
+        """From normal equations; NaN if they are not finite, so that no step to that point is accepted."""
         size = e.gradient.size
         if not e.finite:
             return cls(np.full(size + 1, np.nan), np.full((size + 1, size), np.nan))
@@ -88,7 +88,7 @@ class Condensed(NamedTuple):
 
 @jax.custom_vjp
 def _known(y: Any, at: Condensed) -> Any:
-    """The residual at y, which was computed before."""
+    """The residual at y, already computed."""
     return at.residual
 
 
@@ -99,7 +99,7 @@ _known.defvjp(
 
 @cache
 def _first(room: int) -> Any:
-    """Optimistix's state before the first step at y = 0, of a problem of that size."""
+    """Optimistix's state before the first step at y = 0, for a problem of that size."""
     y, at = np.zeros(room), Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
     shape = jax.eval_shape(_known, y, at)
     return _SOLVER.init(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, shape, None, frozenset())
@@ -107,7 +107,7 @@ def _first(room: int) -> Any:
 
 @partial(jax.jit, static_argnums=0)
 def _stepped(room: int, y: Any, leaves: list[Any], at: Condensed) -> Any:
-    """One step: the lowest point so far, and the leaves of the state with the next to look at."""
+    """One step: the lowest point so far, and the leaves of the state with the next trial point."""
     state = jax.tree.unflatten(jax.tree.structure(_first(room)), leaves)
     after, state = _SOLVER.step(lambda y, at: (_known(y, at), None), y, at, _BACKWARD, state, frozenset())[:2]
     return after, jax.tree.leaves(state)
@@ -119,13 +119,13 @@ def begun(room: int, y: np.ndarray) -> Any:
 
 
 def next_step(room: int, y: np.ndarray, state: Any, at: Condensed) -> tuple[np.ndarray, Any]:
-    """The lowest point so far, and the state with the next to look at."""
+    """The lowest point so far, and the state with the next trial point."""
     after, leaves = _stepped(room, y, jax.tree.leaves(state), at)
     return np.asarray(after), jax.tree.unflatten(jax.tree.structure(state), leaves)
 
 
 def compile_step(size: int) -> None:
-    """Compile the step of a descent with so many coordinates, which takes a second where it never was."""
+    """Compile the step of a descent with this number of coordinates, which takes a second the first time."""
     room = room_of(size)
     at = Condensed(np.zeros(room + 1), np.zeros((room + 1, room)))
     _stepped.lower(room, np.zeros(room), jax.tree.leaves(_first(room)), at).compile()

@@ -1,9 +1,9 @@
-"""Edges of the voltage that are in step with the samples, seen by a model that is near its data.
+"""Edges of the voltage that are in step with the samples, detected by a model that is near its data.
 
-Where one clock drives output and logger, no edge comes at an instant of its own: all of a rig test share one place
-between two samples, and a fit that takes each as independent and uniform is biased by what they share. The model is
-simulated with every edge at the begin, the middle and the end of its interval; what the current did after each edge
-tells where it came. Where those places agree within a test their phase becomes a parameter (`EdgePhase`).
+If one clock drives output and logger, the instants of the edges are not independent: all edges of a rig test have the
+same place between two samples, and a fit that assumes independent, uniform places is biased. The model is simulated
+with every edge at the begin, the middle and the end of its interval; the current after each edge shows its place. If
+the places agree within a test, their phase becomes a parameter (`EdgePhase`).
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from ..rig.checks.edges import apart, arc_chance, on_circle
 from .levenberg_marquardt import linearise_at
 from .rounds import Reached
 
-ERROR = 0.3  # standard deviation of one edge's place above which it says nothing, sample intervals
-SCATTER = 0.03  # of places about their phase that a clock may have, sample intervals
-FAR = 4.0  # standard deviations from the phase at which an edge keeps no step
-NEAR = 0.8  # share of a test's edges that must keep it
-CHANCE = 1e-3  # probability that edges at any instants agree as closely, at most, in a test that proves one clock
-AGREEMENT = 0.01  # of edges in step scattering as widely, at least, in every test taken to be in step
+ERROR = 0.3  # standard deviation of one edge's place above which the edge is not used, sample intervals
+SCATTER = 0.03  # allowed scatter of places about their phase, sample intervals
+FAR = 4.0  # standard deviations from the phase above which an edge is out of step
+NEAR = 0.8  # share of a test's edges that must be in step
+CHANCE = 1e-3  # largest probability that edges at random instants agree as closely, in a test that proves one clock
+AGREEMENT = 0.01  # least probability that edges in step scatter as widely, in every test taken to be in step
 BORDER = 0.15  # phases so near a sample leave it open on which side of it an edge fell, sample intervals
 ON_SAMPLE = 2.0  # standard errors by which a phase may lie inside its interval and yet be taken to be on the sample
 IN_COMPANY = 3.0  # the same where the edges of another test are on the samples
-_AFTER, _BEFORE = 60, 8  # samples of the current that may tell of an edge, at most
-_FAINT = 0.1  # of what the instant of an edge changes at most, below which a sample tells nothing more of it
+_AFTER, _BEFORE = 60, 8  # largest numbers of samples of the current that are used for an edge
+_FAINT = 0.1  # share of the largest change by an edge's instant, below which a sample is not used
 
 
 class EdgePlace(NamedTuple):
-    """Where an edge came, as the model sees it.
+    """The place of an edge, estimated by the model.
 
     Args:
-        interval: between which times of its trace.
-        share: of that interval.
+        interval: index of the interval between two times of its trace.
+        share: place within that interval, 0 to 1.
         sd: standard deviation of the share.
     """
 
@@ -56,8 +56,8 @@ class Clocked(NamedTuple):
     """A rig whose output and logger share a clock.
 
     Args:
-        rig: with the tests named whose edges are in step with the samples, each edge's turn and where the phases start.
-        places: of every edge, by file.
+        rig: the rig with the tests whose edges are in step with the samples, each edge's turn and the initial phases.
+        places: place of every edge, by file.
     """
 
     rig: Rig
@@ -70,11 +70,11 @@ def with_edges_in_step(
     held_out: Sequence[Trace],
     x: Float[np.ndarray, " P"],
 ) -> Clocked | None:
-    """The rig as its edges show it; None where they do not show that output and logger share a clock.
+    """The rig with the phases that its edges show; None if they do not show that output and logger share a clock.
 
     Args:
-        rig: as read; where rig.toml names the effect itself, nothing is looked for.
-        held_out: its other traces: their edges have turns too, and say nothing of the phase.
+        rig: the rig as read; if rig.toml names the effect itself, there is no search.
+        held_out: its other traces: their edges have turns too, but are not used for the phase.
     """
     if any(effect.startswith(EdgePhase.kind) for effect in rig.config.effects):
         return None
@@ -100,10 +100,10 @@ def with_edges_in_step(
 
 
 def phases_hold(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> bool:
-    """Whether no free phase ran away from its interval by more than another one.
+    """Whether no free phase left its interval by more than one interval.
 
-    Beyond the interval chi2 does not depend on the phase. One that went far lay, on its way, where the model fits
-    worse at either end than between them: it lacks an effect, and tells nothing of the edges.
+    Beyond the interval chi2 does not depend on the phase. A phase that went far shows that the model fits worse at both
+    ends than between them: the model lacks an effect, and the phase does not describe the edges.
     """
     phases = (x[k] for k, symbol in enumerate(problem.layout.free) if symbol.startswith(f"{EdgePhase.kind}."))
     return all(-1.0 <= phase <= 2.0 for phase in phases)
@@ -121,12 +121,12 @@ def _jumps(trace: Trace) -> bool:
 
 
 def _of(places: Mapping[str, Sequence[EdgePlace]], problem: EstimationProblem, test: str) -> Iterator[EdgePlace]:
-    """Those of all traces of one test."""
+    """Places of all traces of one test."""
     yield from (p for t in problem.batch.traces if t.test.name == test for p in places[t.measurement.file])
 
 
 def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[EdgePlace]:
-    """The edges of a trace from its current, and from what simulations with edges at `SHARES` make of that."""
+    """Places of a trace's edges, from its current and from simulations with edges at `SHARES`."""
     if not _jumps(trace) or trace.input is None:
         return
     m = trace.channels.index("current")
@@ -138,8 +138,8 @@ def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[E
         before = np.arange(max(begin + 1, k + 1 - _BEFORE), k + 1)
         after = np.arange(k + 1, min(k + 1 + _AFTER, end + 1))
         before, after = (rows[np.isfinite(data[rows])] for rows in (before, after))
-        told = np.abs(late[after] - early[after])
-        after = after[: after.size - int(np.argmax(told[::-1] > _FAINT * np.max(told, initial=0.0)))]
+        change = np.abs(late[after] - early[after])
+        after = after[: after.size - int(np.argmax(change[::-1] > _FAINT * np.max(change, initial=0.0)))]
         if before.size and after.size > 1:
             level = float(np.mean(data[before] - middle[before]))
             paths_after = early[after], middle[after], late[after]
@@ -148,12 +148,12 @@ def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[E
 
 
 class CommonPhase(NamedTuple):
-    """What the edges of one test share.
+    """The common phase of the edges of one test.
 
     Args:
         phase: from -border to 1 - border.
-        chance: probability that edges at any instants lie as close together.
-        agreement: probability that edges at this phase lie as far apart.
+        chance: probability that edges at random instants lie as close together.
+        agreement: probability that edges at this phase scatter as widely.
     """
 
     phase: float
@@ -162,19 +162,19 @@ class CommonPhase(NamedTuple):
 
 
 def common_phase(places: Sequence[EdgePlace]) -> CommonPhase | None:
-    """The phase nearest to all but a few; None where too few edges say anything, or they plainly differ."""
+    """The phase nearest to nearly all edges; None if too few edges have a place, or the places clearly differ."""
     sure = [p for p in places if p.sd < ERROR]
     if len(sure) < 2:
         return None
     share, sd = np.array([p.share for p in sure]), np.hypot([p.sd for p in sure], SCATTER)
     phase = on_circle(share, 1.0 / sd**2).mean
-    for _ in range(5):  # a few may be off: an edge that came between two others, say
+    for _ in range(5):  # a few may be off, such as an edge between two others
         off = apart(share, phase)
         near = np.abs(off) < FAR * sd
         if near.sum() < 2:
             return None
         phase += float(np.average(off[near], weights=1.0 / sd[near] ** 2))
-    # what acts more than a sample late is no phase: that is a delay
+    # an action more than one sample late is a delay, not a phase
     within = (share > -BORDER - sd) & (share < 1.0 + BORDER + sd)
     if np.sum(near & within) < NEAR * share.size:
         return None
@@ -185,15 +185,15 @@ def common_phase(places: Sequence[EdgePlace]) -> CommonPhase | None:
 
 
 def turns(measurement: Measurement, places: Sequence[EdgePlace], phase: float) -> Float[np.ndarray, " n-1"]:
-    """Of each edge of a trace the turn that brings the phase nearest to where it came; NaN where it keeps no step."""
+    """For each edge of a trace, the turn that brings the phase nearest to its place; NaN if it is out of step."""
     out = np.full(measurement.time.size - 1, np.nan)
     inside = abs(phase - 0.5) < 0.5 - BORDER
     for edge in places:
         turn = 0.0 if inside else float(np.round(np.clip(edge.share - phase, 0.0, 1.0)))
         miss = abs(edge.share - np.clip(phase + turn, 0.0, 1.0))
         keeps = miss < FAR * np.hypot(edge.sd, SCATTER)
-        told = inside or edge.sd < ERROR
-        out[edge.interval] = turn if told and keeps else np.nan
+        placed = inside or edge.sd < ERROR
+        out[edge.interval] = turn if placed and keeps else np.nan
     return out
 
 
@@ -202,25 +202,25 @@ def turns(measurement: Measurement, places: Sequence[EdgePlace], phase: float) -
 #
 # A fixed-step simulation, or a loop that writes and samples in one tick, jumps at the sample instants themselves, and
 # the sample there shows the input before the jump (turn 0) or after it (turn 1). The phase is then at the end of its
-# interval: the likelihood has one side, no gradient vanishes, and no interval is right. So this is a question with few
-# answers, by likelihood: on the sample, where chi2 is lowest there, or lower inside by no more than chance,
+# interval: the likelihood is one-sided, no gradient vanishes, and no interval is right. So this is a decision between
+# few hypotheses by likelihood: on the sample, if chi2 is lowest there, or lower inside by no more than chance,
 #
 #     z = inside / sd < on_sample,    inside = phase from the sample into the interval, sd its standard error
 #
-# and else a free phase. One clock drives all tests: what tests with a sharp phase show holds for all that do not
-# contradict it.
+# and otherwise a free phase. One clock drives all tests: the phase of tests with a sharp phase applies to all tests
+# that do not contradict it.
 
-_HAIR = 1e-5  # intervals; so near a sample the likelihood is looked at from inside
+_HAIR = 1e-5  # intervals; the likelihood is evaluated so far inside the interval
 
 Places = Mapping[str, Sequence[EdgePlace]]  # by file
 
 
 class Decided(NamedTuple):
-    """What is known of the edges near the samples.
+    """The decision on the edges near the samples.
 
     Args:
-        rig: with the phases fixed that put the edges of a test on the samples.
-        x: coordinates from which to fit it, of the model before, shape (P,).
+        rig: the rig with the phases fixed that put the edges of a test on the samples.
+        x: coordinates of the model before, from which to fit the rig, shape (P,).
     """
 
     rig: Rig
@@ -231,9 +231,9 @@ class _Phase(NamedTuple):
     """The phase of one test whose edges come near the samples.
 
     Args:
-        test: whose.
-        index: of its coordinate.
-        side: sign of phases inside the interval; 0 where edges are seen on both sides of their samples.
+        test: name of the test.
+        index: index of the phase's coordinate.
+        side: sign of phases inside the interval; 0 if edges lie on both sides of their samples.
     """
 
     test: str
@@ -242,11 +242,11 @@ class _Phase(NamedTuple):
 
 
 def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided | None:
-    """Which tests have their edges on the samples; None where none has, and the fit stands as it is.
+    """Decide which tests have their edges on the samples; None if none has, and the fit remains unchanged.
 
     Args:
-        rig: with the tests named whose edges are in step, see `with_edges_in_step`.
-        places: of all edges, as seen without a common phase.
+        rig: the rig with the tests whose edges are in step, see `with_edges_in_step`.
+        places: places of all edges, estimated without a common phase.
     """
     near = list(_near_a_sample(reached.problem, reached.x))
     if not near:
@@ -260,7 +260,7 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided
     inside = np.array([phase.side * b if phase.side else abs(b) for phase, b in zip(near, best, strict=True)])
     sharp = (sd < SCATTER) & (inside < ON_SAMPLE * sd)
     on = inside < (IN_COMPANY * sd if sharp.any() else 0.0)
-    missed = ~on & (x[at] != reached.x[at])  # lower inside, and the descent had left the interval
+    missed = ~on & (x[at] != reached.x[at])  # chi2 is lower inside, and the descent had left the interval
     if not np.any(on | missed):
         return None
     x[at] = np.where(missed, best, x[at])
@@ -269,17 +269,17 @@ def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided
     if len(sides) == 1 and 0.0 not in sides:
         between = {phase.test for phase, yes in zip(near, ~on & (sd < SCATTER), strict=True) if yes}
         others = {f: each for f, each in places.items() if f.partition("/")[0] not in between}
-        fixed = _in_company(rig, others, 0.0 if sides == {1.0} else 1.0)
+        fixed = _with_common_turn(rig, others, 0.0 if sides == {1.0} else 1.0)
     return Decided(_on_samples(fixed, [phase.test for phase, yes in zip(near, on, strict=True) if yes]), x)
 
 
 def accepts(places: Sequence[EdgePlace], turn: float) -> bool:
-    """True where the edges of a test may all be on the samples: chi2 rises by no more than chance over its minimum for
-    one share of all. Edges that tell too little to have a place of their own tell it together.
+    """Whether the edges of a test may all be on the samples: chi2 rises by no more than chance over its minimum for one
+    common share. Edges that are too weak to have a place of their own count together.
 
     Args:
-        places: of its edges.
-        turn: 0 or 1: the share at which they would be.
+        places: places of its edges.
+        turn: 0 or 1: the place, as a share of the interval, of edges on the samples.
     """
     share = np.array([p.share for p in places])
     weight = 1.0 / np.hypot([p.sd for p in places], SCATTER) ** 2
@@ -288,8 +288,8 @@ def accepts(places: Sequence[EdgePlace], turn: float) -> bool:
     return abs(float(np.average(share, weights=weight)) - turn) * weight.sum() ** 0.5 < IN_COMPANY
 
 
-def _in_company(rig: Rig, places: Places, turn: float) -> Rig:
-    """The rig with this turn for all edges of all tests that accept it, and their phase on the sample."""
+def _with_common_turn(rig: Rig, places: Places, turn: float) -> Rig:
+    """The rig with this turn for all edges of all tests that accept it, and their phases on the sample."""
     files = {m.file: m.test for m in rig.measurements if places.get(m.file)}
     tests = [test for test in dict.fromkeys(files.values())
              if accepts([p for f, t in files.items() if t == test for p in places[f]], turn)]  # fmt: skip
@@ -301,7 +301,7 @@ def _in_company(rig: Rig, places: Places, turn: float) -> Rig:
 
 
 def _all(turn: float, measurement: Measurement, places: Sequence[EdgePlace]) -> Float[np.ndarray, " n-1"]:
-    """This turn for every edge of a trace but those that plainly came elsewhere; NaN where there is none."""
+    """This turn for every edge of a trace except those that are clearly elsewhere; NaN where there is no edge."""
     out = np.full(measurement.time.size - 1, np.nan)
     for edge in places:
         if abs(edge.share - turn) < FAR * np.hypot(edge.sd, SCATTER):
@@ -330,6 +330,6 @@ def _near_a_sample(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> It
 
 
 def _turns(problem: EstimationProblem, test: str) -> Float[np.ndarray, " edges"]:
-    """Of every edge of a test that is in step, 0 or 1."""
+    """The turn, 0 or 1, of every edge in step of a test."""
     inputs = [trace.input for trace in problem.batch.traces if trace.test.name == test]
     return np.concatenate([s.turn[s.in_step] for s in inputs if s is not None and s.turn is not None] or [np.empty(0)])

@@ -1,9 +1,9 @@
-"""How much of the motion a model explains, running free: a figure that, unlike chi2, needs no noise to be known.
+"""The share of the motion that a model explains, running free; unlike chi2 it does not depend on the noise.
 
     explained = 1 - sum (y - y_hat)^2 / sum (y - mean y)^2
 
 Below 0 the model is worse than a plate that stands still at the mean. Source: coefficient of determination, in system
-identification "variance accounted for". The mean is each trace's own.
+identification "variance accounted for". The mean is that of each trace.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ..problem.trace import Trace
 from ..rig.base import Measurement
 
 MOTION = ("position", "motor_speed")
-_MOVES = 3.0  # standard deviations of the noise that a channel's own must be, for a share of it to mean anything
+_MOVES = 3.0  # least standard deviation of a channel, in standard deviations of its noise, for a meaningful share
 
 
 @dataclass(frozen=True)
 class Explained:
-    """Of one channel of one trace.
+    """The motion of one channel of one trace and its explained part.
 
     Args:
-        file, test, channel: where.
+        file, test, channel: the channel.
         missed, moved: sum (y - y_hat)^2 and sum (y - mean y)^2, SI.
         moves: whether the channel moves by more than its noise.
     """
@@ -43,12 +43,12 @@ class Explained:
 
     @property
     def share(self) -> float | None:
-        """1 - missed/moved; None where the channel hardly moves."""
+        """1 - missed/moved; None if the channel hardly moves."""
         return 1.0 - self.missed / self.moved if self.moves else None
 
 
 def explained(rows: Iterable[PredictionError], measurements: Iterable[Measurement]) -> tuple[Explained, ...]:
-    """Of every channel of every trace that was logged itself."""
+    """The explained motion of every logged channel of every trace."""
     logged = {trace.file: trace.channels for trace in measurements}
     out = []
     for row in rows:
@@ -63,7 +63,7 @@ def explained(rows: Iterable[PredictionError], measurements: Iterable[Measuremen
 
 
 def share_of(found: Sequence[Explained], channels: Sequence[str] = MOTION) -> float | None:
-    """Of all traces together: of position where any was logged, else of speed; None where nothing moves."""
+    """The share over all traces together: of position if any was logged, else of speed; None if nothing moves."""
     for name in channels:
         own = [each for each in found if each.channel == name and each.moves]
         if own:
@@ -77,34 +77,34 @@ def by_place(found: Iterable[Explained]) -> Mapping[tuple[str, str], float | Non
 
 
 def judged(share: float) -> Judgement:
-    """A share (1: all) held against the threshold."""
+    """A share (1: all) compared with the threshold."""
     return EXPLAINED.judged(100.0 * share if np.isfinite(share) else None, without="the model could not be simulated")
 
 
 def sentence(share: float | None, held_out: float | None = None) -> str:
-    """What tables, pages and notebooks say of it; "" where nothing moves."""
+    """The sentence for tables, pages and notebooks; "" if nothing moves."""
     if share is None:
         return ""
     found = judged(share)
     if found.value is None:
         return found.says
-    others = "" if held_out is None or not np.isfinite(held_out) else f", {_percent(held_out)} of that held out"
+    others = "" if held_out is None or not np.isfinite(held_out) else f", {_percent(held_out)} of the held-out motion"
     text = f"It explains {_percent(share)} of the motion, running free{others}"
     if found.word == "good":
         enough = f"enough to tune a loop with ({found.limit:g} % or more: {found.source})"
-        return f"{text}: {enough}; how sure the parameters are, chi2 tells."
+        return f"{text}: {enough}; chi2 shows how certain the parameters are."
     return f"{text}: too little to tune a loop with (at least {found.limit:g} %: {found.source})."
 
 
 def motion_explained(
     fitted: Iterable[PredictionError], held_out: Iterable[PredictionError], measurements: Sequence[Measurement]
 ) -> str:
-    """The sentence of a fit, by its free-running errors; "" where nothing moves."""
+    """The sentence of a fit, from its free-running errors; "" if nothing moves."""
     return sentence(*(share_of(explained(rows, measurements)) for rows in (fitted, held_out)))
 
 
 def _percent(share: float) -> str:
-    """One decimal more where it is near to all; one that is not whole never as 100.00."""
+    """A percentage, with one more decimal near 100; below 100 never printed as 100.00."""
     if 0.9999 < share < 1.0:
         return "over 99.99 %"
     return f"{100.0 * share:.2f} %" if share > 0.99 else f"{100.0 * share:.1f} %"
@@ -114,22 +114,22 @@ def _percent(share: float) -> str:
 #
 #     e(g) = rms of (y - y_hat(g u)) over sigma,    g: the drive that acted over the one logged
 #
-# A throttle whose winding is warm, or whose supply is lower than the one stated, gets less torque out of the same log.
-# A trace that the model misses by far more than those it was fitted to is run again with its drive at other scales;
-# where one of them takes away most of the error, it is said.
+# A throttle with a warm winding, or a supply below the stated one, gives less torque for the same log. A trace with a
+# far larger error than the fitted traces is simulated again with its drive at other scales; if one of them removes most
+# of the error, a warning says so.
 
-STRANGE = 3.0  # error of a free run over that of the fitted traces, in sigma, from which on other drives are tried
-OTHER_DRIVE = 0.5  # share of its error that another scale of its drive may leave, if that is to explain it
-_FACTORS = np.exp(np.linspace(-0.5, 0.5, 41))  # of the drive: 0.61 to 1.65 in steps of 2.5 %
+STRANGE = 3.0  # error of a free run over that of the fitted traces, in sigma, above which other drives are tried
+OTHER_DRIVE = 0.5  # largest share of the error that remains if another scale of the drive explains it
+_FACTORS = np.exp(np.linspace(-0.5, 0.5, 41))  # scales of the drive: 0.61 to 1.65 in steps of 2.5 %
 _FINER = np.exp(np.linspace(-0.025, 0.025, 11))
 
 
 class DriveScale(NamedTuple):
-    """The drive of one trace at the scale that suits it best.
+    """The best scale of the drive of one trace.
 
     Args:
-        file: of the trace.
-        factor: drive that acted over the one logged.
+        file: file of the trace.
+        factor: drive that acted over the logged one.
         before, after: error of the free run with the drive as logged and at that scale, in sigma.
     """
 
@@ -140,21 +140,21 @@ class DriveScale(NamedTuple):
 
     @property
     def words(self) -> str:
-        """For the warnings of a fit."""
+        """The warning of the fit."""
         off = 100.0 * (self.factor - 1.0)
         size = f"{abs(off):.2g} % {'stronger' if off > 0.0 else 'weaker'}"
         return (
-            f"{self.file} is held out, and the model misses it by {self.before:.3g} times the noise, far more than "
-            f"what it was fitted to. With a drive {size} than logged it would miss it by {self.after:.3g}: another "
-            "supply or another temperature of the winding does that. Log supply and temperature with each session."
+            f"{self.file} is held out, and the model's error there is {self.before:.3g} times the noise, far more than "
+            f"in the fitted traces. With a drive {size} than logged the error would be {self.after:.3g} times: another "
+            "supply or another winding temperature has this effect. Log supply and temperature with each session."
         )
 
 
 def drive_scale(problem: EstimationProblem, x: np.ndarray, trace: Trace) -> DriveScale:
-    """The scale of a trace's drive at which the model comes nearest to it.
+    """The scale of a trace's drive at which the model fits it best.
 
     Args:
-        trace: driven, by no ECU in the model.
+        trace: a driven trace without an ECU in the model.
     """
     before, *coarse = _errors(problem, x, trace, np.array([1.0, *_FACTORS]))
     about = _FACTORS[int(np.argmin(coarse))]
@@ -170,10 +170,10 @@ def drives_of_another_session(
     held_out: Sequence[Trace],
     errors: tuple[Sequence[PredictionError], Sequence[PredictionError]],
 ) -> tuple[DriveScale, ...]:
-    """Held-out traces that the model misses far more than the fitted ones, and misses little with another drive.
+    """Held-out traces with a far larger error than the fitted ones, which is small with another drive.
 
     Args:
-        errors: of the free run, of the fitted and of the held-out traces.
+        errors: free-run errors of the fitted and of the held-out traces.
     """
     fitted, others = errors
     usual, found = pooled(fitted), []
@@ -188,7 +188,7 @@ def drives_of_another_session(
 
 
 def _errors(problem: EstimationProblem, x: np.ndarray, trace: Trace, factors: np.ndarray) -> list[float]:
-    """Of the free run at each scale of the drive, in sigma."""
+    """Error of the free run at each scale of the drive, in sigma."""
     signal = trace.input
     assert signal is not None, f"{trace.measurement.file} is not driven: it has no drive to scale"
     scaled = tuple(replace(trace, input=replace(signal, value=factor * signal.value)) for factor in factors)

@@ -22,7 +22,7 @@ from ..problem.free_parameters import Form, FreeParameters, Layout, Pick
 from ..rig.base import RigConfig
 from .settings import IdentifiabilitySettings
 
-# ---- How far a fit can be believed, in a form that every later stage carries
+# ---- How far a fit can be trusted, in a form for every later stage
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class FitState:
     """The state in which a fit ended.
 
     Args:
-        chi2_per_dof: of its residual.
-        converged, reason: whether at an optimum, and in words why (not).
-        compromise: why its parameters are no estimates; None where they are.
+        chi2_per_dof: chi2 per degree of freedom of its residual.
+        converged, reason: whether the end is an optimum, and in words why (not).
+        compromise: why its parameters are no estimates; None if they are.
     """
 
     chi2_per_dof: float
@@ -42,7 +42,7 @@ class FitState:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a reader of anything made from it must know, a sentence each; none of a sound fit."""
+        """Cautions for every result made from this fit, one sentence each; none if the fit is sound."""
         unfinished = () if self.converged else (f"The fit behind this did NOT CONVERGE: {self.reason}.",)
         if self.compromise is None:
             return unfinished
@@ -50,10 +50,10 @@ class FitState:
 
 
 SOUND = FitState(1.0, True, "", None)
-"""Of a model that nobody had to fit."""
+"""State of a model that was not fitted."""
 
 
-# ---- A fitted model for design, reduction and sampling: what was free, where the fit ended, how well that is known
+# ---- A fitted model for design, reduction and sampling: free parameters, optimum, and its covariance
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +61,12 @@ class Fitted:
     """A model at its optimum.
 
     Args:
-        config: of the rig.
-        free_parameters: what was free in it.
+        config: configuration of the rig.
+        free_parameters: the free parameters of the fit.
         x: coordinates at the optimum, shape (P,).
-        covariance: of the coordinates, as wide as their intervals are stated, shape (P, P).
-        identifiability: by what the fit called a parameter not known.
-        state: in which its fit ended.
+        covariance: covariance of the coordinates, as wide as the stated intervals, shape (P, P).
+        identifiability: thresholds above which the fit calls a parameter not known.
+        state: state in which the fit ended.
         position_noise: standard deviation of one reading of the rig's position, rad, the median of its traces.
     """
 
@@ -80,7 +80,7 @@ class Fitted:
 
     @cached_property
     def values(self) -> dict[str, float]:
-        """Of every parameter, SI, by symbol."""
+        """Value of every parameter, SI, by symbol."""
         return self.free_parameters.values(self.x)
 
     @property
@@ -102,14 +102,14 @@ class Fitted:
         return Throttle.build(self.free_parameters.layout.types, self.values_at(x))
 
     def values_at(self, x: np.ndarray) -> dict[str, Any]:
-        """Of every parameter, SI, by symbol, at many coordinates, shape (D, P): shape (D,) each."""
+        """Values of every parameter, SI, by symbol, at many coordinates, shape (D, P): shape (D,) each."""
         layout = self.free_parameters.layout
         return _values_at(layout.form, layout.padded(x), layout.pick(self.free_parameters.held))
 
     def laplace(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Coordinates drawn from the normal distribution of the fit, shape (count, P).
 
-        A direction that the data leave open is drawn no wider than a hundred percent.
+        In a direction that the data do not determine, the standard deviation is limited to a hundred percent.
         """
         reach = self.free_parameters.layout.reach(self.x)
         spread = np.nan_to_num(self.covariance / np.outer(reach, reach), posinf=1.0, neginf=0.0)
@@ -138,34 +138,34 @@ class Fitted:
 
 @partial(jax.jit, static_argnums=0)
 def _values_at(form: Form, x: Any, pick: Pick) -> dict[str, Any]:
-    """Values at many coordinates; compiled once for a model and a number of them, not at each call."""
+    """Values at many coordinates; compiled once for a model and a number of coordinates, not at each call."""
     return jax.vmap(form.values, in_axes=(0, None))(x, pick)
 
 
-# ---- How the units of a design scatter, as far as a fleet tells: the law of a unit that is not made yet
+# ---- How the units of a design scatter, estimated from a fleet: the distribution of a future unit
 #
-#     theta_j = mean_j exp(s_j t_j - s_j^2 / 2)   of what is positive,     theta_j = mean_j + r_j t_j   of the rest
+#     theta_j = mean_j exp(s_j t_j - s_j^2 / 2)   if positive,     theta_j = mean_j + r_j t_j   otherwise
 #     r_j^2 = sd_j^2 + stderr_j^2,   s_j^2 = log(1 + r_j^2 / mean_j^2),    t ~ t_(U-1)(0, R)
 #
-# Wider than the units, for mean, sd and R are known from U units only.
+# It is wider than the units' scatter, because mean, sd and R are estimated from only U units.
 #
 # Source: Gelman et al. 2013, Bayesian Data Analysis, section 3.6. Differs from source: U - 1 degrees of freedom
-# whatever the number of parameters, as for each of them alone; errors of the means are taken to go together as the
-# units do.
+# for any number of parameters, as for each of them alone; errors of the means are assumed to be correlated as the units
+# are.
 
 
 @dataclass(frozen=True, eq=False)
 class PopulationLaw:
-    """Of P parameters or sums of them, SI.
+    """Distribution of P parameters or sums of them, SI.
 
     Args:
-        symbols: P of them.
-        mean: between units, shape (P,).
-        sd: between units, their own uncertainty taken off, shape (P,).
-        stderr: of the mean, shape (P,).
-        correlation: R, between units, shape (P, P); 0 beside what has no spread.
-        positive: what cannot be negative, shape (P,).
-        units: U, from which all this is known; 2 or more.
+        symbols: P symbols.
+        mean: mean over units, shape (P,).
+        sd: standard deviation between units, without their own uncertainty, shape (P,).
+        stderr: standard error of the mean, shape (P,).
+        correlation: R, between units, shape (P, P); 0 for a parameter without spread.
+        positive: whether a parameter cannot be negative, shape (P,).
+        units: U, the number of units behind the estimate; 2 or more.
     """
 
     symbols: tuple[str, ...]
@@ -178,11 +178,11 @@ class PopulationLaw:
 
     @classmethod
     def of_units(cls, values: Mapping[str, np.ndarray], positive: Mapping[str, bool]) -> PopulationLaw:
-        """That of units whose values are known exactly.
+        """The law from units whose values are known exactly.
 
         Args:
             values: SI by symbol, shape (U,).
-            positive: by symbol.
+            positive: whether a parameter cannot be negative, by symbol.
         """
         every = np.array(list(values.values()), dtype=float)
         count = every.shape[1]
@@ -195,7 +195,7 @@ class PopulationLaw:
                    np.array([positive[symbol] for symbol in values]), count)  # fmt: skip
 
     def drawn(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        """So many units, SI by symbol, shape (count,)."""
+        """`count` random units, SI by symbol, shape (count,)."""
         value, vector = np.linalg.eigh(self.correlation)
         normal = rng.standard_normal((count, len(self.symbols))) @ (vector * np.sqrt(np.maximum(value, 0.0))).T
         degrees = self.units - 1
@@ -207,23 +207,23 @@ class PopulationLaw:
         return dict(zip(self.symbols, drawn.T, strict=True))
 
 
-# ---- Many units of one design as one model: what is common, and the parameters' values unit by unit
+# ---- Many units of one design as one model: the common part, and the parameters' values unit by unit
 
 SUMS = {"J_m": ("J_eq", "J_L"), "B_m": ("B_eq", "B_L")}  # motor's part: (sum at the plate, plate's part)
-_LEAST = 1e-3  # of a positive parameter's usual size, for a unit whose estimate has none
+_LEAST = 1e-3  # share of a positive parameter's usual size, for a unit whose estimate is not positive
 
 
 @dataclass(frozen=True, eq=False)
 class FleetModel:
-    """Units that differ in their values alone; made by `fleet_model`.
+    """Units that differ only in their values; made by `fleet_model`.
 
     Args:
-        config: of the rig, common to all.
-        free_parameters: of the model, common to all.
-        units: names, U of them.
-        values: of every parameter, SI, by symbol, shape (U,).
+        config: configuration of the rig, common to all.
+        free_parameters: free parameters of the model, common to all.
+        units: U names.
+        values: values of every parameter, SI, by symbol, shape (U,).
         position_noise: standard deviation of one reading of the rig's position, rad.
-        population: that they are from, their own uncertainty taken off; None where only the units are known.
+        population: their population, without their own uncertainty; None if only the units are known.
     """
 
     config: RigConfig
@@ -240,7 +240,7 @@ class FleetModel:
 
     @cached_property
     def law(self) -> PopulationLaw:
-        """Of units not made yet; where the population is not known, by the scatter of the units as they are."""
+        """Distribution of future units; if the population is not known, from the scatter of the units."""
         if self.population is not None:
             return self.population
         layout = self.free_parameters.layout
@@ -249,7 +249,7 @@ class FleetModel:
 
     @cached_property
     def identifiable_symbols(self) -> tuple[str, ...]:
-        """Parameters that the law speaks of: both parts of a sum, and what is tied to them, among them."""
+        """Parameters that the law covers, including both parts of a sum and parameters tied to them."""
         named = set(self.law.symbols)
         for motor, (whole, plate) in SUMS.items():
             named |= {motor, plate} if named & {motor, whole, plate} else set()
@@ -257,7 +257,7 @@ class FleetModel:
         return tuple(symbol for symbol in self.values if symbol in named)
 
     def future(self, count: int, rng: np.random.Generator) -> FleetModel:
-        """So many units not made yet, "future 1" ...; what the law does not speak of is that of the mean unit."""
+        """`count` future units, "future 1" ...; parameters that the law does not cover have the mean unit's values."""
         free = self.free_parameters.layout.free
         mean = {symbol: np.full(count, self.mean[symbol]) for symbol in free}
         drawn = split_sums(self.law.drawn(count, rng), {s: self.values[s] for s in free}, self.config.gear_ratio)
@@ -271,7 +271,7 @@ class FleetModel:
 
     @cached_property
     def mean(self) -> dict[str, float]:
-        """Of every parameter over the units, SI."""
+        """Mean of every parameter over the units, SI."""
         return {symbol: float(np.mean(values)) for symbol, values in self.values.items()}
 
     def taking(self, which: np.ndarray) -> FleetModel:
@@ -288,7 +288,7 @@ class FleetModel:
 
     @property
     def nominal(self) -> Fitted:
-        """The mean unit, known as badly as units differ: for all that takes one fitted model."""
+        """The mean unit, as uncertain as units differ, for functions that take one fitted model."""
         layout, x = self.free_parameters.layout, self.coordinates
         spread = np.cov(x.T).reshape(len(layout.free), -1) if len(x) > 1 else np.zeros((x.shape[1],) * 2)
         middle = layout.coordinates(self.mean)
@@ -301,23 +301,23 @@ def body_types(layout: Layout) -> tuple[type[AbstractEffect], ...]:
 
 
 def split_sums(
-    told: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], gear_ratio: float
+    known: Mapping[str, np.ndarray], own: Mapping[str, np.ndarray], gear_ratio: float
 ) -> dict[str, np.ndarray]:
-    """Values of a model's own parameters, where of motor and plate only a sum is told.
+    """Values of a model's own parameters, if only the sum over motor and plate is known.
 
-    They keep the shares of it that they have in the middle of the units: no data speak of them, and nothing that a rig
-    or a car shows depends on them.
+    The parts keep their shares of the sum in the median of the units: no data determine these shares, and no measurable
+    quantity depends on them.
 
     Args:
-        told: SI by symbol, sums (`SUMS`) among them, shape (D,).
-        own: of units, by symbol of the model, shape (U,).
+        known: SI by symbol, including sums (`SUMS`), shape (D,).
+        own: values of units, by symbol of the model, shape (U,).
         gear_ratio: N.
     """
-    values = {symbol: value for symbol, value in told.items() if symbol in own}
+    values = {symbol: value for symbol, value in known.items() if symbol in own}
     for motor, (whole, plate) in SUMS.items():
-        if whole in told and motor in own and plate in own:
+        if whole in known and motor in own and plate in own:
             share = float(np.median(own[plate] / (gear_ratio**2 * own[motor] + own[plate])))
-            values |= {plate: share * told[whole], motor: (1.0 - share) * told[whole] / gear_ratio**2}
+            values |= {plate: share * known[whole], motor: (1.0 - share) * known[whole] / gear_ratio**2}
     return values
 
 
@@ -329,15 +329,15 @@ def fleet_model(
     position_noise: float = 0.0,
     population: PopulationLaw | None = None,
 ) -> FleetModel:
-    """Units of one design by the values of what is free in it; what is held or tied follows.
+    """Units of one design, from the values of its free parameters; held and tied parameters follow.
 
-    An estimate beyond the bound of its parameter, as estimates without bounds may be, is taken to the bound.
+    An estimate beyond the bound of its parameter, as estimates without bounds may be, is set to the bound.
 
     Args:
         config, free_parameters, units, position_noise, population: see `FleetModel`.
-        values: SI by symbol, shape (U,); every free parameter must be among them, held ones may be.
+        values: SI by symbol, shape (U,), of every free parameter; held parameters are optional.
     Raises:
-        UsageError: no unit, a free parameter without values, or a value that is no number.
+        UsageError: no unit, a free parameter without values, or a value that is not a number.
     """
     layout, count = free_parameters.layout, len(units)
     if not count:
@@ -355,7 +355,7 @@ def fleet_model(
 def _bounded(parameter: Parameter, values: np.ndarray, count: int) -> np.ndarray:
     if values.shape != (count,) or not np.all(np.isfinite(values)):
         raise UsageError(f"{parameter.symbol} of the fleet has shape {values.shape} and {np.sum(~np.isfinite(values))} "
-                         f"values that are no numbers. It must have one number for each of {count} units: leave out "
+                         f"values that are not numbers. It must have one number for each of {count} units: leave out "
                          "the units that have none.")  # fmt: skip
     if isinstance(parameter.domain, NonNegative):
         return np.maximum(values, 0.0)

@@ -1,4 +1,4 @@
-"""A model that is far from its data: led by a guide, fitted in the free run, and grown from smaller models."""
+"""The fit of a model that is far from its data: led by a guide, fitted in the free run, grown from smaller models."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ from .result import Termination
 from .rounds import Reached, Report, evolve_population, quiet, searched, whitened
 from .settings import FitSettings
 
-# ---- A guide at the terminals draws the simulated plate along the measured angle; let go step by step, it leads to the
-# best free run.
+# ---- A guide at the terminals pulls the simulated plate towards the measured angle; relaxed step by step, it leads to
+# the best free run.
 #
 #     V_guide = stiffness (theta_measured - theta)
 #
-# Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 is
-# full of valleys. Under a stiff guide it cannot leave it, and there is one; each weaker guide has its valley where the
-# stronger one had it, a little deeper.
+# Far from the data a free run leaves the measured path at the first stick or impact that it misses, and its chi2 has
+# many valleys. With a stiff guide it cannot leave the path, and chi2 has one valley; with each weaker guide the valley
+# is at nearly the same place, and a little deeper.
 #
 # Source: Abarbanel et al. 2009 (synchronisation by a coupling); Vyasarayani, Uchida and McPhee 2012, Phys. Rev. E 85
-# (single shooting with a coupling that is taken away step by step). Differs from source: the coupling acts at the
-# terminals, each channel is weighed anew by the error left in it, and the coupling's first stiffness is physical.
+# (single shooting with a coupling that is removed step by step). Differs from source: the coupling acts at the
+# terminals, each channel is reweighted by its residual, and the coupling's first stiffness is physical.
 
 
-GIVE = 0.01  # how far the guide gives way to a torque as large as dry friction, over the travel that was measured
-BANDWIDTH = 15.0  # by which its least stiffness is measured, Hz
-BANDWIDTH_OF_RATE = 0.1  # most that this bandwidth may be, over the sample rate
+GIVE = 0.01  # deflection of the guide under a torque as large as dry friction, over the measured travel
+BANDWIDTH = 15.0  # bandwidth that gives the least stiffness, Hz
+BANDWIDTH_OF_RATE = 0.1  # largest value of this bandwidth, over the sample rate
 LEAST = 0.003  # least stiffness over J w^2, w the bandwidth: for plates with hardly any dry friction
-STABLE = 0.3  # most stiffness over that at which guide and coil would swing
+STABLE = 0.3  # largest stiffness, over that at which guide and coil would oscillate
 SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
-"""Of the stiffness, one after the other, with which a model far from its data is led into its free run."""
+"""Factors of the stiffness, in turn, with which a model far from its data is led into its free run."""
 
 
 class Guided(NamedTuple):
-    """The measured angle along which a plate is drawn.
+    """The measured angle along which a plate is guided.
 
     Args:
         span: largest travel within a trace, rad.
-        rate: samples a second, Hz.
+        rate: sample rate, Hz.
         torque_driven: the guide acts as a torque, not as a voltage.
     """
 
@@ -59,7 +59,7 @@ class Guided(NamedTuple):
 
 
 def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray) -> float:
-    """Stiffness of the guide for these traces; 0 where no angle was logged. Arguments and units: `guide_stiffness`."""
+    """Stiffness of the guide for these traces; 0 if no angle was logged. Arguments and units: `guide_stiffness`."""
     guided = [t for t in problem.batch.traces if "position" in t.channels]
     if not guided:
         return 0.0
@@ -74,20 +74,20 @@ def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray) -> float:
 
 
 def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided) -> float:
-    """Stiffness with which a guide draws the plate along its measured angle.
+    """Stiffness with which a guide pulls the plate along its measured angle.
 
         torque = max(T_f / (0.01 span), 0.003 J w^2),    w = 2 pi min(15 Hz, rate / 10),    J = N^2 J_m + J_L
         volts  = min(torque R_a / (N K_m), 0.3 N K_b R_a / L_a)
 
-    Beyond the last bound guide and coil would swing. The numbers are `GIVE`, `LEAST`, `BANDWIDTH`, `BANDWIDTH_OF_RATE`
-    and `STABLE`.
+    Above the last bound guide and coil would oscillate. The numbers are `GIVE`, `LEAST`, `BANDWIDTH`,
+    `BANDWIDTH_OF_RATE` and `STABLE`.
 
     Args:
         values: parameters, SI by symbol.
         gear: N.
-        record: of the measured angle.
+        record: the measured angle.
     Returns:
-        V/rad, or N m/rad where torque drives.
+        V/rad, or N m/rad if a torque is the input.
     """
     inertia = gear**2 * float(values["J_m"]) + float(values["J_L"])
     hertz = min(BANDWIDTH, BANDWIDTH_OF_RATE * record.rate)
@@ -101,7 +101,7 @@ def guide_stiffness(values: Mapping[str, Any], gear: float, record: Guided) -> f
 
 
 def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings = FitSettings()) -> np.ndarray:
-    """Where the guide, relaxed step by step, leads, if that free run is likelier than the one of x; else x itself."""
+    """The end of the relaxed guide if its free run is likelier than that of x; else x itself."""
     if guide_stiffness_of(problem, x) == 0.0:
         return x
     here, _ = led_by_guide(problem, x, settings.tolerance, settings)
@@ -111,7 +111,7 @@ def relax_guide(problem: EstimationProblem, x: np.ndarray, settings: FitSettings
 def led_by_guide(
     problem: EstimationProblem, x: np.ndarray, tolerance: float, settings: FitSettings
 ) -> tuple[np.ndarray, int]:
-    """Where the guide, relaxed step by step, leads from x, and the number of Levenberg-Marquardt steps.
+    """The end of the guide, relaxed step by step from x, and the number of Levenberg-Marquardt steps.
 
     Args:
         tolerance: relative change of chi2 that ends each descent.
@@ -126,7 +126,7 @@ def led_by_guide(
 
 
 def free_run_cost(problem: EstimationProblem, x: np.ndarray) -> float:
-    """-log likelihood of the free run, each channel of each trace with the error that is left in it.
+    """-log likelihood of the free run, each channel of each trace with its residual as the noise.
 
     sum of (y - y_hat)^2 / 2 sigma^2 + log sigma,    sigma as of `weights.discounted`
     """
@@ -136,9 +136,9 @@ def free_run_cost(problem: EstimationProblem, x: np.ndarray) -> float:
     return 0.5 * chi2 + float(np.sum(np.log(free.sigma / slots.sigma)[slots.weight > 0.0]))
 
 
-# ---- The fit of a model that is far from its data: least squares of the free run, searched for and led to
+# ---- The fit of a model that is far from its data: least squares of the free run, by a search and by a guide
 
-REWEIGHINGS = 3  # times that the weight of each channel is renewed from the error left in it
+REWEIGHINGS = 3  # times that the weight of each channel is renewed from its residual
 
 
 def fitted_free_running(
@@ -146,12 +146,12 @@ def fitted_free_running(
 ) -> Reached:
     """Least squares of the free-running simulation, for a model far from the data.
 
-    What such a model lacks is larger than all that the whitening knows of, so the whitening would only let it follow
-    the data; and there a fit may be trapped, so it is searched for as well as descended to. Each channel of each trace
-    is weighed by the error that is left in it: what the model cannot explain must not spoil what it can.
+    The error of such a model is larger than all noise that the whitening models, so the whitening would only make it
+    follow the data. The descent may end in a local optimum, so there is a search too. Each channel of each trace is
+    weighted by its residual, so that channels that the model cannot explain do not distort the others.
 
     Args:
-        led: a guide led to x already, so none is tried again.
+        led: whether a guide led to x already, so that none is tried again.
     """
     for k in range(REWEIGHINGS):
         report("no start comes near the data: searching about the best", 0.5 + 0.1 * k)
@@ -165,10 +165,10 @@ class FreeRun(NamedTuple):
     """The best free-running simulation that was found.
 
     Args:
-        problem: the data, each channel of each trace weighed by the error left in it.
-        weighted: what the residual was minimised over.
+        problem: the data, each channel of each trace weighted by its residual.
+        weighted: the weighted data of the minimised residual.
         x: coordinates, shape (P,).
-        led: a guide led there.
+        led: whether a guide led there.
     """
 
     problem: EstimationProblem
@@ -184,11 +184,11 @@ def freed(
     settings: FitSettings = FitSettings(),
     guided: bool = True,
 ) -> FreeRun:
-    """The best free run about x: weighed by the error left in each channel, searched for, descended to, and the one
-    to which a guide leads from there, where that is likelier.
+    """The best free run about x, weighted by the residual of each channel: by a search, a descent, and the end of a
+    guide from there if that is likelier.
 
     Args:
-        spread: of the points searched, in units of each coordinate's reach.
+        spread: spread of the search's points, in units of each coordinate's reach.
         guided: whether a guide is tried.
     """
     problem = weights.discounted(problem, x)
@@ -203,21 +203,21 @@ def freed(
     return FreeRun(problem, problem.weighted(weights.free_running(problem)), end, led=True)
 
 
-# ---- A model that holds another is also started from where that one ended, and ends no higher
+# ---- A model that contains another is also started from the end of the other, and ends no higher
 #
 # Far from the data the sum of squares has many valleys, and the reading of a rig with more effects may lead into a
-# worse one. So where the fit of a model with named effects stays far, the fit goes up a chain: without those effects;
-# then with one after the other, each time the one that lowers the free run's error most where a guide leads it from the
-# optimum of the model before (`relax_guide`). Each model of the chain ends in the lower of its own end and of that
-# which begins there. The chain of a smaller model is the beginning of a larger one's, as long as what is added explains
-# less.
+# worse one. So if the fit of a model with named effects stays far, the fit goes up a chain of models: first without
+# those effects; then it adds one after the other, each time the effect that lowers the free run's error most when a
+# guide leads from the optimum of the model before (`relax_guide`). Each model of the chain takes the lower of two ends:
+# that from its own starts and that from the model before. The chain of a smaller model is the beginning of a larger
+# one's, as long as the further effects explain less.
 #
 # Source: forward selection (Miller 2002, Subset Selection in Regression, ch. 3). Differs from source: the set is given;
-# the order in which it is built only gives starts.
+# the order only gives starts.
 
 
 class Model(NamedTuple):
-    """A model beside its data, nothing fitted yet.
+    """A model and its data, before any fit.
 
     Args:
         problem: the traces.
@@ -229,17 +229,17 @@ class Model(NamedTuple):
 
 
 Begin = Callable[[Rig], Model]
-EndOf = Callable[[Model], Reached]  # where a model ends from its own starts
+EndOf = Callable[[Model], Reached]  # fits a model from its own starts
 
 
 def comes_near(reached: Reached, settings: FitSettings) -> bool:
-    """Whether a fit came near its data and stayed there through the whitening."""
+    """Whether a fit came near its data and stayed near under the whitening."""
     return not reached.end.far and reached.misfit < settings.misfit
 
 
 def removable_effects(rig: Rig) -> tuple[str, ...]:
-    """Names of the effects of rig.toml that can be taken out of the model, in the order in which they stand there:
-    those with off values, to whose parameters no other is tied."""
+    """Names of the effects of rig.toml that can be removed from the model, in their order there: effects with off
+    values to whose parameters no other is tied."""
     every = {name: effect_named(name) for name in rig.config.effects}
     needed = {to.to for to in rig.config.parameters.values() if isinstance(to, Tied)}
 
@@ -251,7 +251,8 @@ def removable_effects(rig: Rig) -> tuple[str, ...]:
 
 
 def with_only(rig: Rig, effects: tuple[str, ...]) -> Rig:
-    """The rig with some of the effects that its rig.toml names, and without what it says of the others' parameters."""
+    """The rig with some of the effects that its rig.toml names, without the settings of the other effects'
+    parameters."""
     gone = {p.symbol for name in rig.config.effects if name not in effects for p in parameters_of(effect_named(name))}
     known = {symbol: value for symbol, value in rig.config.parameters.items() if symbol not in gone}
     return replace(rig, config=replace(rig.config, effects=effects, parameters=known))
@@ -266,12 +267,12 @@ def no_higher_than_smaller(
     report: Report = quiet,
     settings: FitSettings = FitSettings(),
 ) -> Reached:
-    """The end of a model that stayed far from its data, or the lower one to which smaller models inside it lead.
+    """The end of a model that stayed far from its data, or the lower one that smaller models inside it lead to.
 
     Args:
-        model: with all of them.
-        own: where it ended from its own starts.
-        begin: the model of another rig.
+        model: the model with all effects.
+        own: its end from its own starts.
+        begin: makes the model of another rig.
         end_of: fits a model from its own starts.
     """
     names = removable_effects(rig)
@@ -293,7 +294,7 @@ def no_higher_than_smaller(
 def likeliest_addition(
     smaller: EstimationProblem, x: np.ndarray, larger: Mapping[str, Model], settings: FitSettings
 ) -> tuple[str, np.ndarray]:
-    """The effect whose model is led lowest from a smaller model's optimum, and where to, see `guided_start`."""
+    """The effect whose guided start from a smaller model's optimum is lowest, and that start, see `guided_start`."""
     points = {name: guided_start(smaller, x, name, each, settings) for name, each in larger.items()}
     best = min(points, key=lambda name: free_run_cost(larger[name].problem, points[name]))
     return best, points[best]
@@ -302,14 +303,14 @@ def likeliest_addition(
 def guided_start(
     smaller: EstimationProblem, x: np.ndarray, name: str, larger: Model, settings: FitSettings
 ) -> np.ndarray:
-    """The optimum of a smaller model in a larger one, or where a guide leads from there if that is likelier.
+    """The optimum of a smaller model in a larger one, or the end of a guide from there if that is likelier.
 
     Args:
-        smaller: the model that ended there.
-        name: of the effect that the larger one has besides.
-        larger: where to start.
+        smaller: the end of the smaller model.
+        name: name of the additional effect of the larger model.
+        larger: the larger model.
     Returns:
-        coordinates in the larger model, shape (P + free parameters of the effect,).
+        Coordinates in the larger model, shape (P + free parameters of the effect,).
     """
     layout, held = larger.problem.layout, larger.problem.free_parameters.held
     off = effect_named(name).off or {}
@@ -320,7 +321,8 @@ def guided_start(
 
 
 def lower_end(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) -> Reached:
-    """The end of a model from x, shape (P,), where it comes near the data or below the one from its own starts."""
+    """The end of a model from x, shape (P,), if it comes near the data or below the end from its own starts; else
+    that."""
     if comes_near(own, settings):
         return own
     near = _near(model.problem, x, settings)
@@ -331,7 +333,7 @@ def lower_end(model: Model, own: Reached, x: np.ndarray, settings: FitSettings) 
 
 
 def _near(problem: EstimationProblem, x: np.ndarray, settings: FitSettings) -> Reached | None:
-    """The whitened end from x; None where it does not come near the data."""
+    """The whitened end from x; None if it does not come near the data."""
     x, _ = descend_in_stages(problem, x, ROUGH_TOLERANCE, settings)
     weighted = problem.weighted(weights.forgiving(problem))
     if problem.chi2(x, weighted) >= settings.misfit * max(1.0, weighted.samples - x.size):
@@ -341,7 +343,7 @@ def _near(problem: EstimationProblem, x: np.ndarray, settings: FitSettings) -> R
 
 
 def _free(model: Model, own: Reached, settings: FitSettings) -> Reached:
-    """An end whose whitened residual is as large as that of a model far from its data, as an end of the free run."""
+    """The end as an end of the free run, if its whitened residual is as large as that of a model far from its data."""
     if own.end.far or comes_near(own, settings):
         return own
     return fitted_free_running(model.problem, own.x, quiet, settings)

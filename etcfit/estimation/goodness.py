@@ -1,4 +1,4 @@
-"""What is left in a residual: correlation, how it widens intervals, and whether a channel fits."""
+"""Evaluation of the residual: correlation, widening of intervals, and whether a channel fits."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from .settings import FitSettings
 # ---- Are the residuals independent, and if not, by how much are the intervals too narrow?
 
 
-LAGS = 12  # of the Ljung-Box test, samples; a trace shorter than 4 times as much is not tested
+LAGS = 12  # lags of the Ljung-Box test, samples; a trace shorter than 4 times as much is not tested
 CORRELATED = 1e-4  # p-value of that test at or below which residuals are called correlated
-EXCESS = 4.0  # standard errors by which the mean square must exceed 1 to be called larger than noise
+EXCESS = 4.0  # standard errors by which the mean square must exceed 1 to count as larger than noise
 
 
 class Widened(NamedTuple):
-    """A covariance that allows for residuals that are larger than their noise, or not independent.
+    """A covariance widened for residuals that are larger than their noise, or not independent.
 
     Args:
         covariance: never narrower than the one it was made from, shape (P, P).
-        factor: by which each standard error grew, shape (P,).
-        count: pieces of the residual that made it grow.
+        factor: factor by which each standard error grew, shape (P,).
+        count: number of pieces of the residual that made it grow.
     """
 
     covariance: np.ndarray
@@ -40,7 +40,7 @@ class Widened(NamedTuple):
 def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
     """rho_1 ... rho_lags of a residual of shape (n,), shape (lags,); zeros where it is constant."""
     r = r - r.mean()
-    # by FFT: thousands of lags are asked for, and a product of vectors each would be slower by thousands
+    # by FFT: callers need thousands of lags, and one product of vectors per lag would be a thousand times slower
     spectrum = np.fft.rfft(r, 2 * r.size)
     sums = np.fft.irfft(spectrum * np.conj(spectrum), 2 * r.size)[: lags + 1]
     return sums[1:] / sums[0] if sums[0] > 0.0 else np.zeros(lags)
@@ -86,7 +86,7 @@ def inflation(r: np.ndarray) -> float:
 
 
 def widen(covariance: np.ndarray, pieces: Sequence[tuple[np.ndarray, np.ndarray]]) -> Widened:
-    """Covariance for residuals that are larger than, or not as independent as, assumed.
+    """Covariance for residuals that are larger, or less independent, than assumed.
 
         C' = C (sum_s f_s J_s^T J_s) C + the prior's share of C
 
@@ -106,7 +106,7 @@ def widen(covariance: np.ndarray, pieces: Sequence[tuple[np.ndarray, np.ndarray]
     return Widened(wide, factor, count)
 
 
-# ---- Whether a channel of a trace fits: ONE rule for the warnings of a fit, the lights of the interactive page,
+# ---- Whether a channel of a trace fits: ONE rule for the warnings of a fit, the lights of the interactive page, and
 # verdicts.
 #
 #     fits      the whitened residual r is neither larger than its noise nor correlated (`is_correlated`),
@@ -115,15 +115,15 @@ def widen(covariance: np.ndarray, pieces: Sequence[tuple[np.ndarray, np.ndarray]
 #     more      r is larger than its noise, or correlated
 #     far       r is larger than its noise, and mean r^2 >= 2, where parameters become a compromise
 #
-# A trace, and a whole fit, is what the worst of its channels is.
+# A trace, and a whole fit, has the verdict of its worst channel.
 
-_FILES = 3  # that a warning names
-_WIDER = 1.05  # times that an interval must be wider to be said to be
-STRAYS = 3.0  # times its noise that a channel's free-running error may be where it is said to fit
+_FILES = 3  # largest number of files that a warning names
+_WIDER = 1.05  # factor above which a wider interval is reported
+STRAYS = 3.0  # largest free-running error of a channel that fits, in times its noise
 
 
 class Left(StrEnum):
-    """What a model leaves in a channel, the best first."""
+    """Verdicts on the residual of a channel, the best first."""
 
     FITS = "fits"
     STRAYS = "strays"
@@ -133,12 +133,12 @@ class Left(StrEnum):
 
 @dataclass(frozen=True)
 class Goodness:
-    """What a model leaves in one channel of one trace.
+    """The residual of one channel of one trace.
 
     Args:
-        file, channel: where.
-        left: by the rule above.
-        rms: of the whitened residual; 1 where it is noise, not finite where the model could not be simulated.
+        file, channel: the channel.
+        left: verdict by the rule above.
+        rms: rms of the whitened residual; 1 if it is noise, not finite if the model could not be simulated.
         correlated: the whitened residual is not independent from sample to sample.
         free: free-running error, rms, over the noise of one sample.
     """
@@ -152,12 +152,12 @@ class Goodness:
 
     @property
     def off(self) -> float:
-        """The larger of both errors, in times the noise; infinite where the model could not be simulated."""
+        """The larger of both errors, in times the noise; infinite if the model could not be simulated."""
         return max(self.rms, self.free) if np.isfinite([self.rms, self.free]).all() else np.inf
 
     @property
     def says(self) -> str:
-        """One sentence on what is left; "" where the channel fits."""
+        """One sentence on the residual; "" if the channel fits."""
         name = self.channel.replace("_", " ")
         if self.left is Left.FITS:
             return ""
@@ -168,7 +168,7 @@ class Goodness:
                 f"The {name} is noise from sample to sample, but the free run is {self.free:.3g} times the noise off: "
                 "most often the instant of an edge of the input, between two samples, is not known well enough."
             )
-        size = f"What is left in the {name} is {self.rms:.3g} times its noise (rms)"
+        size = f"The residual of the {name} is {self.rms:.3g} times its noise (rms)"
         return f"{size} and not independent from sample to sample." if self.correlated else f"{size}."
 
 
@@ -178,12 +178,12 @@ def goodness_of(
     free_run: Iterable[PredictionError],
     settings: FitSettings = FitSettings(),
 ) -> tuple[Goodness, ...]:
-    """Of every channel of these traces.
+    """Goodness of every channel of these traces.
 
     Args:
-        residuals: whitened, shape (n, M) each; of a model too far from the data to whiten the free-running error over
-            the sensors' noise.
-        free_run: errors of the free run of these traces, of others too.
+        residuals: whitened residuals, shape (n, M) each; for a model too far from the data to whiten, the free-running
+            errors over the sensors' noise.
+        free_run: errors of the free run of these traces, and possibly of others.
     """
     free = {(row.file, row.channel): row.rms / row.sigma for row in free_run}
     out = []
@@ -206,22 +206,22 @@ def _of_channel(file: str, channel: str, r: np.ndarray, free: float, settings: F
 
 
 def worst(found: Iterable[Goodness]) -> Goodness:
-    """The one that decides for all of them: of the worst kind, and of these the one that is furthest off."""
+    """The worst channel: the worst verdict, and among equal verdicts the largest error."""
     return max(found, key=lambda each: (list(Left).index(each.left), each.off))
 
 
 def _named(found: Sequence[Goodness]) -> str:
-    """Their files, the one that is furthest off first."""
+    """Their files, the one with the largest error first."""
     files = list(dict.fromkeys(each.file for each in sorted(found, key=lambda each: -each.rms)))
     return first_names(files, _FILES)
 
 
 def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
-    """What a reader of a fit must know of its residuals.
+    """Warnings about the residuals of a fit.
 
     Args:
-        found: of every fitted channel.
-        widened: factor by which they widened the standard error that they widened most; below 1.05 nobody sees it.
+        found: goodness of every fitted channel.
+        widened: largest factor by which they widened a standard error; below 1.05 it is not reported.
     """
     more = [each for each in found if each.left in (Left.MORE, Left.FAR)]
     strays = [each for each in found if each.left is Left.STRAYS]
@@ -229,7 +229,7 @@ def warnings_of(found: Sequence[Goodness], widened: float) -> list[str]:
     if more:
         wider = f"Intervals are widened for it (up to {widened:.1f} times), but widening does not remove a bias"
         if widened < _WIDER:
-            wider = "No interval becomes wider by 5 % for it, but there may be a bias all the same"
+            wider = "No interval becomes wider by 5 % for it, but there may still be a bias"
         out.append(
             f"{len(more)} of {len(found)} residuals are larger than their noise or not independent: the model lacks "
             f"something there. {wider}; look at {_named(more)} in the page of `etcfit report`."

@@ -1,4 +1,5 @@
-"""What the data can tell: singular values of the scaled Jacobian, and the parameters each weak direction mixes."""
+"""What the data determine: singular values of the scaled Jacobian, and the parameters that each weak direction
+mixes."""
 
 from __future__ import annotations
 
@@ -12,11 +13,11 @@ from ..problem.trace import Trace
 from ..rig.user_text import toml_string
 from .settings import IdentifiabilitySettings
 
-# standard deviation of what is believed of a parameter that no prior is given for, in reaches of its coordinate: about
-# a factor of 20 either way. Part of the definition of covariance and posterior, hence no setting
+# standard deviation of the prior of a parameter without a given prior, in reaches of its coordinate: about a factor of
+# 20 up or down. It is part of the definition of covariance and posterior, so it is not a setting
 WIDE = 3.0
-_NAMED_SHARE = 0.1  # a symbol is named in a direction where its component is more than this share of the largest one
-WEAK = 0.1  # standard deviation over reach from which on a direction is reported as badly known
+_NAMED_SHARE = 0.1  # a symbol is named in a direction if its component is more than this share of the largest one
+WEAK = 0.1  # standard deviation over reach above which a direction is reported as badly known
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class Direction:
     Args:
         symbols: the parameters it mixes, largest share first.
         shares: their components, in coordinates (relative changes for positive parameters).
-        sd: standard deviation along it, reaches; inf where the data say nothing.
+        sd: standard deviation along it, reaches; inf without any information.
         unknown: standard deviation above which it counts as not determined at all, reaches.
     """
 
@@ -49,7 +50,7 @@ class Identifiability:
         symbols: free parameters, P.
         singular_values: of the whitened Jacobian in coordinates, falling, shape (P,).
         directions: the null and the weak ones, worst first.
-        covariance: of the coordinates, with what is believed beforehand (`WIDE`) where the data say nothing, (P, P).
+        covariance: covariance of the coordinates, with the prior (`WIDE`) where the data have no information, (P, P).
         lost: symbols that are not identifiable.
     """
 
@@ -71,7 +72,7 @@ def analyse(
         sd_k = 1 / sqrt(eigenvalue_k)
 
     Args:
-        information: J^T J of the whitened residual and the priors that the user gave, shape (P, P).
+        information: J^T J of the whitened residual and the user's priors, shape (P, P).
     """
     reach = layout.reach(x)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))  # relative changes
@@ -81,7 +82,7 @@ def analyse(
     directions = [*_readable(layout.free, vectors[:, null], sd[null], settings)]
     for k in np.flatnonzero(~null & (sd > WEAK)):
         directions.append(_direction(layout.free, vectors[:, k], sd[k], settings))
-    # by eigenvectors: an inverse would drown the null directions in rounding
+    # by eigenvectors: an inverse would lose the null directions in rounding errors
     relative = (vectors / (values + 1.0 / WIDE**2)) @ vectors.T
     unsure = np.diag(relative) > settings.unknown**2
     if null.any():
@@ -93,13 +94,13 @@ def analyse(
 
 
 def _scaled(size: np.ndarray, variance: np.ndarray, straying: np.ndarray, unknown: float) -> np.ndarray:
-    """Whether parameters are known up to a scale alone: other than 0 without what strays along null directions, which
-    moves them by much of their own size. Their own reach would call that a small error.
+    """Whether parameters are known only up to a scale: not 0 without their variance along null directions, which is
+    large compared with their own size. Compared with their reach that would be a small error.
 
     Args:
-        size: of the parameters in reaches, shape (P,).
-        variance: of the parameters, reaches^2.
-        straying: the part of it along null directions.
+        size: size of the parameters in reaches, shape (P,).
+        variance: variance of the parameters, reaches^2.
+        straying: its part along null directions.
         unknown: share of its size up to which a parameter counts as known.
     """
     rest = np.maximum(variance - straying, 0.0)
@@ -117,11 +118,11 @@ def _direction(symbols: tuple[str, ...], vector: np.ndarray, sd: float, settings
 def _readable(
     symbols: tuple[str, ...], basis: np.ndarray, sd: np.ndarray, settings: IdentifiabilitySettings
 ) -> list[Direction]:
-    """Directions that span a null space, chosen so that each is led by a symbol that leads no other.
+    """Directions that span a null space, chosen so that the largest component of each is another symbol.
 
     Args:
-        basis: orthonormal, any basis of the space, shape (P, K).
-        sd: standard deviations along it, shape (K,).
+        basis: any orthonormal basis of the space, shape (P, K).
+        sd: standard deviations along the basis, shape (K,).
     """
     out, rest = [], basis.copy()
     leaders: list[int] = []
@@ -138,11 +139,10 @@ def _readable(
     return out
 
 
-# ---- What a direction that the data do not determine means, and which measurement would determine it: one sentence
-# each.
+# ---- The meaning of a direction that the data do not determine, and the measurement that would: one sentence each.
 #
-# The first rule that fits speaks. A newcomer's parameter needs no rule: the last ones speak for any symbols. A test of
-# which traces are there already is not advised as if it had not been made.
+# The first rule that applies gives the sentence. A new parameter needs no rule: the last rules apply to any symbols. A
+# test that was made already is not advised as if it had not been made.
 
 ELECTRICAL = frozenset({"R_a", "L_a"})
 MECHANICAL = frozenset({"J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f"})
@@ -150,12 +150,12 @@ MECHANICAL = frozenset({"J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f"})
 
 @dataclass(frozen=True)
 class Way:
-    """A rig test that tells something.
+    """A rig test that determines parameters.
 
     Args:
         test: its name.
-        name: in words, with its article.
-        how: it is made.
+        name: its name in words, with the article.
+        how: how it is made.
     """
 
     test: str
@@ -168,12 +168,12 @@ class Way:
 
 @dataclass(frozen=True)
 class Cure:
-    """What would tell parameters apart.
+    """The measurements that would separate parameters.
 
     Args:
-        tests: rig tests which together do.
-        besides: what does without another test; "" for nothing.
-        verb: what it does, "tells R_a" say; "" where `besides` is a whole sentence.
+        tests: rig tests that do so together.
+        besides: an alternative without another test; "" if there is none.
+        verb: the verb of the sentence, as "determines R_a"; "" if `besides` is a whole sentence.
     """
 
     tests: tuple[Way, ...] = ()
@@ -181,13 +181,13 @@ class Cure:
     verb: str = "separates them"
 
     def words(self, made: Collection[str]) -> str:
-        """The cure for a rig of which these tests were made: what is there already is not advised as if it were not."""
+        """The cure for a rig with these tests: a test that was made is not advised as if it had not been made."""
         absent = [str(way) for way in self.tests if way.test not in made]
         if absent or not self.tests:
             ways = [" beside ".join(absent), self.besides]
             return f"{' or '.join(way for way in ways if way)} {self.verb}".rstrip()
         there = listed(f"{way.test}/" for way in self.tests)
-        more = f"`etcfit check --advise` says how much one more trace ({self.tests[-1].how}) would tell"
+        more = f"`etcfit check --advise` says how much one more trace ({self.tests[-1].how}) would help"
         besides = f"{self.besides} {self.verb}, and " if self.besides else ""
         tells = "tells" if len(self.tests) == 1 else "tell"
         return f"{there} {'is' if len(self.tests) == 1 else 'are'} there but {tells} too little: {besides}{more}"
@@ -195,11 +195,11 @@ class Cure:
 
 @dataclass(frozen=True)
 class Rule:
-    """Applies to symbols that hold all of `every`, at least `some_count` of `some`, and nothing outside `within`.
+    """Applies to sets of symbols with all of `every`, at least `some_count` of `some`, and none outside `within`.
 
     Args:
-        says: what the data see of them; follows the symbols' names.
-        cure: what would tell them apart.
+        says: what the data show of them; follows the symbols' names.
+        cure: what would separate them.
     """
 
     says: str
@@ -224,29 +224,29 @@ RAMP = Way("static_load", "a slow voltage ramp", "up and down over the whole tra
 _INERTIAS, _DAMPINGS = frozenset({"J_m", "J_L"}), frozenset({"B_m", "B_L"})
 
 RULES: tuple[Rule, ...] = (
-    Rule("share one scale, for nobody logged what the ECU put out and none of its gains is known",
+    Rule("share one scale, because the output of the ECU was not logged and none of its gains is known",
          Cure(besides="a logged voltage or current, one known gain ([ecu] in rig.toml), or tests that measure the "
                       "plate", verb="fixes it"),
          every=frozenset({"K_p"}), some=frozenset({"K_p", "K_i", "K_d", "V_e"}) | MECHANICAL, some_count=2),
-    Rule("share one scale, for nothing measures a torque",
+    Rule("share one scale, because nothing measures a torque",
          Cure(besides="only K_m = K_b, a torque sensor, or one known torque or inertia", verb="fixes it"),
          every=frozenset({"K_m"}), some_count=2),
-    Rule("share one scale, for without a current only torque per volt is seen",
+    Rule("share one scale, because without a current only torque per volt is seen",
          Cure(besides="log the current, or fix R_a and K_b in rig.toml", verb=""),
          every=frozenset({"R_a"}), some_count=2),
-    Rule("share one scale, for only ratios of torques are seen",
+    Rule("share one scale, because only ratios of torques are seen",
          Cure(besides="a logged torque or current, or one known torque or inertia,", verb="fixes it"), some_count=4),
     Rule("are seen only as N^2 J_m + J_L", Cure((ALONE,)), every=_INERTIAS, within=_INERTIAS),
     Rule("are seen only as N^2 B_m + B_L", Cure((ALONE,)), every=_DAMPINGS, within=_DAMPINGS),
     Rule("are seen only as N^2 J_m + J_L and N^2 B_m + B_L", Cure((ALONE,)),
          some_count=3, within=_INERTIAS | _DAMPINGS),
-    Rule("brake alike, for without a current back-EMF looks like viscous friction",
+    Rule("brake alike, because without a current back-EMF looks like viscous friction",
          Cure((BACK_EMF,), besides="a logged current"), every=frozenset({"K_b"}), some=_DAMPINGS, some_count=1),
     Rule("look alike over the small angle that the plate moves", Cure((RAMP,)),
          every=frozenset({"K_s", "T_PL"}), within=frozenset({"K_s", "T_PL"})),
-    Rule("look alike, for the plate hardly moves, or one way only", Cure((RAMP,)),
+    Rule("look alike, because the plate hardly moves, or in one direction only", Cure((RAMP,)),
          every=frozenset({"T_PL", "T_f"}), within=frozenset({"K_s", "T_PL", "T_f"})),
-    Rule("look alike, for the plate moves at one speed only", Cure(besides="slow and fast motion"),
+    Rule("look alike, because the plate moves at one speed only", Cure(besides="slow and fast motion"),
          every=frozenset({"T_f"}), some=_DAMPINGS, some_count=1, within=_DAMPINGS | {"T_f"}),
     Rule("are seen only as the ratio L_a/R_a", Cure((RESISTANCE,), verb="fixes R_a"),
          every=ELECTRICAL, within=ELECTRICAL),
@@ -257,7 +257,7 @@ def _cure_by_tests(symbol: str, *tests: Way, besides: str = "") -> tuple[str, Cu
     return symbol, Cure(tests, besides, f"tells {symbol}")
 
 
-# the measurement that tells one parameter on its own
+# the measurement that determines one parameter by itself
 TOLD_BY: dict[str, Cure] = dict(
     (
         _cure_by_tests("R_a", RESISTANCE),
@@ -274,7 +274,7 @@ TOLD_BY: dict[str, Cure] = dict(
     )
 )
 
-# the gain of the ECU that multiplies what motion
+# gain of the ECU -> the motion that excites it
 EXCITED_BY: dict[str, str] = {
     "K_p": "any motion of the setpoint",
     "K_i": "an error that lasts",
@@ -284,7 +284,7 @@ EXCITED_BY: dict[str, str] = {
 
 
 def sentences(directions: Iterable[Direction], traces: Iterable[Trace]) -> tuple[str, ...]:
-    """Each null or weak direction in words, with a cure that these traces are not yet."""
+    """Each null or weak direction in words, with a cure that these traces do not contain."""
     made = frozenset(trace.test.name for trace in traces)
     return tuple(sentence(direction, made) for direction in directions)
 

@@ -1,9 +1,10 @@
-"""Standard errors and 95 % intervals in SI, from the covariance of the coordinates. The only place that does this.
+"""Standard errors and 95 % intervals in SI, from the covariance of the coordinates. No other module computes them.
 
     stderr = |dvalue/dx| sqrt(C_ss),    ci95 = value(x -+ 1.96 sqrt(C_ss))
 
 The interval is mapped from coordinates, where the fit is nearest to linear, so it never crosses a bound. Parameters of
-a model that is far from its data are a `compromise`: no standard error, and the range that subsets of the data give.
+a model that is far from its data are a `compromise`: they have no standard error, and the range from subsets of the
+data.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from .identifiability import WEAK
 from .levenberg_marquardt import prior_information
 from .result import Budget, FitResult
 
-_TINY = 1e-30  # of a step into the complex plane
+_TINY = 1e-30  # step into the complex plane
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter and how well it is known, SI.
+    """A parameter and its uncertainty, SI.
 
     Args:
-        value: at the optimum.
-        stderr: standard error; None where it is not estimated or not identifiable.
-        low, high: 95 % interval, or None likewise; of a compromise the range that subsets of the data give.
+        value: value at the optimum.
+        stderr: standard error; None if the parameter is not estimated or not identifiable.
+        low, high: 95 % interval, or None likewise; of a compromise the range from subsets of the data.
         status: "estimated", "fixed", "tied", "not identifiable" or "compromise".
-        remark: what a reader must know besides, or None.
+        remark: a further remark for the reader, or None.
     """
 
     value: float
@@ -47,9 +48,9 @@ class Interval:
 
     @property
     def spread(self) -> float | None:
-        """Standard error, or of a range without one what would make it a 95 % interval; None without either.
+        """Standard error, or the one for which the range would be a 95 % interval; None without either.
 
-        It says how many digits are worth printing, and no more.
+        It determines only how many digits are printed.
         """
         if self.stderr is not None or self.low is None or self.high is None:
             return self.stderr
@@ -64,7 +65,7 @@ class Interval:
 def intervals(result: FitResult) -> dict[str, Interval]:
     """Every parameter by symbol, in the model's order, and the gear ratio N last.
 
-    A tied parameter carries the interval of what it equals, and shares its status where that is no estimate.
+    A tied parameter has the interval of the parameter that it equals, and its status if that is no estimate.
     """
     layout = result.free_parameters.layout
     free = dict(zip(layout.free, _free(result), strict=True))
@@ -79,13 +80,13 @@ def intervals(result: FitResult) -> dict[str, Interval]:
 
 @dataclass(frozen=True)
 class Lump:
-    """A combination of parameters that may be known where its parts are not.
+    """A combination of parameters that may be known although its parts are not.
 
     Args:
-        unit: SI.
-        meaning: formula first.
+        unit: SI unit.
+        meaning: meaning, with the formula first.
         formula: the combination as a function of the values (SI, by symbol) and the gear ratio.
-        electric: True where it needs an electrical side.
+        electric: whether it needs an electrical side.
     """
 
     unit: str
@@ -117,8 +118,8 @@ def _per_torque(values: Mapping[str, Any], gear_ratio: float) -> Any:
 def lumped(result: FitResult) -> dict[str, Interval]:
     """Combinations of parameters, by the delta method: stderr = sqrt(g^T C g), g the gradient in coordinates.
 
-    What the plate feels of motor and load together, and, in volts at the terminals, what holds and brakes the plate:
-    the latter are known even where no current was logged and hence no torque.
+    They are the sums of motor and load that act on the plate, and the torques that hold and brake the plate in volts at
+    the terminals; the latter are known even if no current, and so no torque, was logged.
     """
     electric = any(trace.circuit for trace in result.problem.batch.traces)
     n, free_parameters = result.rig.config.gear_ratio, result.free_parameters
@@ -135,26 +136,26 @@ def lumped(result: FitResult) -> dict[str, Interval]:
 
 
 def _ranged(result: FitResult, lump: Lump, gradient: np.ndarray, stated: Interval) -> Interval:
-    """A combination of what is a compromise: its values over the subsets that know it, its gradient that of all."""
+    """A combination of parameters that are a compromise: range over the subsets that determine it, gradient of all."""
     compromise, n, layout = result.compromise, result.rig.config.gear_ratio, result.free_parameters.layout
     if compromise is None or stated.low is None or stated.high is None:
         return stated
     values = [float(lump.formula(layout.values(x, result.free_parameters.held), n)) for x in compromise.points]
     sd = [math.sqrt(max(float(gradient @ c @ gradient), 0.0)) for c in compromise.covariances]
-    told = [(v, Z_95 * s) for v, s in zip(values, sd, strict=True) if s < WEAK * abs(v)]
+    determined = [(v, Z_95 * s) for v, s in zip(values, sd, strict=True) if s < WEAK * abs(v)]
     low, high = (
-        min([stated.low, *(v - half for v, half in told)]),
-        max([stated.high, *(v + half for v, half in told)]),
+        min([stated.low, *(v - half for v, half in determined)]),
+        max([stated.high, *(v + half for v, half in determined)]),
     )
     return replace(stated, stderr=None, low=low, high=high, status="compromise")
 
 
 def _gradients(free_parameters: FreeParameters, x: np.ndarray, n: float) -> np.ndarray:
-    """Of every combination in coordinates, shape (len(LUMPS), P).
+    """Gradients of every combination in coordinates, shape (len(LUMPS), P).
 
         df/dx_k = Im f(v + i h e_k) / h dv_k/dx_k
 
-    Exact for any h this small: there is no difference to cancel in.
+    Exact for so small an h: there is no difference, so no cancellation.
     """
     layout = free_parameters.layout
     slope = layout.numbers(x)[1]
@@ -167,7 +168,7 @@ def _gradients(free_parameters: FreeParameters, x: np.ndarray, n: float) -> np.n
 
 
 def _free(result: FitResult) -> list[Interval]:
-    """Those of the free parameters, in the order of x."""
+    """Intervals of the free parameters, in the order of x."""
     layout, x = result.free_parameters.layout, result.x
     sd = np.sqrt(np.maximum(np.diag(result.covariance), 0.0))
     slope = layout.numbers(x)[1]
@@ -182,7 +183,7 @@ def _free(result: FitResult) -> list[Interval]:
 
 
 def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
-    """The interval of the k-th free parameter, with a remark at a bound, or without numbers where it is unknown."""
+    """The interval of the k-th free parameter, with a remark at a bound, or without numbers if it is unknown."""
     layout, value = result.free_parameters.layout, stated.value
     domain = layout.parameter(layout.free[k]).domain
     remark = "at its bound" if domain.at_bound(value) else None
@@ -192,7 +193,7 @@ def _judged(result: FitResult, k: int, stated: Interval) -> Interval:
     if sd is None:
         return Interval.bare(value, "estimated", "its standard error could not be computed")
     if sd > result.settings.identifiability.unknown_widened * layout.reach(result.x)[k]:
-        return Interval.bare(value, "not identifiable", remark)  # where widening left nothing of what was known
+        return Interval.bare(value, "not identifiable", remark)  # widening removed all information
     return replace(stated, remark=remark, stderr=stated.stderr if stated.status == "estimated" else None)
 
 
@@ -204,7 +205,7 @@ def _tied(symbol: str, other: str, equal: Interval) -> Interval:
 
 
 def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray, unknown: float) -> Interval:
-    """The interval of a combination by the delta method; none where its relative standard error exceeds `unknown`."""
+    """The interval of a combination by the delta method; none if its relative standard error exceeds `unknown`."""
     if not gradient.any():
         return Interval.bare(value, "fixed")
     stderr = _root(float(gradient @ covariance @ gradient))
@@ -214,17 +215,18 @@ def _combined(value: float, gradient: np.ndarray, covariance: np.ndarray, unknow
 
 
 def _root(variance: float) -> float | None:
-    """Standard deviation; None where the variance is negative or not finite."""
+    """Standard deviation; None if the variance is negative or not finite."""
     return math.sqrt(variance) if math.isfinite(variance) and variance >= 0.0 else None
 
 
-# ---- What the stated accuracy of the instruments adds to the intervals: a probe that is 1 % off is so in every trace.
+# ---- The contribution of the instruments' stated accuracy to the intervals: a probe that is 1 % off is off in every
+# trace.
 #
-# A scale or zero b that is off by an unknown amount of standard deviation s_b moves the estimate by
+# A scale or zero b with an unknown error of standard deviation s_b moves the estimate by
 #
 #     dx = -(J^T J)^-1 J^T c_b b,    c_b = dr/db        C_full = C + sum_b p_b p_b^T,    p_b = s_b dx/db
 #
-# The data cannot tell b (or the fit would have been asked to); so it is not fitted but carried into the intervals.
+# The data do not determine b (otherwise it would be a free parameter), so it is not fitted but added to the intervals.
 #
 # Source: GUM (JCGM 100:2008), 4.3 and 5.1 (type B, law of propagation); Schmidt 1966 ("consider" covariance). Differs
 # from source: no.
@@ -232,11 +234,11 @@ def _root(variance: float) -> float | None:
 
 @dataclass(frozen=True)
 class _Source:
-    """One thing that may be off.
+    """One source of uncertainty.
 
     Args:
-        words: what it is called.
-        moves: by how much one standard deviation of it turns on effects of the rig, SI.
+        words: its name in words.
+        moves: values of effects of the rig for one standard deviation of it, SI.
     """
 
     words: str
@@ -244,7 +246,7 @@ class _Source:
 
 
 def with_accuracy(result: FitResult) -> FitResult:
-    """The fit with intervals that allow for what rig.toml's [accuracy] states; the fit itself where it states none."""
+    """The fit with intervals that include the accuracy in rig.toml's [accuracy]; the fit itself if none is stated."""
     sources = _sources(result)
     if not sources:
         return result
@@ -254,7 +256,7 @@ def with_accuracy(result: FitResult) -> FitResult:
 
 
 def _sources(result: FitResult) -> list[_Source]:
-    """Those that the traces fitted could feel."""
+    """The sources that could affect the fitted traces."""
     config, traces = result.rig.config, result.problem.batch.traces
     logged = {channel for trace in traces for channel in trace.channels}
     driven = [trace for trace in traces if trace.input is not None]
@@ -279,7 +281,7 @@ def _sources(result: FitResult) -> list[_Source]:
 
 
 def _end_points(lower: float, upper: float, sd: float) -> list[_Source]:
-    """Each end of the position sensor by itself: position = theta + e (upper - theta)/(upper - lower), and so on."""
+    """Each end of the position sensor alone: position = theta + e (upper - theta)/(upper - lower), and so on."""
     gain, offset = (family.at(Place("", "position")) for family in (ChannelGain, ChannelOffset))
     span = upper - lower
     if not math.isfinite(span):
@@ -309,7 +311,7 @@ def _moves(result: FitResult, sources: list[_Source]) -> np.ndarray:
 
 
 def _with(free_parameters: FreeParameters, effects: tuple[type[AbstractRigEffect], ...]) -> FreeParameters:
-    """The effects' parameters free, after all others."""
+    """Free parameters with those of the effects added at the end."""
     layout = free_parameters.layout
     more = tuple(parameters_of(effect)[0] for effect in effects)
     extended = replace(

@@ -31,9 +31,9 @@ from .rounds import quiet as quiet
 from .settings import FitSettings
 
 _NOISE = 1.0  # chi2 per degree of freedom of noise alone
-_HOPELESS = 3.0  # times the misfit of a model that is far: a descent stopped early may be that far above its end
-_SPARE = 1.06  # room for held-out traces over what they need at the start: at other values they need a few steps more
-MISFIT = FitSettings().misfit  # see there; the default, for whoever judges a fit by its JSON file alone
+_HOPELESS = 3.0  # times the misfit of a far model: a descent stopped early may be so far above its end
+_SPARE = 1.06  # factor on the integration steps of held-out traces at the start: other values need a few steps more
+MISFIT = FitSettings().misfit  # the default, to judge a fit from its JSON file alone
 
 
 def _compile_step(size: int) -> None:
@@ -47,33 +47,33 @@ def fit(
 ) -> FitResult:
     """Fit Eqs. 1-2 (and the effects that rig.toml names) jointly to all traces that are not held out.
 
-    Several starts are descended from; from the deepest end the whitening filter and the least squares are renewed in
-    turn until neither moves. A model that is far from the data is fitted free-running instead.
+    It descends from several starts. From the deepest end it renews the whitening filter and the least squares in turn
+    until neither changes. A model that is far from the data is fitted free-running instead.
 
     Args:
         rig: a measurement folder.
-        report: called with what is going on and the share done.
+        report: called with the current step and the share done.
         settings: thresholds, budgets and seeds; written into the result.
-        about: values of a like body, SI by symbol, to start from in place of the reading. No other start is tried where
-            that one ends near the data; where it does not, the reading and all starts are, as without it.
+        about: values of a similar body, SI by symbol, as a start in place of the reading. If that start ends near the
+            data, no other is tried; else the reading and all other starts are tried, as without it.
     Raises:
-        MeasurementError: nothing to fit, or rig.toml names what does not exist.
+        MeasurementError: nothing to fit, or rig.toml names something that does not exist.
     """
     optimum = _end(rig, report, settings, about)
-    assert optimum is not None, "only where an end near the data is asked for can there be none"
+    assert optimum is not None, "None is possible only if an end near the data is required"
     return finished(optimum)
 
 
 def fit_near(
     rig: Rig, report: Report = quiet, settings: FitSettings = FitSettings(), about: Mapping[str, float] | None = None
 ) -> Optimum | None:
-    """Where `fit` ends, and nothing that is computed of that end (`finished`); None where it ends far from the data:
-    for whoever asks only whether a model comes near, the free run is not gone into. Arguments as of `fit`."""
+    """The end of `fit`, without the results computed there (`finished`); None if it is far from the data. It only shows
+    whether a model comes near, so it makes no fit of the free run. Arguments as of `fit`."""
     return _end(rig, report, settings, about, only_near=True)
 
 
 def finished(optimum: Optimum) -> FitResult:
-    """What a fit leaves behind, its stated accuracy included."""
+    """The result of a fit, with the stated accuracy of the instruments."""
     return with_accuracy(outcome(optimum))
 
 
@@ -94,7 +94,7 @@ def _end(
         reached = no_higher_than_smaller(rig, begun.model, reached, model_of, end_of, report, settings)
     trusted = not reached.end.far
     clocked = with_edges_in_step(rig, reached.problem, held_out, reached.x) if trusted else None
-    if clocked is not None:  # instants of edges that were taken as independent share a phase
+    if clocked is not None:  # the instants of edges, taken as independent before, share a phase
         report("edges in step with the samples: fitting their phase", 0.9)
         prepared = ready(clocked.rig)
         phased = _fitted_again(clocked.rig, prepared.fitted, reached, settings)
@@ -114,8 +114,8 @@ class _Begun(NamedTuple):
     """A rig ready to be fitted.
 
     Args:
-        model: beside its traces.
-        readings: the paper's graph by graph reading.
+        model: the model and its traces.
+        readings: the readings of the paper's graphs.
         held_out, notes: as `Prepared` has them.
     """
 
@@ -139,14 +139,14 @@ def _begun(rig: Rig, report: Report) -> _Begun:
 
 
 def model_of(rig: Rig) -> Model:
-    """The model of a rig beside its traces, ready to be fitted."""
+    """The model of a rig and its traces, ready to be fitted."""
     return _begun(rig, quiet).model
 
 
 def from_own_starts(model: Model, settings: FitSettings = FitSettings()) -> Reached:
-    """Where a model ends from the reading and from the points scattered about it."""
+    """The end of a model from the reading and from the points scattered about it."""
     ended = _ended(model, quiet, settings)
-    assert ended is not None, "only where an end near the data is asked for can there be none"
+    assert ended is not None, "None is possible only if an end near the data is required"
     return ended[0]
 
 
@@ -157,8 +157,8 @@ def _ended(
     about: Mapping[str, float] | None = None,
     only_near: bool = False,
 ) -> tuple[Reached, tuple[StartSummary, ...]] | None:
-    """Where a model ends from its own starts, and its descents; None where only an end near the data is of use and none
-    is."""
+    """The end of a model from its own starts, and its descents; None if an end near the data is required and there is
+    none."""
     problem, start = model
     problem.compile_ahead()
     in_background(partial(_compile_step, start.size))
@@ -179,7 +179,7 @@ class Descent(NamedTuple):
     """One descent from a starting point.
 
     Args:
-        end: coordinates where it ended, shape (P,).
+        end: coordinates of its end, shape (P,).
         before, after: chi2 at its start and its end.
         steps: Levenberg-Marquardt steps.
     """
@@ -194,9 +194,9 @@ class Deepest(NamedTuple):
     """The lowest end of all descents.
 
     Args:
-        x: coordinates there, shape (P,).
+        x: its coordinates, shape (P,).
         starts: every descent, in the order of the starting points.
-        misfit: chi2 per degree of freedom there.
+        misfit: its chi2 per degree of freedom.
     """
 
     x: np.ndarray
@@ -214,13 +214,13 @@ def deepest(
     """Descend from every starting point and keep the lowest end; of equal ones the first.
 
     Args:
-        points: where to start, shape (P,) each; the first is the reading of the paper's graphs.
-        descend_from: descends from the k-th point. Its last argument is True where the first end is near the data: then
-            every other start is only a check, and a plain descent will do. From the second on they go side by side.
-        freedom: degrees of freedom, samples less parameters.
-        settings: `misfit` says what is near.
-        checks: other starts where the first end leaves no more than noise; None: all. None can end much lower, but by
-            half a standard error one does.
+        points: starting points, shape (P,) each; the first is the reading of the paper's graphs.
+        descend_from: descends from the k-th point. Its last argument is True if the first end is near the data: then
+            the other starts are only checks, and a plain descent is enough. From the second on they run in parallel.
+        freedom: degrees of freedom, samples minus parameters.
+        settings: `misfit` defines near.
+        checks: number of other starts if the residual of the first end is noise; None: all. No other start can end much
+            lower then, but one may end lower by half a standard error.
     """
     reading = descend_from(0, points[0], False)
     misfit = reading.after / freedom
@@ -242,7 +242,7 @@ def _from_several_starts(
     """From the reading first, then from points scattered about it.
 
     Args:
-        only_near: an end far from the data is of no use: then no descent goes on to it.
+        only_near: an end far from the data is not needed: no descent to one is continued.
     """
     rng = np.random.default_rng(settings.seed)
     reach = settings.spread * problem.layout.reach(start)
@@ -254,7 +254,7 @@ def _from_several_starts(
     hopeless = _HOPELESS * settings.misfit * freedom if only_near and not problem.controlled else np.inf
 
     def descend_from(k: int, first: np.ndarray, near: bool) -> Descent:
-        if k < 2:  # from there on they go side by side
+        if k < 2:  # from there on they run in parallel
             report("start 1, the reading" if k == 0 else f"starts 2 to {count}", 0.1 + 0.4 * k / count)
         if near:
             end, steps = descend(problem, first, weighted, tolerance, settings.steps)
@@ -269,7 +269,7 @@ def _from_several_starts(
 def _from_a_like_body(
     problem: EstimationProblem, start: np.ndarray, about: Mapping[str, float], settings: FitSettings
 ) -> Deepest | None:
-    """From the values of a like body, where it names them; None where that ends far from the data."""
+    """From the values of a similar body, where given; None if that ends far from the data."""
     layout = problem.layout
     values = {**layout.values(start, problem.free_parameters.held), **about}
     first = layout.off_bounds(layout.coordinates(values))
@@ -277,14 +277,13 @@ def _from_a_like_body(
 
 
 def _angles_alone(problem: EstimationProblem) -> bool:
-    """Whether every trace logs the plate's angle and nothing else, its voltage known: a log without a current, which
-    the paper's reading tells little of. A guide along that angle leads from it to the valley of the data sooner than
-    many starts do."""
+    """Whether every trace logs only the plate's angle, with a known voltage. Without a current the paper's reading
+    determines little, and a guide along the angle leads to the valley of the data sooner than many starts do."""
     return not problem.controlled and all(set(trace.channels) == {"position"} for trace in problem.batch.traces)
 
 
 def _along_the_angle(problem: EstimationProblem, start: np.ndarray, settings: FitSettings) -> Deepest | None:
-    """From where a guide leads the reading; None where that ends far from the data."""
+    """From the end of a guide that starts at the reading; None if that ends far from the data."""
     led, steps = led_by_guide(problem, start, ROUGH_TOLERANCE, settings)
     return _from_one_start("reading, led along the measured angle", problem, start, led, steps, settings)
 
@@ -292,12 +291,12 @@ def _along_the_angle(problem: EstimationProblem, start: np.ndarray, settings: Fi
 def _from_one_start(
     name: str, problem: EstimationProblem, start: np.ndarray, first: np.ndarray, led: int, settings: FitSettings
 ) -> Deepest | None:
-    """One descent in place of all starts; None where it ends far from the data.
+    """One descent in place of all starts; None if it ends far from the data.
 
     Args:
-        start: the first point, whose chi2 the summary has, shape (P,).
-        first: where the descent begins, shape (P,): the same, or where a guide led from there.
-        led: steps of that guide.
+        start: the first point, whose chi2 is in the summary, shape (P,).
+        first: the start of the descent, shape (P,): the same point, or the end of a guide from there.
+        led: number of steps of that guide.
     """
     weighted = problem.weighted(weights.forgiving(problem))
     end, steps = descend(problem, first, weighted, ROUGH_TOLERANCE, settings.steps)
@@ -309,14 +308,14 @@ def _from_one_start(
 
 
 def _forgiven(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> float:
-    """chi2 at x, shape (P,), instants forgiven, each ECU's integral begun as fits best there."""
+    """chi2 at x, shape (P,), with errors of timing allowed and each ECU's integral at its best initial value."""
     there = problem.with_integrator_states(x)
     forgiven = weighted if there is problem else there.weighted(weights.forgiving(there))
     return float(chi2_of(there, x[None], forgiven)[0])
 
 
 def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, settings: FitSettings) -> Reached:
-    """The rounds once more, of a rig of which more is known and of its traces, from where they ended."""
+    """The rounds again, from their end, for a rig with further known properties."""
     known, before = free_parameters(rig.config), reached.problem
     found = before.layout.values(reached.x, before.free_parameters.held)
     x = known.layout.coordinates({**known.start, **found})
@@ -327,9 +326,10 @@ def _fitted_again(rig: Rig, fitted: tuple[Trace, ...], reached: Reached, setting
 def _reached(
     problem: EstimationProblem, x: np.ndarray, start: np.ndarray, misfit: float, report: Report, settings: FitSettings
 ) -> Reached | None:
-    """The whitened end of the fit from the deepest descent; None where that came not near the data.
+    """The whitened end of the fit from the deepest descent; None if that did not come near the data.
 
-    Under an ECU no descent may come near, though the model is right: then others are tried before it is called far.
+    With an ECU in the model it is possible that no descent comes near although the model is right: then others are
+    tried before the model is called far.
     """
     if misfit < settings.misfit:
         return whitened(problem, x, report, settings)

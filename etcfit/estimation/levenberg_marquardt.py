@@ -1,9 +1,9 @@
 """Minimises chi2 by Levenberg-Marquardt, from one start to one optimum, and linearises the problem at a point.
 
     least_squares        the bare algorithm, on any sum of squares; `damped_step` makes its steps
-    minimise, descend    chi2 of an `EstimationProblem`, from x and from off the bounds
-    descend_in_stages    the same from far off: several descents, errors of timing counting little at first
-    linearise_at         covariance, and what a further step would gain, at a point
+    minimise, descend    chi2 of an `EstimationProblem`, from x and from a point away from the bounds
+    descend_in_stages    the same from far away: several descents, the first of which tolerate errors of timing
+    linearise_at         covariance and the gain of a further step, at a point
 
 The joint fit, diagnosis and posterior call it.
 """
@@ -26,10 +26,10 @@ from .settings import FitSettings
 
 STEPS = FitSettings().steps
 ROUGH_TOLERANCE = 1e-2
-"""A descent from a start ends where neither chi2 (relative) nor any stretched coordinate (absolute) changes by more."""
+"""A descent from a start ends if neither chi2 (relative) nor any stretched coordinate (absolute) changes by more."""
 LATE: tuple[float, ...] = (0.064, 0.016, 0.004, 0.0)
-"""By how much every sampling instant may be off, s, in one descent after the other: a simulated plate that meets its
-stop a little early is forgiven at first, and less and less."""
+"""Tolerated error of every sampling instant, s, in successive descents: at first a simulated plate may meet its stop a
+little early, later less and less."""
 _STRETCH = 30.0  # Optimistix damps with the identity: this makes its first damping 1e-3 of the curvature
 
 
@@ -40,18 +40,18 @@ def least_squares(
     tolerance: float,
     steps: int,
 ) -> tuple[np.ndarray, int]:
-    """Levenberg-Marquardt on a sum of squares known by its normal equations, damped at first by the identity.
+    """Levenberg-Marquardt on a sum of squares given by its normal equations, damped at first by the identity.
 
-    More than half of the steps are rejected where a model is far from its data, and for that the sum alone is enough:
-    derivatives are computed only where a step is taken.
+    If a model is far from its data, more than half of the steps are rejected, and for that the sum alone is enough:
+    derivatives are computed only for accepted steps.
 
     Args:
-        equations: of y, shape (P,); columns of the Jacobian should have a size of some tens.
+        equations: normal equations at y, shape (P,); columns of the Jacobian should have a size of some tens.
         chi2: the sum of squares alone, cheaper.
-        y0: where to start, shape (P,).
-        tolerance: relative change of the sum, and absolute one of y, that ends it.
+        y0: the start, shape (P,).
+        tolerance: relative change of the sum, and absolute change of y, that ends the descent.
     Returns:
-        where it ended, shape (P,), and the number of steps. A step that raises the sum is never taken.
+        The end, shape (P,), and the number of steps. A step that raises the sum is never accepted.
     """
     from .damped_step import Condensed, begun, next_step, room_of  # brings Optimistix, a third of a second
 
@@ -76,7 +76,7 @@ def least_squares(
             continue
         at = known(here)
         after, state = next_step(room, y, state, at)
-        accepted = bool(np.array_equal(after, here))  # not where the sum is finite and the slopes are not
+        accepted = bool(np.array_equal(after, here))  # False if the sum is finite but the derivatives are not
         total, moved = float(np.sum(at.residual**2)), float(np.max(np.abs(here - y)))
         done = accepted and taken > 1 and moved < tolerance and lowest - total < tolerance * lowest
         y, lowest = after, total if accepted else lowest
@@ -108,10 +108,10 @@ def minimise(
     """Minimise chi2 from x.
 
     Args:
-        x: coordinates, shape (P,). Where residual or Jacobian are not finite there, nothing is done.
-        tolerance: relative change of chi2, and absolute one of the stretched coordinates, that ends the descent.
+        x: coordinates, shape (P,). If residual or Jacobian are not finite there, there is no descent.
+        tolerance: relative change of chi2, and absolute change of the stretched coordinates, that ends the descent.
     Returns:
-        coordinates of the end, shape (P,), and the number of steps; x itself and 0 where nothing was done.
+        Coordinates of the end, shape (P,), and the number of steps; x itself and 0 without a descent.
     """
     layout, count = problem.layout, weighted.samples
     compute = normal_equations(layout.form, weighted, x.size + layout.spare)
@@ -129,14 +129,14 @@ def minimise(
     scale = np.minimum(_scale(first.information + np.diag(1.0 / prior_sd**2), count), 1e4 * anchor)
 
     def prior_and_anchor(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals of the priors and of the anchor: a weak pull back to x, which keeps what the data do not determine
-        from wandering and weighs nothing beside any datum."""
+        """Residuals of the priors and of the anchor: a weak pull back to x, which keeps undetermined parameters from
+        drifting and is negligible compared with any datum."""
         return (at - prior_mean) / prior_sd, (at - x) / anchor
 
     def sum_alone(y: np.ndarray) -> float:
         at = x + scale * y
         prior, away = prior_and_anchor(at)
-        with np.errstate(over="ignore"):  # a simulation that runs away is rejected
+        with np.errstate(over="ignore"):  # a simulation that diverges is rejected
             return (problem.chi2(at, weighted) + float(prior @ prior + away @ away)) / count
 
     def equations(y: np.ndarray) -> NormalEquations:
@@ -155,10 +155,10 @@ def minimise(
 def descend(
     problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, tolerance: float, steps: int = STEPS
 ) -> tuple[np.ndarray, int]:
-    """Minimise from x moved off the bounds of its parameters, on which the gradient vanishes.
+    """Minimise from x moved away from the bounds of its parameters, where the gradient vanishes.
 
-    An end that is not lower than x is not believed: the descent is made once more from x itself. Arguments and what is
-    returned are those of `minimise`.
+    If the end is not lower than x, the descent is repeated from x itself. Arguments and return value are those of
+    `minimise`.
     """
     start = problem.layout.off_bounds(x)
     end, taken = minimise(problem, start, weighted, tolerance, steps)
@@ -174,9 +174,9 @@ class LinearisedProblem:
     """The problem linearised at a point.
 
     Args:
-        unit: chi2 per degree of freedom, at least 1: what a difference in chi2 is measured by.
-        covariance: of the coordinates, in that unit, shape (P, P).
-        gain: chi2 that a full Gauss-Newton step would still gain, g^T F^-1 g, in that unit.
+        unit: chi2 per degree of freedom, at least 1: the unit of differences in chi2.
+        covariance: covariance of the coordinates, in that unit, shape (P, P).
+        gain: fall of chi2 by a full Gauss-Newton step, g^T F^-1 g, in that unit.
         step: that step, -F^-1 g, shape (P,).
     """
 
@@ -187,8 +187,8 @@ class LinearisedProblem:
 
 
 def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> LinearisedProblem:
-    """Linearise at coordinates x, shape (P,). What the data do not tell counts as known to `WIDE` reaches; so does
-    everything where the simulation runs away, and the gain is infinite."""
+    """Linearise at coordinates x, shape (P,). Undetermined parameters count as known to `WIDE` reaches; if the
+    simulation diverges, all parameters do, and the gain is infinite."""
     padded, size = problem.layout.padded(x), x.size
     of_data = normal_equations(problem.layout.form, weighted, padded.size)(padded)
     unit = max(1.0, float(of_data.chi2) / max(1.0, weighted.samples - size))
@@ -203,7 +203,7 @@ def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedDa
     return LinearisedProblem(unit, unit * covariance, -float(gradient @ step) / unit, step)
 
 
-# ---- From far off to an optimum: errors of timing count little at first; a parameter that absorbed them is put back
+# ---- From far away to an optimum: errors of timing count little at first; a parameter that absorbed them is reset
 
 
 def descend_in_stages(
@@ -213,16 +213,16 @@ def descend_in_stages(
     settings: FitSettings = FitSettings(),
     hopeless: float = np.inf,
 ) -> tuple[np.ndarray, int]:
-    """Descend several times, each from the last end: sampling instants may be off by much at first, then by ever less.
+    """Descend several times, each from the last end, with less and less tolerated error of the sampling instants.
 
-    Where the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
+    If the simulated plate hits its stop a little early, all samples up to the true impact are wrong, by an amount
     that no small step of a parameter changes.
 
     Args:
         tolerance: relative change of chi2 that ends each descent.
-        hopeless: chi2 from which on a descent is the last: stricter timing would only add to it.
+        hopeless: chi2 above which a descent is the last: stricter timing would only increase it.
     Returns:
-        coordinates where it ended, shape (P,), and the number of Levenberg-Marquardt steps.
+        Coordinates of the end, shape (P,), and the number of Levenberg-Marquardt steps.
     """
     steps = 0
     for late in LATE:
@@ -236,10 +236,10 @@ def descend_in_stages(
 
 
 def with_lag_of_start(start: np.ndarray, problem: EstimationProblem, x: np.ndarray) -> np.ndarray:
-    """Coordinates x, shape (P,), with the L_a/R_a of the start where an ECU in the model saw jumps of its setpoint.
+    """Coordinates x, shape (P,), with the L_a/R_a of the start if the setpoint of an ECU in the model has jumps.
 
-    Until the instants of these jumps are fitted, the circuit's lag makes up for the error in them and may fall to zero.
-    From there no descent brings it back, for its gradient vanishes.
+    Until the instants of these jumps are fitted, the circuit's lag compensates their errors and may fall to zero. No
+    descent brings it back from there, because its gradient vanishes.
     """
     layout, held = problem.layout, problem.free_parameters.held
     if "L_a" not in layout.free or not problem.sees_jumps:

@@ -1,4 +1,4 @@
-"""What a fit begins with: the traces that it takes, and where it starts."""
+"""The beginning of a fit: the traces that it takes, and its start values."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from ..rig.toml import closest
 
 
 def start_values(free_parameters: FreeParameters, readings: Readings) -> dict[str, float]:
-    """Where the fit starts: the reading; where it is silent rig.toml; where that is silent a nominal value."""
+    """Start values of the fit: the reading; without one the value in rig.toml; without that a nominal value."""
     values = {p.symbol: p.nominal for p in free_parameters.layout.parameters}
     values |= free_parameters.start
     read = {s: v for s, v in readings.values.items() if s in values and np.isfinite(v)}
     if "T_PL" not in read and {"K_s", "K_m", "R_a"} <= read.keys():
-        # nominal in volts: the scale of torque is the reading's
+        # nominal in volts: the scale of torque comes from the reading
         read["T_PL"] = values["T_PL"] * (read["K_m"] / read["R_a"]) / (values["K_m"] / values["R_a"])
     return values | read
 
 
 def _left_out(measurement: Measurement) -> str:
-    """Why a trace is not fitted, and what would make it count."""
+    """Why a trace is not fitted, and how it could be."""
     why = f"{measurement.file}: no voltage, duty or torque was logged with it; it is not fitted"
     if not follows_setpoint(measurement):
         return why
@@ -40,9 +40,9 @@ class Prepared(NamedTuple):
     """The traces of a rig, ready for the model.
 
     Args:
-        fitted: to be fitted; at least one.
-        held_out: to be predicted only.
-        notes: a sentence on each trace that the model cannot predict, and why.
+        fitted: traces to fit; at least one.
+        held_out: traces that are only predicted.
+        notes: one sentence on each trace that the model cannot predict, with the reason.
     """
 
     fitted: tuple[Trace, ...]
@@ -54,7 +54,7 @@ def ready(rig: Rig) -> Prepared:
     """Sort the traces of a rig into those to fit and those held out.
 
     Raises:
-        MeasurementError: nothing is left to fit, or physics rules the data out.
+        MeasurementError: nothing is left to fit, or the data are physically impossible.
     """
     refuse(rig.folder, rig.findings)
     fitted, held_out, notes = [], [], []
@@ -62,34 +62,34 @@ def ready(rig: Rig) -> Prepared:
     refuse_wrong_places(rig, [trace for trace in traces if trace is not None])
     for measurement, trace in zip(rig.measurements, traces, strict=True):
         if rig.config.sets_aside(measurement):
-            notes.append(f"{measurement.file}: set aside as of another rig; it is neither fitted nor predicted")
+            notes.append(f"{measurement.file}: set aside as a trace of another rig; it is neither fitted nor predicted")
         elif trace is None:
             notes.append(_left_out(measurement))
         else:
             (held_out if measurement.held_out else fitted).append(trace)
     if rig.config.ecu is not None and not any(trace.controlled for trace in (*fitted, *held_out)):
-        notes.append("rig.toml: no trace needs [ecu], for each logs its drive, or no setpoint")
+        notes.append("rig.toml: no trace needs [ecu], because each logs its input, or no setpoint")
     if not fitted:
         found = "has no trace that can be fitted."
-        required = "At least one trace must log what drove it and what came of it, and not be held out."
-        raise MeasurementError(rig.folder, found, required, "Add one, or take it out of [holdout].")
+        required = "At least one trace must log its input and its response, and not be held out."
+        raise MeasurementError(rig.folder, found, required, "Add one, or remove one from [holdout].")
     return Prepared(tuple(fitted), tuple(held_out), tuple(notes))
 
 
-# ---- Places of effects of the rig that rig.toml names: each must be one that this folder has
+# ---- Places of the rig effects that rig.toml names: each must exist in this folder
 #
-# A slip of the pen would add a parameter that no data tell, or leave a trace of another rig in the fit.
+# A misspelt place would add a parameter that no data determine, or leave a trace of another rig in the fit.
 
-_SHOWN = 8  # places in a message, at most
+_SHOWN = 8  # largest number of places in a message
 
 
 def refuse_wrong_places(rig: Rig, traces: Iterable[Trace]) -> None:
     """Refuse an effect of the rig at a place that this folder does not have.
 
     Args:
-        traces: those that the model can predict, held out and set aside ones included.
+        traces: traces that the model can predict, including those held out or set aside.
     Raises:
-        MeasurementError: at the first, with the places that there are.
+        MeasurementError: for the first such place, with the places that exist.
     """
     traces = tuple(traces)
     for name in rig.config.effects:
@@ -113,6 +113,6 @@ def _refusal(effect: type[AbstractRigEffect], names: Sequence[str], places: Sequ
 
 
 def _places(family: type[AbstractRigEffect], rig: Rig, traces: Sequence[Trace]) -> tuple[Place, ...]:
-    if family is OtherRig:  # that needs no model
+    if family is OtherRig:  # such traces need no model
         return tuple(dict.fromkeys(Place.named(each) for m in rig.measurements for each in (m.file, m.test)))
     return family.everywhere(by_test(traces), {trace.measurement.file: trace.logged for trace in traces})

@@ -1,4 +1,4 @@
-"""What a fit leaves behind: parameters, how well they are known, how well they predict, and warnings."""
+"""The result of a fit: parameters, their uncertainty, errors of prediction, and warnings."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Budget:
     """Where the uncertainty of the parameters comes from.
 
     Args:
-        sources: what is uncertain, in words: "scale of current", "zero of position", "gear ratio".
-        moves: by how much one standard deviation of each moves the coordinates, shape (S, P).
+        sources: names of the sources: "scale of current", "zero of position", "gear ratio".
+        moves: shift of the coordinates by one standard deviation of each source, shape (S, P).
         statistical: covariance of the coordinates without them, shape (P, P).
     """
 
@@ -44,15 +44,15 @@ class Budget:
     statistical: np.ndarray
 
     def shares(self) -> np.ndarray:
-        """Share of each parameter's variance that each source makes, the statistical one last, shape (S + 1, P)."""
+        """Share of each source in each parameter's variance, the statistical one last, shape (S + 1, P)."""
         parts = np.vstack((self.moves**2, np.maximum(np.diag(self.statistical), 0.0)))
         return parts / np.maximum(parts.sum(axis=0), 1e-300)
 
 
 class Reason(StrEnum):
-    """Why a fit ended, for programs; `Termination.reason` says it to people, with numbers."""
+    """Why a fit ended, for programs; `Termination.reason` is the text for people, with numbers."""
 
-    OPTIMUM = "optimum"  # the gradient vanishes and the last round moved next to nothing
+    OPTIMUM = "optimum"  # the gradient vanishes and the last round hardly moved
     ALTERNATING = "alternating"  # two optima alternate, nearer to each other than the intervals are wide
     SEARCHED = "searched"  # chi2 is too rough for a gradient, and a search found nothing lower
     ROUGH = "rough"  # not converged: points drawn about the end still lower chi2
@@ -62,7 +62,7 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True)
 class StartSummary:
-    """Where one start of the fit began and ended.
+    """Start and end of one descent of the fit.
 
     Args:
         name: "reading" or the number of a perturbed start.
@@ -81,35 +81,35 @@ class FitResult:
     """The joint fit of a rig.
 
     Args:
-        rig: as read.
-        free_parameters: what was free.
+        rig: the rig as read.
+        free_parameters: the free parameters.
         x: coordinates at the optimum, shape (P,).
         values: SI by symbol, all parameters.
-        covariance: of the coordinates, widened where the noise is correlated and where traces or tests scatter by more
-            than their noise, shape (P, P).
+        covariance: covariance of the coordinates, widened if the noise is correlated or if traces or tests scatter by
+            more than their noise, shape (P, P).
         identifiability: which parameters these data determine.
-        readings: the paper's graph by graph reading.
+        readings: the readings of the paper's graphs.
         problem: the data as fitted, for later stages.
         holdout: the traces held out of the fit, or None.
-        weighted: what the residual was minimised over.
+        weighted: the weighted data of the minimised residual.
         whitened: residual of each fitted trace, shape (n, M) each.
         predicted: free-run simulation of each fitted trace and each held-out one, by file, shape (n, M) each.
-        score_fit, score_holdout: free-run errors a trace and channel.
-        chi2_per_dof: of the whitened residual.
-        converged, reason: whether this is an optimum, and in words why (not).
-        starts: where each start ended.
+        score_fit, score_holdout: free-run errors per trace and channel.
+        chi2_per_dof: chi2 per degree of freedom of the whitened residual.
+        converged, reason: whether the end is an optimum, and in words why (not).
+        starts: the end of each start.
         widening: factor by which correlated noise and the scatter of traces and tests widened the intervals, by symbol.
-        warnings: what a reader must know.
-        far: the model is far from the data and was fitted free-running.
-        formulas: effects whose formulas the covariance allows to be off, each by its `inexact`.
-        budget: what [accuracy] of rig.toml adds to the covariance; None where it states none: intervals are then
+        warnings: warnings, one sentence each.
+        far: whether the model is far from the data and was fitted free-running.
+        formulas: effects whose formulas may be off by their `inexact`; the covariance includes this.
+        budget: contribution of [accuracy] of rig.toml to the covariance; None if it states none: intervals are then
             statistical only.
-        exact_covariance: covariance with these formulas taken as exact; None where it equals `covariance`.
-        settings: what the fit decided by.
-        reason_code: `reason` for programs; None where the end was not judged by the joint fit.
+        exact_covariance: covariance with these formulas taken as exact; None if it equals `covariance`.
+        settings: settings of the fit.
+        reason_code: `reason` for programs; None if the end was not judged by the joint fit.
         influence: which test and trace pulls which parameter.
         contradictions: rig tests that contradict the others, worst first.
-        compromise: what subsets of the data give, where parameters are no estimates; None where they are.
+        compromise: results of subsets of the data, if parameters are no estimates; None if they are.
     """
 
     rig: Rig
@@ -143,7 +143,7 @@ class FitResult:
     compromise: Compromise | None = None
 
     def taken_as_exact(self) -> FitResult:
-        """The fit with the intervals that it has if formulas and instruments are exact, as the posterior takes them."""
+        """The fit with the intervals for exact formulas and instruments, as the posterior assumes them."""
         if self.exact_covariance is not None:
             return replace(self, covariance=self.exact_covariance, formulas=(), exact_covariance=None, budget=None)
         return self if self.budget is None else replace(self, covariance=self.budget.statistical, budget=None)
@@ -153,12 +153,12 @@ class FitResult:
 
     @property
     def goodness(self) -> tuple[Goodness, ...]:
-        """What is left in every fitted channel."""
+        """The verdict on the residual of every fitted channel."""
         return goodness_of(self.problem.batch.traces, self.whitened, self.score_fit, self.settings)
 
     @property
     def state(self) -> FitState:
-        """What every later stage must know of it."""
+        """The state of the fit, for every later stage."""
         why = None if self.compromise is None else self.compromise.why
         return FitState(float(self.chi2_per_dof), self.converged, self.reason, why)
 
@@ -178,8 +178,8 @@ class FitResult:
 
     @property
     def stated_covariance(self) -> np.ndarray:
-        """Of the coordinates, as later stages go by it, shape (P, P); of a compromise one as wide as the ranges that
-        subsets of the data give."""
+        """Covariance of the coordinates for later stages, shape (P, P); of a compromise as wide as the ranges from
+        subsets of the data."""
         if self.compromise is None:
             return self.covariance
         most = WEAK * self.free_parameters.layout.reach(self.x)
@@ -191,14 +191,14 @@ class Termination:
     """How the fit ended.
 
     Args:
-        converged, reason: whether at an optimum.
-        outliers: samples weighed down.
-        far: the model is far from the data and was fitted free-running.
-        wander: what the last round moved, coordinates, shape (1, P): where an impact or a slip falls on either side of
-            a sample, two whitenings alternate, and neither is better; the intervals include the difference. Below it,
-            one row each, how far optima nearby lie away that the data hardly rule out (`likeliest_nearby`).
-        gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
-        reason_code: `reason` for programs; None where the end was not judged by the joint fit.
+        converged, reason: whether the end is an optimum, and why (not).
+        outliers: number of samples with reduced weight.
+        far: whether the model is far from the data and was fitted free-running.
+        wander: first row, shape (1, P): movement of the coordinates in the last round; if an impact or a slip falls on
+            either side of a sample, two whitenings alternate, and neither is better; the intervals include the
+            difference. Further rows: distances of nearby optima that the data hardly rule out (`likeliest_nearby`).
+        gain: fall of chi2 that the gradient predicts, in units of chi2 per degree of freedom.
+        reason_code: `reason` for programs; None if the end was not judged by the joint fit.
     """
 
     converged: bool
@@ -212,19 +212,19 @@ class Termination:
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """Where a fit ended, and of what.
+    """The end of a fit.
 
     Args:
-        rig: as read.
-        readings: of the paper's graphs.
+        rig: the rig as read.
+        readings: readings of the paper's graphs.
         problem: the data as fitted.
-        held_out: traces to be predicted only.
-        weighted: what the residual was minimised over.
+        held_out: traces that are only predicted.
+        weighted: the weighted data of the minimised residual.
         x: coordinates of the end, shape (P,).
         end: why the fit ended.
-        starts: where each start ended.
-        notes: warnings besides the rig's own.
-        settings: what the fit decided by.
+        starts: the end of each start.
+        notes: warnings in addition to the rig's own.
+        settings: settings of the fit.
     """
 
     rig: Rig
@@ -245,20 +245,20 @@ class Optimum:
 
     @property
     def chi2_per_dof(self) -> float:
-        """Of the residual that was minimised, which near the data is the whitened one."""
+        """chi2 per degree of freedom of the minimised residual, which near the data is the whitened one."""
         chi2 = self.problem.chi2(self.x, self.weighted)
         return chi2 / max(1.0, self.weighted.samples - self.x.size)
 
 
 def outcome(optimum: Optimum) -> FitResult:
-    """What a fit leaves behind, computed at its end: intervals, verdict on the parameters, errors, warnings."""
+    """The result of a fit, computed at its end: intervals, verdict on the parameters, errors, warnings."""
     problem, weighted, x, end = optimum.problem, optimum.weighted, optimum.x, optimum.end
     pieces = pieces_at(problem, x, weighted)
     known, whitened = _spread(optimum, pieces), whitened_of(problem, pieces)
-    told = _predictions(optimum)
+    predictions = _predictions(optimum)
     if end.far:
-        whitened = tuple((t.data - told.predicted[t.measurement.file]) / t.sigma for t in problem.batch.traces)
-    samples = sum(row.n for row in told.score_fit)
+        whitened = tuple((t.data - predictions.predicted[t.measurement.file]) / t.sigma for t in problem.batch.traces)
+    samples = sum(row.n for row in predictions.score_fit)
     chi2 = sum(float(np.nansum(part**2)) for part in whitened) / max(1.0, samples - x.size)
     agreed = agreement(problem, weighted, x, pieces, known.covariance, (end.far, chi2), optimum.settings)
     wider = np.diag(agreed.covariance) / np.maximum(np.diag(known.certain), 1e-300)
@@ -273,7 +273,7 @@ def outcome(optimum: Optimum) -> FitResult:
         problem=problem,
         weighted=weighted,
         whitened=whitened,
-        **told._asdict(),
+        **predictions._asdict(),
         chi2_per_dof=chi2,
         converged=end.converged,
         reason=end.reason,
@@ -282,7 +282,7 @@ def outcome(optimum: Optimum) -> FitResult:
         warnings=(
             *optimum.rig.warnings,
             *optimum.notes,
-            *_warnings(optimum, known, told, whitened, chi2),
+            *_warnings(optimum, known, predictions, whitened, chi2),
             *agreed.words(lambda s: problem.layout.parameter(s).unit),
         ),
         far=end.far,
@@ -295,12 +295,12 @@ def outcome(optimum: Optimum) -> FitResult:
 
 
 class _Spread(NamedTuple):
-    """How well the coordinates are known, before the parts of the data are held against each other.
+    """Uncertainty of the coordinates, before the parts of the data are compared.
 
     Args:
         certain: covariance if the model and the noise are right, shape (P, P).
-        covariance: wider for what is left in each channel and for rounds that alternate, shape (P, P).
-        widest: factor by which correlated channels widened the standard error that they widened most; 1 where none.
+        covariance: widened for the residual of each channel and for rounds that alternate, shape (P, P).
+        widest: largest factor by which correlated channels widened a standard error; 1 if none.
         alternating: symbols in which the rounds alternate.
     """
 
@@ -324,7 +324,7 @@ def _spread(optimum: Optimum, pieces: tuple[Piece, ...]) -> _Spread:
 
 
 class _Predictions(NamedTuple):
-    """What the model run free says of every trace; the fields of `FitResult`."""
+    """Free-run predictions of every trace; the fields of `FitResult`."""
 
     holdout: EstimationProblem | None
     predicted: dict[str, np.ndarray]
@@ -353,9 +353,9 @@ def _verdict_on_parameters(
     pieces: tuple[Piece, ...],
     settings: FitSettings,
 ) -> Identifiability:
-    """What the data can tell, each channel counting for no more than its residual's size and independence allow.
+    """Which parameters the data determine, with each channel weighted by its residual's size and independence.
 
-    It is judged off the bounds: a parameter that lies on one would seem known, and so would what it hides behind.
+    It is judged away from the bounds: a parameter on a bound would seem known, and so would those tied up with it.
     """
     inside = problem.layout.off_bounds(x)
     if not np.array_equal(inside, x):
@@ -367,18 +367,18 @@ def _verdict_on_parameters(
 
 
 def _warnings(
-    optimum: Optimum, known: _Spread, told: _Predictions, whitened: tuple[np.ndarray, ...], chi2: float
+    optimum: Optimum, known: _Spread, predictions: _Predictions, whitened: tuple[np.ndarray, ...], chi2: float
 ) -> Iterator[str]:
-    """What a reader must know of the end of a fit, of what is left in its residuals, and of held-out traces."""
+    """Warnings about the end of a fit, its residuals, and held-out traces."""
     problem, end, settings = optimum.problem, optimum.end, optimum.settings
     if end.far:
         yield (
             f"The model is far from the data (chi2/dof {chi2:.3g}): it lacks an effect. It was fitted free-running, "
-            "each channel weighed by the error left in it; parameters are a compromise, not measurements."
+            "each channel weighted by its residual; parameters are a compromise, not measurements."
         )
-    yield from warnings_of(goodness_of(problem.batch.traces, whitened, told.score_fit, settings), known.widest)
+    yield from warnings_of(goodness_of(problem.batch.traces, whitened, predictions.score_fit, settings), known.widest)
     if end.outliers:
-        yield f"{end.outliers} samples lie far outside their trace's residuals and were weighed down."
+        yield f"{end.outliers} samples lie far outside their trace's residuals; their weight was reduced."
     if not end.converged:
         yield f"NOT CONVERGED: {end.reason}"
     if known.alternating:
@@ -386,6 +386,6 @@ def _warnings(
             f"The rounds of the fit alternate in {', '.join(known.alternating)}: an impact or a slip falls on either "
             "side of a sample, and no reading of it is better. Their intervals are widened by the difference."
         )
-    errors = told.score_fit, told.score_holdout
+    errors = predictions.score_fit, predictions.score_holdout
     for each in drives_of_another_session(problem, optimum.x, optimum.held_out, errors):
         yield each.words

@@ -19,36 +19,35 @@ from .levenberg_marquardt import ROUGH_TOLERANCE, descend, descend_in_stages, li
 from .result import Reason, Termination
 from .settings import FitSettings, GlobalSearchSettings
 
-# ---- The rounds of a fit: the whitening filter and the least squares through it, renewed in turn until neither moves
+# ---- The rounds of a fit: the whitening filter and the least squares, renewed in turn until neither changes
 
 
 SETTLED = 0.05  # a round that moves no parameter by more is the last, standard errors
 CLOCK_ROUNDS = 4
-"""First rounds, in which the jitter of the sampling instants is estimated as well. Later rounds linearise half way
+"""Number of first rounds, which also estimate the jitter of the sampling instants. Later rounds linearise half way
 between the last two optima: an impact that crosses a sampling instant would otherwise make two optima alternate."""
-OFF_BOUND_ROUNDS = 2  # first rounds whose descents begin moved off the bounds of the parameters
+OFF_BOUND_ROUNDS = 2  # number of first rounds whose descents begin away from the bounds of the parameters
 ALTERNATING = 1.0  # a last round that moves a parameter by more is reported to alternate, standard errors
 WANDERING = 10.0  # a last round that moves one by more is no optimum: the fit has not converged, standard errors
 DECREMENT = 1e-2
-"""chi2 that the gradient still promises, in units of chi2 per degree of freedom, above which the end of the rounds is
-searched about for a deeper one."""
+"""Predicted fall of chi2 by the gradient, in units of chi2 per degree of freedom, above which a search looks for a
+deeper end about the end of the rounds."""
 ROUGH = 0.1
-"""Largest fall of chi2, in the same units, that the last draws of such a search may find if the fit is to count as
-converged."""
+"""Largest fall of chi2, in the same units, by the last draws of such a search for which the fit counts as converged."""
 
-Report = Callable[[str, float], None]  # called with what is going on and the share of the work done, 0 to 1
+Report = Callable[[str, float], None]  # called with the current step and the share of the work done, 0 to 1
 
 
 def quiet(text: str, share: float) -> None:
-    """A progress report that says nothing."""
+    """A progress report that prints nothing."""
 
 
 class Reached(NamedTuple):
-    """Where a part of the fit ended.
+    """The end of a part of the fit.
 
     Args:
-        problem: the data with releases, integrator states, jitter and outliers as last renewed.
-        weighted: what the residual was minimised over.
+        problem: the data with the last releases, integrator states, jitter and outliers.
+        weighted: the weighted data of the minimised residual.
         x: coordinates, shape (P,).
         end: why it ended.
     """
@@ -67,12 +66,12 @@ class Reached(NamedTuple):
 def whitened(
     problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
-    """The rounds, and a search from where they end short of an optimum."""
+    """The rounds, and a search from their end if that is not an optimum."""
     return finished(rounds(problem, x, report, SETTLED, settings.rounds, settings), report, settings)
 
 
 def finished(reached: Reached, report: Report, settings: FitSettings) -> Reached:
-    """The end of the rounds, or of a search from there where they ended short of an optimum."""
+    """The end of the rounds, or of a search from there if that is not an optimum."""
     return searched(reached, report, settings) if reached.end.gain > DECREMENT else reached
 
 
@@ -84,10 +83,10 @@ def rounds(
     most: int,
     settings: FitSettings = FitSettings(),
 ) -> Reached:
-    """Renew the whitening filter, the releases and the outliers at each optimum until nothing moves any more.
+    """Renew the whitening filter, the releases and the outliers at each optimum until no parameter moves.
 
     Args:
-        still: what counts as not moving, standard errors.
+        still: largest movement that counts as none, standard errors.
     """
     moved, outliers, about = np.inf, 0, x
     k = 0
@@ -107,7 +106,7 @@ def rounds(
         about = x if early else 0.5 * (about + x)
         r = problem.residual(x, weighted)
         whitened = columns(problem.batch, r)
-        del weighted  # the largest arrays of a fit, before the next ones are made
+        del weighted  # free the largest arrays of a fit before the next ones are made
         problem = weights.timed(problem, x, r) if early else problem
         problem = problem.with_instants(about)
         problem, outliers = weights.outliers_weighed(problem, whitened)
@@ -118,8 +117,8 @@ def after_rounds(moved: float, gain: float, outliers: int = 0) -> Termination:
     """Whether the end of the rounds is an optimum.
 
     Args:
-        moved: by how much the last round moved the parameter that it moved most, standard errors.
-        gain: chi2 that the gradient still promises, in units of chi2 per degree of freedom.
+        moved: largest movement of a parameter in the last round, standard errors.
+        gain: fall of chi2 that the gradient predicts, in units of chi2 per degree of freedom.
     """
     if not np.isfinite(gain):
         text = "the model cannot be computed at the point reached"
@@ -139,7 +138,7 @@ def after_search(gain: float, outliers: int = 0) -> Termination:
     """Whether the end of a search without a gradient is an optimum.
 
     Args:
-        gain: chi2 that the last points drawn still gained, in units of chi2 per degree of freedom.
+        gain: fall of chi2 by the last points drawn, in units of chi2 per degree of freedom.
     """
     if gain > ROUGH:
         text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
@@ -149,7 +148,7 @@ def after_search(gain: float, outliers: int = 0) -> Termination:
 
 
 def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached:
-    """Go on without a gradient from where it leads no further."""
+    """Continue without a gradient if the gradient leads no further."""
     problem, weighted, x, end = reached
     here = linearise_at(problem, x, weighted)
     report("the gradient does not vanish: searching without it", 0.9)
@@ -159,16 +158,16 @@ def searched(reached: Reached, report: Report, settings: FitSettings) -> Reached
     return Reached(problem, weighted, x, after_search(gain, end.outliers))
 
 
-# ---- A search that needs no gradient, for where the residual is too rough for one
+# ---- A search that needs no gradient, for a residual that is too rough for one
 #
 # A model that lacks an effect sticks, slips and hits its stops at other samples than the plate did; its chi2 is then
 # full of small steps on which Levenberg-Marquardt stops. Points drawn about where it stopped find a lower chi2, or show
 # that there is none nearby.
 
-LEAST_GAIN = 0.01  # share of chi2 by which it must fall over so many generations, else the population stops
-WORTH = 0.02  # fall of chi2, in units of chi2 per degree of freedom, that makes a move worth it
-RADII = (1.0, 0.3, 0.1, 0.03)  # at which equal shares of the points are drawn, standard deviations of the fit
-Cost = Callable[[np.ndarray], np.ndarray]  # what is minimised, of K points at once, shape (K, P) -> (K,)
+LEAST_GAIN = 0.01  # least relative fall of chi2 over the patience of the search, else the population stops
+WORTH = 0.02  # least fall of chi2 for a move, in units of chi2 per degree of freedom
+RADII = (1.0, 0.3, 0.1, 0.03)  # radii at which equal shares of the points are drawn, standard deviations of the fit
+Cost = Callable[[np.ndarray], np.ndarray]  # the cost of K points at once, shape (K, P) -> (K,)
 
 
 def evolve_population(
@@ -178,15 +177,15 @@ def evolve_population(
 
         trial = u + F (best - u) + F (a - b),  or  c + F (a - b),    F ~ U(0.4, 0.9), nine tenths of its coordinates
 
-    A trial takes the place of u where its cost is lower. Source: Storn and Price 1997, strategies current-to-best/1 and
-    rand/1. Differs from source: each trial takes either strategy by chance, and F is drawn anew.
+    A trial replaces u if its cost is lower. Source: Storn and Price 1997, strategies current-to-best/1 and rand/1.
+    Differs from source: each trial takes one of the strategies at random, with a new F.
 
     Args:
-        cost: what is minimised, positive.
+        cost: the positive function to minimise.
         x: coordinates, shape (P,); one of the population, so the end is never worse.
         spread: standard deviations of the first population, coordinates, shape (P,).
     Returns:
-        coordinates, shape (P,).
+        Coordinates, shape (P,).
     """
     rng = np.random.default_rng(settings.population_seed)
     size = settings.points
@@ -202,9 +201,9 @@ def evolve_population(
         greedy = crowd + step * (crowd[np.argmin(price)] - crowd) + step * (a - b)
         young = np.where(rng.uniform(size=(size, 1)) < 0.5, greedy, c + step * (a - b))
         young = np.where(rng.uniform(size=young.shape) < 0.9, young, crowd)
-        asked = cost(young)
-        better = asked < price
-        crowd[better], price[better] = young[better], asked[better]
+        young_price = cost(young)
+        better = young_price < price
+        crowd[better], price[better] = young[better], young_price[better]
         history.append(float(price.min()))
     return crowd[int(np.argmin(price))]
 
@@ -216,22 +215,22 @@ def search_about(
     unit: float,
     settings: GlobalSearchSettings = GlobalSearchSettings(),
 ) -> tuple[np.ndarray, float]:
-    """Move to the best of the points drawn about x, again and again, until none is worth it.
+    """Move to the best of the points drawn about x, again and again, until none is worth a move.
 
     The points are normal with the given covariance times the squares of `RADII`.
 
     Args:
         covariance: of the coordinates, in which the points are drawn, shape (P, P).
-        unit: of the cost in which a gain counts; chi2 per degree of freedom, say.
+        unit: unit of a gain in the cost, such as chi2 per degree of freedom.
     Returns:
-        coordinates of the end, shape (P,), and the last gain in those units: what a further move might still bring.
+        Coordinates of the end, shape (P,), and the last gain in that unit: the possible gain of a further move.
     """
     rng = np.random.default_rng(settings.draws_seed)
     spread, axes = np.linalg.eigh(covariance)
     root = axes * np.sqrt(np.maximum(spread, 0.0))
     size = settings.points
     radius = np.repeat(RADII, -(-size // len(RADII)))[:size, None]
-    here = float(cost(np.tile(x, (size, 1)))[0])  # as many points as below: what is compiled serves again
+    here = float(cost(np.tile(x, (size, 1)))[0])  # as many points as below: the compiled program is used again
     gain = 0.0
     for _ in range(settings.draws):
         points = x + radius * rng.standard_normal((size, x.size)) @ root.T
@@ -244,46 +243,45 @@ def search_about(
     return x, gain
 
 
-# ---- Optima beside the one that was found, and which of them is meant
+# ---- Optima near the one that was found, and the choice among them
 #
-# Under an ECU a plate that sticks at one tick or the next, turns a little earlier or holds where it slipped makes other
-# valleys of the sum of squares, a few percent of a parameter apart and as deep as the data's noise allows. The fit is
-# begun again from points about its end, with all instants forgiven at first; about a likelier end once more; and where
-# it ended in a valley that does not explain the data, from points about its start. Of all ends that one is kept which
-# makes the data likeliest, by
+# With an ECU in the model, a plate that sticks one tick later, turns a little earlier or holds instead of slipping
+# makes other valleys of the sum of squares, a few percent of a parameter apart and about as deep. The fit is started
+# again from points about its end, with errors of timing tolerated at first; again about a likelier end; and, if it
+# ended in a valley that does not explain the data, from points about its start. Of all ends the likeliest is kept, by
 #
 #     -2 log L = sum_k (r_k^2 + log S_k) + r_prior^2
 #
-# for chi2 alone compares no two filters: one that expects large errors finds every error small. How far the others lie
-# away, each weighed by its likelihood, belongs to the parameters' covariance:
+# because chi2 alone cannot compare two filters: a filter that expects large errors gives a small chi2. The distances of
+# the other ends, weighted by their likelihoods, belong to the parameters' covariance:
 #
 #     C + sum_k w_k d_k d_k^T,    w_k = L_k / sum_j L_j
 #
 # Source: Wales and Doye 1997, Global optimization by basin-hopping; Kass and Raftery 1995, Bayes factors, sec. 4 (a
 # mixture of modes). Differs from source: points are drawn about the likeliest end only, several at a time; modes are
-# taken to be equally wide, for a mode's width is what its rough surroundings tell worst.
+# assumed to be equally wide, because rough surroundings hardly determine a mode's width.
 
 
 NEIGHBOURHOOD = (0.15, 0.05)  # standard deviations of the points about the likeliest end, in reaches, in turn
-FIRST_ROUNDS = 4  # from each of them at first
-NEARLY_SETTLED = 0.5  # what counts as not moving there, standard errors: ends that alternate by less are as good as one
-HOPEFUL = 40.0  # -2 log L above the least from which on an end is given up after those rounds
-SEARCHES = 3  # times that so many points are drawn at most; each further time about a likelier end
-LIKELIER = 4.0  # fall of -2 log L that makes it worth drawing again
+FIRST_ROUNDS = 4  # first rounds from each of these points
+NEARLY_SETTLED = 0.5  # movement in these rounds that counts as none, standard errors: such ends count as one
+HOPEFUL = 40.0  # -2 log L above the least, above which an end is given up after those rounds
+SEARCHES = 3  # largest number of searches; each further one is about a likelier end
+LIKELIER = 4.0  # fall of -2 log L that justifies a further search
 EXPLAINED = 2.0
-"""chi2 per sample from which on an end does not explain the data: then points are drawn once more, and about the start,
-as other starts are."""
+"""chi2 per sample above which an end does not explain the data: then points are drawn again about the start, as other
+starts are."""
 
 
 class _End(NamedTuple):
-    """Where the fit ended, and -2 log L there."""
+    """An end of the fit, and its -2 log L."""
 
     reached: Reached
     deviance: float
 
 
 def deviance(reached: Reached) -> float:
-    """-2 log L of the data at an end, up to a constant; infinite where the model cannot be computed there."""
+    """-2 log L of the data at an end, up to a constant; infinite if the model cannot be computed there."""
     problem, weighted, x, _ = reached
     seen = np.asarray(weighted.slots.weight) > 0.0
     precision = np.asarray(weighted.whitening.weight)[seen]
@@ -294,7 +292,7 @@ def deviance(reached: Reached) -> float:
 def likeliest_nearby(
     reached: Reached, start: Float[np.ndarray, " P"], report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
-    """The likeliest of an end and of those nearby, with the others beside it in `Termination.wander`."""
+    """The likeliest of an end and those nearby, with the distances of the others in `Termination.wander`."""
     best = _End(reached, deviance(reached))
     if not settings.neighbours or not np.isfinite(best.deviance):
         return reached
@@ -306,11 +304,11 @@ def likeliest_nearby(
         before, best = best.deviance, min(ends, key=lambda end: end.deviance)
         if before - best.deviance < LIKELIER and best.reached.misfit < EXPLAINED:
             break
-    return _beside(finished(best.reached, quiet, settings), ends)
+    return _with_distances(finished(best.reached, quiet, settings), ends)
 
 
 def _points(best: _End, start: np.ndarray, rng: np.random.Generator, settings: FitSettings) -> list[np.ndarray]:
-    """Points about an end that explains the data; where it does not, about the start."""
+    """Points about the end; about the start if the end does not explain the data."""
     layout, explained = best.reached.problem.layout, best.reached.misfit < EXPLAINED
     about, spreads = (best.reached.x, NEIGHBOURHOOD) if explained else (start, (settings.spread,))
     far = [spreads[k % len(spreads)] for k in range(settings.neighbours)]
@@ -318,7 +316,7 @@ def _points(best: _End, start: np.ndarray, rng: np.random.Generator, settings: F
 
 
 def _ends_from(points: list[np.ndarray], best: _End, start: np.ndarray, settings: FitSettings) -> list[_End]:
-    """Where the fit leads from some points; from some only in a few rounds, which come nowhere near the likeliest."""
+    """Ends of the fit from some points; points whose first rounds end far from the likeliest get no further rounds."""
     problem = best.reached.problem
 
     def first(point: np.ndarray) -> _End:
@@ -332,7 +330,7 @@ def _ends_from(points: list[np.ndarray], best: _End, start: np.ndarray, settings
 
 
 def _further(end: _End, settings: FitSettings) -> _End:
-    """The rest of the rounds; the end itself where they lead to none that is likelier."""
+    """The end after the remaining rounds; the end itself if they do not make it likelier."""
     later = _whitened(end.reached.problem, end.reached.x, max(1, settings.rounds - FIRST_ROUNDS), settings)
     return min(end, later, key=lambda end: end.deviance)
 
@@ -342,8 +340,8 @@ def _whitened(problem: EstimationProblem, x: np.ndarray, most: int, settings: Fi
     return _End(reached, deviance(reached))
 
 
-def _beside(best: Reached, ends: list[_End]) -> Reached:
-    """The best end with how far the others lie away from it, each by the root of its weight."""
+def _with_distances(best: Reached, ends: list[_End]) -> Reached:
+    """The best end with the distances of the others, each times the root of its weight."""
     every = np.array([end.deviance for end in ends])
     weight = np.exp(0.5 * (every.min() - every))
     weight /= weight.sum()

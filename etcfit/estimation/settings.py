@@ -1,10 +1,10 @@
-"""What a fit decides by: its thresholds, budgets and seeds, each with unit, default and allowed range.
+"""Settings of a fit: thresholds, budgets and seeds, each with unit, default and allowed range.
 
 Two terms return throughout:
 
-    chi2: sum of squared residuals, each over its own standard deviation; about 1 a sample where the model is right.
-    coordinate: the unbounded number that stands for a parameter during the fit, the logarithm of a positive one; its
-        reach is what a change by about a hundred percent is in it: 1 for a logarithm, else the larger of 1 and |x|.
+    chi2: sum of squared residuals, each over its own standard deviation; about 1 per sample if the model is right.
+    coordinate: the unbounded number that represents a parameter during the fit, the logarithm of a positive one; its
+        reach is a change by about a hundred percent: 1 for a logarithm, else the larger of 1 and |x|.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from ..ranges import check_ranges, real, whole
 
 @dataclass(frozen=True)
 class IdentifiabilitySettings:
-    """From which standard deviation on a parameter, or a combination of parameters, counts as not known.
+    """Standard deviation above which a parameter, or a combination of parameters, counts as not known.
 
-    Two thresholds for one verdict, because two covariances are judged. `unknown` judges the one that assumes a right
-    model. `unknown_widened` judges the wider one that allows for correlated residuals: there an interval is still
-    worth printing a little longer.
+    There are two thresholds for one verdict, because there are two covariances. `unknown` applies to the one that
+    assumes a right model. `unknown_widened` applies to the wider one that allows for correlated residuals: there a
+    somewhat wider interval is still worth printing.
 
     Args:
         unknown: standard deviation over reach (about the relative error) above which a parameter or direction is "not
@@ -41,12 +41,14 @@ class ContradictionSettings:
 
     Args:
         level: probability that a rig test is named although none contradicts the others.
-        understated: times that errors may exceed their standard errors before tests are said to contradict each other.
-            Where few samples tell a parameter, those after an edge or an impact, errors are larger than stated
-            (docs/validation/calibration.md); as they are, one clean folder in twenty had a test that "contradicts".
+        understated: factor by which errors may exceed their standard errors before tests count as contradicting.
+            If few samples determine a parameter, such as those after an edge or an impact, errors are larger than
+            stated (docs/validation/calibration.md); with a factor of 1, one clean folder in twenty had a contradicting
+            test.
         moves: standard errors of noise alone by which the fit without a test must differ, in some combination of
-            parameters, for that test to contradict the others. Below it the others outweigh it: no result changes.
-        compromise: chi2 per degree of freedom from which on no parameter is called estimated.
+            parameters, for that test to contradict the others. Below it the others outweigh the test: no result
+            changes.
+        compromise: chi2 per degree of freedom above which no parameter is called estimated.
     """
 
     level: float = real(1e-3, 0.0, 1.0)
@@ -63,11 +65,11 @@ class GlobalSearchSettings:
 
     Args:
         points: members of the population, and points drawn at once.
-        epochs: generations of the population at most.
-        patience: generations over which chi2 must still fall.
-        population_seed: of the random numbers of the population.
-        draws: times that points are drawn about a rough optimum at most.
-        draws_seed: of the random numbers of the draws.
+        epochs: largest number of generations of the population.
+        patience: number of generations over which chi2 must still fall.
+        population_seed: seed of the population's random numbers.
+        draws: largest number of times that points are drawn about a rough optimum.
+        draws_seed: seed of the draws' random numbers.
     """
 
     points: int = whole(64, 4, 100_000)
@@ -85,20 +87,20 @@ class FitSettings:
     """The plan of a joint fit.
 
     Args:
-        starts: starting points besides the one that the paper's graphs give.
+        starts: number of starting points in addition to the reading of the paper's graphs.
         spread: standard deviation of the other starts about the first one, in reaches of each coordinate.
-        seed: of the random numbers that scatter the starts.
-        tolerance: relative change of chi2, and absolute one of the stretched coordinates, that ends a descent in the
+        seed: seed of the random numbers that scatter the starts.
+        tolerance: relative change of chi2, and absolute change of the stretched coordinates, that ends a descent in the
             rounds.
-        steps: Levenberg-Marquardt steps of one descent at most.
-        misfit: chi2 per degree of freedom of the best start. At or above it the model is "far" from the data: it lacks
-            something, and the simulation is fitted free-running instead of through the whitening filter.
-        rounds: times that the filter, the releases of the plate and the outliers are renewed at most.
+        steps: largest number of Levenberg-Marquardt steps of one descent.
+        misfit: chi2 per degree of freedom of the best start at or above which the model is "far" from the data: it
+            lacks something, and the simulation is fitted free-running instead of through the whitening filter.
+        rounds: largest number of renewals of the filter, the releases of the plate and the outliers.
         search: budgets of the searches without a gradient.
-        neighbours: where an ECU is in the model, points about the likeliest end from which the fit is begun again at a
-            time; with 0 it is not begun again.
-        identifiability: from when on a parameter counts as not known.
-        contradiction: from when on traces and tests count as disagreeing.
+        neighbours: with an ECU in the model, number of points about the likeliest end from which the fit starts again
+            in each search; 0: no search.
+        identifiability: when a parameter counts as not known.
+        contradiction: when traces and tests count as disagreeing.
     """
 
     starts: int = whole(3, 0, 1000)

@@ -1,4 +1,4 @@
-"""What channels, traces and tests say of the coordinates: shares of the normal equations, two side by side."""
+"""Contributions of channels, traces and tests to the normal equations, and the comparison of two of them."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
 from .goodness import inflation
 
-# ---- The residual of a fit channel by channel: what each of them says can be weighed, left out, or asked by itself
+# ---- The residual of a fit channel by channel: each channel can be weighted, left out, or evaluated alone
 
 
 class Piece(NamedTuple):
-    """One channel of one trace, where it was logged.
+    """The logged samples of one channel of one trace.
 
     Args:
-        test, file: where it was measured.
-        jacobian: of the whitened residual in the coordinates, shape (n, P).
+        test, file: its rig test and file.
+        jacobian: Jacobian of the whitened residual in the coordinates, shape (n, P).
         r: whitened residual, shape (n,).
-        discount: how many times its noise a sample is taken to be off, for a model far from the data; else 1.
+        discount: assumed error of a sample in times its noise, for a model far from the data; else 1.
     """
 
     test: str
@@ -39,7 +39,7 @@ class Piece(NamedTuple):
         return self.r + self.jacobian @ step
 
     def misfit(self, step: np.ndarray | None = None) -> float:
-        """Sum of squared residuals over the noise itself, after a step where one is given."""
+        """Sum of squared residuals over the noise itself, after a step if one is given."""
         return self.discount**2 * float(np.sum((self.r if step is None else self.residual_after(step)) ** 2))
 
 
@@ -79,11 +79,11 @@ def information_in(
     return total
 
 
-# ---- What a part of the data says of the coordinates, and in which directions another part can say the same
+# ---- The contribution of a part of the data, and the directions in which it can be compared with another part
 #
 #     F = J^T J,    s = J^T r,    M = sum_c f_c J_c^T J_c,    f_c as in `goodness.inflation`
 #
-# F and s are a part's share of the normal equations, M is the variance of s where residuals are larger than their noise
+# F and s are a part's share of the normal equations, M is the variance of s if residuals are larger than their noise
 # or not independent. Two parts, own and others, are compared in directions b_i with
 #
 #     b_i^T (F_own + F_others) b_j = delta_ij,    b_i^T F_own b_j = lambda_i delta_ij
@@ -92,18 +92,18 @@ def information_in(
 # others.
 #
 # Source: Belsley, Kuh and Welsch 1980, Regression Diagnostics, ch. 2 (leaving out); Hausman 1978, Econometrica 46(6).
-# Differs from source: groups of rows are left out, not single ones; what is determined is asked direction by direction.
+# Differs from source: groups of rows are left out, not single ones; each direction is judged separately.
 
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """What a part of the data says.
+    """The contribution of a part of the data to the normal equations.
 
     Args:
         information: F, shape (P, P).
         score: s, shape (P,).
         spread: M, shape (P, P).
-        samples: independent ones, sum of n / f; 0 for a prior.
+        samples: number of independent samples, sum of n / f; 0 for a prior.
     """
 
     information: np.ndarray
@@ -129,7 +129,7 @@ class Statement:
 
 
 def prior(information: np.ndarray, score: np.ndarray) -> Statement:
-    """What is believed beforehand.
+    """The contribution of the priors.
 
     Args:
         information: inverse of the priors' covariance, shape (P, P).
@@ -139,7 +139,7 @@ def prior(information: np.ndarray, score: np.ndarray) -> Statement:
 
 
 def statement(pieces: Iterable[Piece], inflations: Iterable[float]) -> Statement:
-    """What some channels say together; at least one."""
+    """The joint contribution of some channels, at least one."""
     return reduce(add, (_of_one(piece, f) for piece, f in zip(pieces, inflations, strict=True)))
 
 
@@ -149,18 +149,18 @@ def _of_one(piece: Piece, f: float) -> Statement:
 
 
 def inflations_of(pieces: Iterable[Piece], step: np.ndarray | None = None) -> list[float]:
-    """f of each channel, after a step of the coordinates, shape (P,), where one is given."""
+    """f of each channel, after a step of the coordinates, shape (P,), if one is given."""
     return [inflation(p.r if step is None else p.residual_after(step)) for p in pieces]
 
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Two parts of the data side by side.
+    """Two parts of the data, compared.
 
     Args:
-        own: what one part says.
-        others: what all else says, beliefs included.
-        reach: of each coordinate, shape (P,).
+        own: statement of one part.
+        others: statement of all the rest, priors included.
+        reach: reach of each coordinate, shape (P,).
         unknown: standard deviation above which a direction or a parameter counts as not determined, reaches.
     """
 
@@ -173,9 +173,9 @@ class Split:
     def _decomposed(self) -> tuple[np.ndarray, np.ndarray]:
         """lambda, shape (P,), rising, and the directions b as columns, shape (P, P)."""
         F = self.own.information + self.others.information
-        scale = 1.0 / np.sqrt(np.diag(F))  # so that coordinates of any size round alike
+        scale = 1.0 / np.sqrt(np.diag(F))  # so that coordinates of any size have equal rounding errors
         power, ways = np.linalg.eigh(F * np.outer(scale, scale))
-        # two coordinates that do the same leave nothing but rounding in one direction, of either sign
+        # two coordinates with the same effect leave only rounding errors, of either sign, in one direction
         root = (ways / np.sqrt(np.maximum(power, scale.size * np.finfo(float).eps * power[-1]))).T
         share, vectors = np.linalg.eigh(root @ (self.own.information * np.outer(scale, scale)) @ root.T)
         return np.clip(share, 0.0, 1.0), scale[:, None] * (root.T @ vectors)
@@ -192,7 +192,7 @@ class Split:
 
     @cached_property
     def others_share(self) -> np.ndarray:
-        """1 - lambda, the others' share, shape (P,): not rounded off where it is small."""
+        """1 - lambda, the others' share, shape (P,), accurate even if small."""
         b = self.directions
         return np.maximum(np.einsum("pi,pq,qi->i", b, self.others.information, b), 1e-200)
 
@@ -221,9 +221,9 @@ class Split:
         """Inverse of the others' information in the directions that they determine, shape (P, P)."""
         return self._inverse(self.determined_by_others, self.others_share)
 
-    def _inverse(self, told: np.ndarray, information: np.ndarray) -> np.ndarray:
-        b = self.directions[:, told]
-        return (b / information[told]) @ b.T
+    def _inverse(self, determined: np.ndarray, information: np.ndarray) -> np.ndarray:
+        b = self.directions[:, determined]
+        return (b / information[determined]) @ b.T
 
     @property
     def lost_without(self) -> np.ndarray:
@@ -233,18 +233,18 @@ class Split:
 
     @property
     def own_step(self) -> np.ndarray:
-        """To the own part's estimate, shape (P,); 0 in directions that it does not determine."""
+        """The step to the own part's estimate, shape (P,); 0 in directions that it does not determine."""
         return -self.own_inverse @ self.own.score
 
     @property
     def others_step(self) -> np.ndarray:
-        """To the others' estimate, shape (P,); 0 in directions that they do not determine."""
+        """The step to the others' estimate, shape (P,); 0 in directions that they do not determine."""
         return -self.others_inverse @ self.others.score
 
     @property
     def shift(self) -> np.ndarray:
-        """What leaving the own part out moves: the others' estimate less that of all, one step each, shape (P,); 0 in
-        directions that the others do not determine."""
-        b, told = self.directions, self.determined_by_others
+        """The shift when the own part is left out: the others' estimate minus that of all, one step each, shape (P,); 0
+        in directions that the others do not determine."""
+        b, determined = self.directions, self.determined_by_others
         others, together = b.T @ self.others.score, b.T @ (self.own.score + self.others.score)
-        return b[:, told] @ (together - others / self.others_share)[told]
+        return b[:, determined] @ (together - others / self.others_share)[determined]
