@@ -20,7 +20,7 @@ _IN_WORDS = {"str": "a text", "Path": "a path", "int": "a whole number", "float"
              "Sequence": "a sequence", "tuple": "a tuple", "Mapping": "a mapping", "None": "None", "Folder": "a path",
              "Rig": "a rig", "Fit": "a fit", "Diagnosed": "a diagnosis", "Sampled": "a posterior",
              "Fleet": "a fleet"}  # fmt: skip
-_ALONE = {"Model", "Literal", "Asked", "Any"}  # the verb itself checks these
+_ALONE = {"Model", "Literal", "TermNames", "Any"}  # the verb itself checks these
 
 
 def typed(verb: Callable[P, R]) -> Callable[P, R]:

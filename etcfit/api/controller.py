@@ -16,7 +16,7 @@ from ..control.loop_figures import FIGURES, TRACKING
 from ..control.pid import Gains
 from ..control.safety import Safety
 from ..files import plain
-from ..model.feed_forward import as_asked
+from ..model.feed_forward import as_recorded
 from ..reporting.blocks import stacked
 from ..reporting.control.gains import (
     GAINS,
@@ -235,7 +235,7 @@ class Designed(View):
         task = self.design.task
         return {
             "rule": self.rule,
-            "feed_forward": as_asked(task.terms),
+            "feed_forward": as_recorded(task.terms),
             "limits": task.requirements.finite(),
             "ecu": task.ecu._asdict(),
             "profile": None if task.profile is None else task.profile.name,

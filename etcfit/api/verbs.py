@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from ..experiment.settings import AdviceSettings, CampaignSettings, CheckSettings
     from ..exporting import ExportSettings
     from ..importing.tuning import TuneSettings
-    from ..model.feed_forward import Asked
+    from ..model.feed_forward import TermNames
     from ..rig.base import Rig
     from .controller import Designed, Reduced
     from .explanation import Diagnosed, Sampled
@@ -248,7 +248,7 @@ def design(
     requirements: Requirements | None = None,
     posterior: Sampled | None = None,
     adc_bits: int = 12,
-    feed_forward: Asked = False,
+    feed_forward: TermNames = False,
     settings: DesignSettings | None = None,
     profile: str | None = None,
     log: Folder | None = None,

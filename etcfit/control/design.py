@@ -15,7 +15,7 @@ from ..estimation.fitted_model import Fitted, FleetModel
 from ..estimation.joint_fit import Report, quiet
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import PROFILES, EcuProfile
-from ..model.feed_forward import Asked, Term, listed, terms_of
+from ..model.feed_forward import Term, TermNames, listed, terms_of
 from ..model.throttle import Throttle
 from ..rig.ecu import GAINS
 from .fleet import EVERY_UNIT, Parts, SearchOverUnits, best_for_parts, fare_on_parts, one_by_one, representatives
@@ -152,7 +152,7 @@ def task_of(
     ecu: Ecu,
     requirements: Requirements = PAPERS,
     drawn: np.ndarray | None = None,
-    feed_forward: Asked = False,
+    feed_forward: TermNames = False,
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
     log: Series | None = None,
@@ -209,7 +209,7 @@ def design(
     requirements: Requirements = PAPERS,
     rule: str = BEST,
     drawn: np.ndarray | None = None,
-    feed_forward: Asked = False,
+    feed_forward: TermNames = False,
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
     profile: EcuProfile | None = None,
@@ -249,7 +249,7 @@ def design_for_fleet(
     requirements: Requirements = PAPERS,
     rule: str = BEST,
     future: FleetModel | None = None,
-    feed_forward: Asked = False,
+    feed_forward: TermNames = False,
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
     fleet_settings: FleetDesignSettings = EVERY_UNIT,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..model.feed_forward import Asked
+    from ..model.feed_forward import TermNames
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class DesignRequest:
 
     rule: str = "optimal"  # the rule whose gains are proposed
     adc_bits: int = 12  # resolution of the position sensor, over its travel
-    feed_forward: Asked = False  # terms ahead of the PID, see `model.feed_forward`
+    feed_forward: TermNames = False  # terms ahead of the PID, see `model.feed_forward`
     limits: Mapping[str, float] = field(default_factory=dict)  # by field of `Requirements`; others have their defaults
     ecu: Mapping[str, float] = field(default_factory=dict)  # given fields of the ECU; see `control.design.ecu_of`
     profile: str | None = None  # name of the make of ECU, see `model.ecus`; None for none in particular
@@ -30,7 +30,7 @@ class DesignRequest:
 
     def recorded(self) -> dict[str, Any]:
         """The request by field, in the form in which the manifest of a run stores it to repeat it."""
-        from ..model.feed_forward import as_asked, terms_of
+        from ..model.feed_forward import as_recorded, terms_of
 
         files = {name: None if path is None else str(path) for name, path in (("log", self.log), ("parts", self.parts))}
-        return asdict(self) | {"feed_forward": as_asked(terms_of(self.feed_forward))} | files
+        return asdict(self) | {"feed_forward": as_recorded(terms_of(self.feed_forward))} | files

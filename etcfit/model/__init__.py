@@ -3,8 +3,8 @@
 Parts:
 
     throttle, stepper, tangents     one step of the balances, and its exact derivative
-    pid, ecu, ecus/                 the discrete PID; engine computers, and makes of them
+    pid, ecu, ecus/                 the discrete PID; engine computers, and their makes
     effects/, rig_effects/          physics of the throttle; mistakes of the rig around it
-    smooth/                         curves without a name
+    smooth/                         curves for unknown causes
     linear                          the transfer function
 """

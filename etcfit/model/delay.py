@@ -1,8 +1,8 @@
 """Signals shifted in time along a batch: an input that acts late, a channel that is logged late.
 
-A shift says where signals are read (`Earlier`, `Between`) and reads any of them there. A shifted signal is linear in
-the signal, so that tangents are shifted like it, and its derivative in the delay is minus its rate of change: by these
-two rules NumPy differentiates, where xp is that. JAX does by itself.
+A shift (`Earlier`, `Between`) holds the instants at which signals are read, and reads any signal there. A shifted
+signal is linear in the signal, so tangents are shifted in the same way, and its derivative in the delay is minus its
+rate of change: if xp is NumPy, these two rules give the derivatives. JAX differentiates by itself.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ class Earlier(NamedTuple):
     """An instant before each entry of a batch, never before its trace began, shape (T, L) each.
 
     Args:
-        row: the last entry at or before it.
-        share: of the step after that entry.
+        row: the last entry at or before the instant.
+        share: its place in the step after that entry, as a share.
         span: length of that step, s.
-        moves: 1 where a longer delay moves it, 0 where the trace begins; where it just does, 0.5.
+        moves: 1 where a longer delay moves the instant, 0 at the begin of the trace; 0.5 at the border.
     """
 
     row: Int[AnyArray, "T L"]
@@ -35,11 +35,11 @@ class Earlier(NamedTuple):
     moves: Float[AnyArray, "T L"]
 
     def between(self, first: Float[AnyArray, "*K T L"], then: Float[AnyArray, "*K T L"]) -> Float[AnyArray, "*K T L"]:
-        """What a straight line has there, by its values at that entry and the next."""
+        """Linear interpolation at the instant, from values at that entry and the next."""
         return first + self.share * (then - first)
 
     def delayed(self, signal: Float[AnyArray, "*K T L"]) -> Float[AnyArray, "*K T L"]:
-        """The signal there, linear between entries."""
+        """The signal at the instant, linear between entries."""
         return self.between(_taken(signal, self.row), _taken(signal, self.row + 1))
 
     def rate(self, signal: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
@@ -47,7 +47,7 @@ class Earlier(NamedTuple):
         return self.slope(_taken(signal, self.row), _taken(signal, self.row + 1))
 
     def slope(self, first: Float[np.ndarray, "T L"], then: Float[np.ndarray, "T L"]) -> Float[np.ndarray, "T L"]:
-        """The same of `between`."""
+        """Minus the derivative of `between` in the delay."""
         return self.moves * _over(then - first, self.span)
 
 
@@ -56,10 +56,10 @@ class Between(NamedTuple):
 
     Args:
         before, after: the entries around it.
-        s: its share of the step between them.
+        s: its place in the step between them, as a share.
         span: length of that step, s.
-        moves: 1 where another lateness moves it, 0 beyond an end of the trace; where it just does, 0.5.
-        share, next_share: by which the rises of the steps to an entry and from it count in the slope there, 1/s.
+        moves: 1 where another lateness moves the instant, 0 beyond an end of the trace; 0.5 at the border.
+        share, next_share: weights of the rises of the steps before and after an entry in the slope there, 1/s.
     """
 
     before: Int[AnyArray, "T L"]
@@ -71,7 +71,7 @@ class Between(NamedTuple):
     next_share: Float[AnyArray, "T L"]
 
     def delayed(self, signal: Float[AnyArray, "*K T L"], xp: Any = jnp) -> Float[AnyArray, "*K T L"]:
-        """The signal there."""
+        """The signal at the instant."""
         s, (y0, y1, v0, v1) = self.s, self._ends(signal, xp)
         return y0 + s**2 * (3.0 - 2.0 * s) * (y1 - y0) + s * (1.0 - s) * ((1.0 - s) * v0 - s * v1) * self.span
 
@@ -82,7 +82,7 @@ class Between(NamedTuple):
         return self.moves * np.where(self.span > 0.0, 6.0 * s * (1.0 - s) * _over(y1 - y0, self.span) + bend, 0.0)
 
     def _ends(self, signal: Float[AnyArray, "*K T L"], xp: Any) -> tuple[Float[AnyArray, "*K T L"], ...]:
-        """Values and slopes at the entries around."""
+        """Values and slopes at the entries around the instant."""
         zero = xp.zeros_like(signal[..., :1, :])
         rise = xp.concatenate((zero, xp.diff(signal, axis=-2), zero), axis=-2)
         slopes = self.share * rise[..., :-1, :] + self.next_share * rise[..., 1:, :]
@@ -90,11 +90,11 @@ class Between(NamedTuple):
 
 
 class LateInput(NamedTuple):
-    """An input that acts late; each step keeps the mean of what acts in it, jumps included.
+    """An input that acts late; each step has the mean of the input in it, jumps included.
 
     Args:
         begins, ends: the instants whose level acts at the begin and the end of each step.
-        lead: how much of each step comes before the first level of its trace would have acted, s.
+        lead: part of each step before the first level of its trace would have acted, s.
         dt: length of each step, s.
     """
 
@@ -106,7 +106,7 @@ class LateInput(NamedTuple):
     def acting(
         self, begin: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], xp: Any = jnp
     ) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
-        """What acts at begin and end of each step; before a trace began its first level acted."""
+        """The input at begin and end of each step; before a trace begins its first level acts."""
         area = running_sum(0.5 * (begin + end) * self.dt, xp)
         level0, area0 = _level(begin, end, area, self.begins)
         level1, area1 = _level(begin, end, area, self.ends)
@@ -141,14 +141,14 @@ def _over(change: Float[np.ndarray, "T L"], span: Float[np.ndarray, "T L"]) -> F
 
 
 def _clock(steps: Step, resets: Reset, xp: Any) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
-    """Time along each lane, and that at which the trace at each entry began, s."""
+    """Time along each lane, and the time at which the trace of each entry began, s."""
     clock = running_sum(steps.dt, xp)
     return clock, running_max(xp.where(resets.begins > 0.5, clock, 0.0), xp)
 
 
 def _found(clock: Float[AnyArray, "T L"], instant: Float[AnyArray, "T L"], side: str, xp: Any) -> Int[AnyArray, "T L"]:
-    """The first entry of each lane that comes after an instant ("right"), or not before it ("left")."""
-    clock = running_max(clock, xp)  # a step of negative length, as a phase of edges may make one, turns it back
+    """The first entry of each lane after an instant ("right"), or not before it ("left")."""
+    clock = running_max(clock, xp)  # a phase of edges may make a step of negative length, which turns the clock back
     if xp is np:
         out = np.empty(instant.shape, dtype=int)
         for lane in range(instant.shape[1]):
@@ -182,33 +182,33 @@ def _earlier(
 
 
 def earlier(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: Earlier | None = None) -> Earlier:
-    """Each entry's instant less a delay (s, >= 0).
+    """Each entry's instant minus a delay (s, >= 0).
 
     Args:
-        steps, resets: the batch, by xp, which is JAX or NumPy.
+        steps, resets: the batch, of xp, which is JAX or NumPy.
         delay: s.
-        near: read between the same entries as there: for steps that differ little.
+        near: a shift whose entries are used again, for steps that differ little from it.
     """
     clock, began = _clock(steps, resets, xp)
     return _earlier(clock, began, clock - delay, xp, near)
 
 
 def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: Scalar) -> Float[Array, "T L"]:
-    """signal(t - delay), linear between entries; before a trace began its first value. Exactly the signal at 0.
+    """signal(t - delay), linear between entries, with a trace's first value before its begin. Exact for a delay of 0.
 
     Args:
-        signal: at the end of each step, shape (T, L).
+        signal: values at the end of each step, shape (T, L).
         steps, resets: the batch.
         delay: s, >= 0.
     """
-    # the search along the batch costs as much as simulating it
+    # the search along the batch takes as long as a simulation
     return jax.lax.cond(
         delay > 0.0, lambda signal: earlier(steps, resets, delay).delayed(signal), lambda signal: signal, signal
     )
 
 
 def _trace_ends(resets: Reset, xp: Any) -> tuple[Int[AnyArray, "T L"], Int[AnyArray, "T L"]]:
-    """The first and the last entry of the trace to which each entry belongs."""
+    """The first and the last entry of each entry's trace."""
     begins = resets.begins > 0.5
     rows = begins.shape[0]
     entry = xp.broadcast_to(xp.arange(float(rows))[:, None], begins.shape)
@@ -221,8 +221,8 @@ def _trace_ends(resets: Reset, xp: Any) -> tuple[Int[AnyArray, "T L"], Int[AnyAr
 def _shares(
     dt: Float[AnyArray, "T L"], first: Int[AnyArray, "T L"], last: Int[AnyArray, "T L"], xp: Any
 ) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
-    """Slope of the parabola through each entry and its neighbours in the trace; at an end, of the step there. See
-    `Between`."""
+    """Weights of the slope of the parabola through each entry and its neighbours in the trace; at an end, of the step
+    there. See `Between`."""
     entry = xp.arange(dt.shape[0])[:, None]
     later = xp.concatenate((dt[1:], xp.zeros_like(dt[:1])))
     before, after = xp.where(entry > first, dt, 0.0), xp.where(entry < last, later, 0.0)
@@ -234,14 +234,14 @@ def _shares(
 
 
 class Clock(NamedTuple):
-    """What of `Between` no lateness changes, shape (T, L) each.
+    """The part of `Between` that does not depend on the lateness, shape (T, L) each.
 
     Args:
         dt: length of each step, s.
         clock: time along each lane, s.
-        first, last: entries at the ends of the trace to which each entry belongs.
+        first, last: entries at the ends of each entry's trace.
         began, ended: the times there, s.
-        share, next_share: as of `Between`.
+        share, next_share: see `Between`.
     """
 
     dt: Float[AnyArray, "T L"]
@@ -262,7 +262,7 @@ class Clock(NamedTuple):
 
 
 def between(by: Clock, late: Scalar, xp: Any = jnp, near: Between | None = None) -> Between:
-    """Each entry's instant less a lateness (s, of either sign; shape (T, L), or one for all); see `earlier`."""
+    """Each entry's instant minus a lateness (s, of either sign; shape (T, L), or one for all); see `earlier`."""
     clock, began, ended, first, last = by.clock, by.began, by.ended, by.first, by.last
     moves = _moves(clock - late, began, ended)
     instant = xp.clip(clock - late, began, ended)
@@ -277,24 +277,25 @@ def between(by: Clock, late: Scalar, xp: Any = jnp, near: Between | None = None)
 
 
 def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late: Scalar) -> Float[Array, "T L"]:
-    """signal(t - late), each trace by itself; beyond its ends its first or last value.
+    """signal(t - late), for each trace by itself; beyond its ends its first or last value.
 
-    Between entries a cubic of Hermite's with the slopes of parabolas through three entries: what is read off, and its
-    derivative in `late`, are continuous also where a lateness is a whole number of samples. With straight lines chi2
-    had a kink just there, where a logger's lateness is. Unlike `delayed` it goes forward as well, each entry by its own
-    lateness, and has a derivative where that is 0.
+    Between entries it is a Hermite cubic with the slopes of parabolas through three entries: the value and its
+        derivative
+    in `late` are continuous even if a lateness is a whole number of samples. Linear interpolation would give chi2 a
+    kink exactly there, where a logger's lateness is. Unlike `delayed` it also shifts forward, each entry by its own
+    lateness, and has a derivative at lateness 0.
 
     Source: Hermite interpolation with the slopes of Catmull and Rom 1974 on uneven steps. Differs from source: no.
     Args:
-        signal: at the end of each step, shape (T, L).
+        signal: values at the end of each step, shape (T, L).
         steps, resets: the batch.
-        late: s, of either sign; shape (T, L), or one for all.
+        late: lateness, s, of either sign; shape (T, L), or one for all.
     """
     return between(Clock.of_batch(steps, resets), late).delayed(signal)
 
 
 def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: LateInput | None = None) -> LateInput:
-    """How an input acts that is late by a delay (s, >= 0); see `earlier`."""
+    """An input that acts late by a delay (s, >= 0); see `earlier`."""
     clock, began = _clock(steps, resets, xp)
     end, begin = clock - delay, clock - steps.dt - delay
     lead = xp.maximum(began - begin, 0.0) - xp.maximum(began - end, 0.0)
@@ -303,11 +304,11 @@ def late_input(steps: Step, resets: Reset, delay: Scalar, xp: Any = jnp, near: L
 
 
 def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
-    """The batch with voltage and torque acting late; each step keeps the mean of what acts in it, jumps included.
+    """The batch with voltage and torque acting late; each step has the mean of the input in it, jumps included.
 
     Args:
         steps, resets: the batch, shape (T, L) each.
-        delay: s, >= 0; before a trace began its first level acted.
+        delay: s, >= 0; before a trace begins its first level acts.
     """
 
     def acting(logged: Acting) -> Acting:
@@ -320,7 +321,7 @@ def late_inputs(steps: Step, resets: Reset, delay: Scalar) -> Step:
 def _level(
     begin: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], area: Float[AnyArray, "T L"], at: Earlier
 ) -> tuple[Float[AnyArray, "T L"], Float[AnyArray, "T L"]]:
-    """A piecewise linear input and its integral from the lane's begin, at earlier instants."""
+    """A piecewise linear input, and its integral from the lane's begin, at earlier instants."""
     first, last = (_taken(column, at.row + 1) for column in (begin, end))
     level = at.between(first, last)
     return level, _taken(area, at.row) + 0.5 * (first + level) * at.share * at.span

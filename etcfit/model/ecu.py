@@ -1,5 +1,5 @@
-"""What an engine computer is, its gains apart: the one that drove the logs, and the one that gains are sought for; and
-how such a computer writes its gains.
+"""Properties of an engine computer without its gains, for the one that drove the logs and the one to be tuned; and how
+such a computer writes its gains.
 """
 
 from __future__ import annotations
@@ -12,27 +12,28 @@ from .parameters import Scalar
 
 
 class Ecu(NamedTuple):
-    """What limits a discrete controller, its gains apart. An argument of compiled programs: another one compiles
-    nothing.
+    """Limits and times of a discrete controller, without its gains. It is an argument of compiled programs: another ECU
+    needs no compilation.
 
     Args:
-        period: of its clock, s.
-        supply: V at a duty of 100 %; what the PID asks for stays within it.
+        period: period of its clock, s.
+        supply: voltage at a duty of 100 %, V; the limit of the PID's output.
         filter: time constant of the derivative's low-pass, s; 0 for none.
-        delay: from a tick, where it reads, to where its output acts, s.
+        delay: delay from a tick, when it reads, to the action of its output, s.
         pwm: resolution of the output, V; 0 for none.
-        resolution: of the position it reads, rad; 0 for none.
-        duty: largest that it puts out, a share of the supply.
-        integral: largest that its integral may hold, a share of the supply, running on while the output is at its
-            limit; 0 for none, and then it stands still there.
-        noise: of the position it reads, one tick's from the next one's independent, rad, a standard deviation.
-        lag: time constant of the filter ahead of its converter, s; 0 for none.
-        slew: largest change of its output, V/s; 0 for none. The integral stands still there too.
-        dead_band: error below which the integral stands still, rad; 0 for none.
-        setpoint_weight: b of Kp (b r - y), 1 where the proportional part acts on the error, 0 on the position alone.
-        derivative_weight: c of Kd d(c r - y)/dt, 1 where the derivative is the error's, 0 the position's alone.
-        compensated: 1 where it divides its output by the battery voltage, so that the output means volts; 0 where the
-            output is a duty of whatever supply there is.
+        resolution: resolution of the position that it reads, rad; 0 for none.
+        duty: largest duty of its output, a share of the supply.
+        integral: limit of its integral, a share of the supply; the integral continues while the output is at its limit.
+            0: no limit, and the integral is held there.
+        noise: standard deviation of the position that it reads, independent from tick to tick, rad.
+        lag: time constant of the filter in front of its converter, s; 0 for none.
+        slew: largest change of its output, V/s; 0 for none. The integral is held there too.
+        dead_band: error below which the integral is held, rad; 0 for none.
+        setpoint_weight: b of Kp (b r - y): 1 if the proportional part acts on the error, 0 if on the position alone.
+        derivative_weight: c of Kd d(c r - y)/dt: 1 if the derivative is that of the error, 0 that of the position
+            alone.
+        compensated: 1 if it divides its output by the battery voltage, so that the output means volts; 0 if the output
+            is a duty of the present supply.
     """
 
     period: float = 1e-3
@@ -53,23 +54,22 @@ class Ecu(NamedTuple):
 
     @property
     def limit(self) -> Scalar:
-        """Its output stays within this and its negative, V."""
+        """Largest absolute value of its output, V."""
         return self.duty * self.supply
 
     @property
     def late(self) -> float:
-        """By how much its output lags the plate, s: filter, delay, and a hold of half a period on average."""
+        """Delay of its output after the plate, s: filter, delay, and a hold of half a period on average."""
         return self.lag + self.delay + 0.5 * self.period
 
     @property
     def derivative_late(self) -> float:
-        """By how much its derivative lags that of the error, s: its filter, and half a period of the difference."""
+        """Delay of its derivative after that of the error, s: its filter, and half a period of the difference."""
         return self.filter + 0.5 * self.period
 
     @property
     def constants(self) -> dict[str, float]:
-        """Its limits as parameters of `effects.controller`, SI by symbol; those of its converters are not modelled
-        there."""
+        """Its limits as parameters of `effects.controller`, SI by symbol; its converters are not modelled there."""
         return {"t_e": self.period, "tau_e": self.filter, "t_l": self.delay, "V_e": self.limit,
                 "d_e": self.duty, "I_e": self.integral, "S_e": self.slew / self.supply, "e_0": self.dead_band,
                 "b": self.setpoint_weight, "c": self.derivative_weight}  # fmt: skip
@@ -95,11 +95,11 @@ class Notation:
 
         Kp = P u/e,   Ki = I u/(e t),   Kd = D u t/e
 
-    u is one unit of its output in V, e one of its error in rad, t its period where it counts ticks, else 1 s.
+    u is one unit of its output in V, e one of its error in rad, t its period if it counts ticks, else 1 s.
 
     Args:
-        output: "V", or "%" of duty.
-        error: "rad", "deg", or "%" of the travel.
+        output: unit of the output: "V", or "%" of duty.
+        error: unit of the error: "rad", "deg", or "%" of the travel.
         form: "ticks" (I per tick and D in ticks) or "seconds".
     """
 
@@ -109,7 +109,7 @@ class Notation:
 
     @property
     def unit(self) -> str:
-        """As rig.toml has it: "%/%"."""
+        """The unit as in rig.toml: "%/%"."""
         return f"{self.output}/{self.error}"
 
     @property
@@ -128,7 +128,7 @@ class Notation:
 
         Args:
             ecu: its period and supply.
-            travel: of the plate, rad.
+            travel: travel of the plate, rad.
         """
         volts = {"V": 1.0, "%": ecu.supply / 100.0}[self.output]
         angle = {"rad": 1.0, "deg": math.pi / 180.0, "%": travel / 100.0}[self.error]
@@ -141,6 +141,6 @@ class Notation:
         Args:
             gains: Kp (V/rad), Ki (V/(rad s)) and Kd (V s/rad).
             ecu: its period and supply.
-            travel: of the plate, rad.
+            travel: travel of the plate, rad.
         """
         return Terms(*(gain / unit for gain, unit in zip(gains, self.units(ecu, travel), strict=True)))

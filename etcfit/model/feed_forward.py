@@ -1,4 +1,4 @@
-"""What an ECU may put out ahead of its PID: the terms of its feed-forward, by name."""
+"""Feed-forward of an ECU: its terms by name."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Term(Enum):
 
     Args:
         SPRING: the voltage that holds the plate at the setpoint, a table over it.
-        FRICTION: what dry friction takes while the plate slides, with the sign of the setpoint's rate.
-        RATE: what back-EMF and viscous drag take, in proportion to the setpoint's rate.
+        FRICTION: the voltage against dry friction while the plate slides, with the sign of the setpoint's rate.
+        RATE: the voltage against back-EMF and viscous drag, in proportion to the setpoint's rate.
     """
 
     SPRING = "spring"
@@ -22,18 +22,18 @@ class Term(Enum):
     RATE = "rate"
 
 
-Asked = bool | str | Iterable[str | Term]  # True is the spring's table alone, a string has names between commas
+TermNames = bool | str | Iterable[str | Term]  # True is the spring's table alone, a string has names between commas
 
 
-def terms_of(asked: Asked) -> tuple[Term, ...]:
-    """The terms that are asked for, each once, in the order in which they are listed.
+def terms_of(names: TermNames) -> tuple[Term, ...]:
+    """The requested terms, each once, in the order of `Term`.
 
     Raises:
-        UsageError: a name is none of them.
+        UsageError: there is no such term.
     """
-    if isinstance(asked, bool):
-        return (Term.SPRING,) if asked else ()
-    names = asked.split(",") if isinstance(asked, str) else asked
+    if isinstance(names, bool):
+        return (Term.SPRING,) if names else ()
+    names = names.split(",") if isinstance(names, str) else names
     wanted = {each.value if isinstance(each, Term) else each.strip() for each in names}
     known = [term.value for term in Term]
     if unknown := sorted(wanted - set(known)):
@@ -41,8 +41,8 @@ def terms_of(asked: Asked) -> tuple[Term, ...]:
     return tuple(term for term in Term if term.value in wanted)
 
 
-def as_asked(terms: tuple[Term, ...]) -> bool | list[str]:
-    """How a manifest keeps what was asked for: yes or no where it is the spring's table or nothing, else names."""
+def as_recorded(terms: tuple[Term, ...]) -> bool | list[str]:
+    """The requested terms for a manifest: True for the spring's table alone, False for none, else names."""
     return bool(terms) if terms in ((), (Term.SPRING,)) else listed(terms)
 
 

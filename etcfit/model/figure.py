@@ -1,4 +1,4 @@
-"""A figure of a result is declared once: unit, name and meaning stand on its field, and every view reads them there."""
+"""Declaration of a figure of a result: its field has unit, name and meaning, and every view reads them there."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ class Figure:
 
     Args:
         symbol: name of the field, and key in JSON; it ends in the unit.
-        unit: as people read it, "" for none.
-        name: in a few words, as it stands in a sentence.
-        meaning: one sentence for whoever reads JSON or the reference.
-        heading: over its column in a table; empty: it is told in a sentence below the table.
-        limit: that it must stay below where nothing else is required; infinite for none.
-        how: what the class that declares it needs to compute it.
+        unit: unit for readers, "" for none.
+        name: a few words for use in a sentence.
+        meaning: one sentence for readers of JSON or the reference.
+        heading: heading of its column in a table; empty: a sentence below the table states it.
+        limit: default upper limit; infinite for none.
+        how: further data with which the declaring class computes it.
     """
 
     symbol: str
@@ -33,7 +33,7 @@ class Figure:
 
 
 def figure(unit: str, name: str, meaning: str, heading: str = "", limit: float = math.inf, **how: Any) -> Any:
-    """Declare a field of a result to be a figure; None where it is not known.
+    """Declare a field of a result to be a figure; its value is None if it is not known.
 
     Args:
         unit, name, meaning, heading, limit, how: see `Figure`. The symbol is the field's name.

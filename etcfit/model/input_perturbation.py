@@ -1,8 +1,8 @@
-"""What an effect that is not in the model would add to it along the path that the model takes, to first order.
+"""The first-order change of the model's path by an effect that is not in the model.
 
-An amplitude a that is off changes no path. So what the effect does to every step is known beforehand: its contribution,
-per unit of a, at the states and inputs at which a step evaluates the effects of the model. As a `Besides` of that step
-it moves the path as the effect would, and the step's own tangent is all that has to be differentiated.
+An amplitude a at its off value does not change the path. So the effect's action on every step is known beforehand: its
+contribution, per unit of a, at the states and inputs at which a step evaluates the effects of the model. As a `Besides`
+of that step it moves the path as the effect would, and only the step's own tangent has to be differentiated.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from .parameters import Scalar, declared
 from .stepper import GAMMA, Reset, Step, StepBesides, begun, between, memory, stages
 from .throttle import Throttle
 
-# what an effect may add for it to act as an input: not a stop's place or what it gives back, nor a delay
+# parts of a contribution that act as an input; positions and restitution of stops, and delays, do not
 _KNOWN = ("torque", "drive", "voltage", "friction", "position", "current", "dz")
 
 
 class StageInputs(NamedTuple):
-    """Where a stage of a step evaluates the effects.
+    """The point at which a stage of a step evaluates the effects.
 
     Args:
         x: the state that the stage guesses.
         u: inputs there, the gear's load included.
-        dx, du: from there to where the stage ends, loads to first order.
+        dx, du: changes from there to the end of the stage, loads to first order.
     """
 
     x: State
@@ -39,8 +39,8 @@ class StageInputs(NamedTuple):
 
 
 class StepInputs(NamedTuple):
-    """Where one step evaluates the effects: in its two stages, and at its end for what is read; and what the sensors of
-    position (rad) and current (A) show there."""
+    """The points at which one step evaluates the effects: in its two stages, and at its end for the readings; and the
+    sensors' readings of position (rad) and current (A) there."""
 
     early: StageInputs
     late: StageInputs
@@ -52,8 +52,8 @@ class StepInputs(NamedTuple):
 
 @cache
 def acts_as_input(effect: type[AbstractEffect]) -> bool:
-    """Whether a little of an effect acts as an input that is known along the path: it adds to torque, voltage, friction
-    or a reading at that instant, and is not among those that show nothing while they are small."""
+    """Whether a small amplitude of an effect acts as a known input along the path: it adds to torque, voltage, friction
+    or a reading at that instant, and is not one of the effects without any action at small amplitudes."""
     if effect.delays or effect.commands or set(effect.off or {}) & set(effect.scan) or (effect.loaded and effect.z0):
         return False
     here = State(1.0, 0.1, 1.0)
@@ -65,7 +65,7 @@ def acts_as_input(effect: type[AbstractEffect]) -> bool:
 
 @cache
 def only_delays(effect: type[AbstractEffect]) -> bool:
-    """Whether an effect does nothing but delay input or channels, by amplitudes that nobody scans."""
+    """Whether an effect only delays input or channels, by amplitudes without scan values."""
     if not effect.delays or effect.commands or effect.z0 or set(effect.off or {}) & set(effect.scan):
         return False
     values = {field: p.domain.scale for field, p in declared(effect).items()}
@@ -80,7 +80,8 @@ def only_delays(effect: type[AbstractEffect]) -> bool:
 
 
 def step_inputs(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepInputs:
-    """Where one step evaluates the effects; arguments as of `step_between_ticks`, without an ECU in the model."""
+    """The points at which one step evaluates the effects; arguments as of `step_between_ticks`, without an ECU in the
+    model."""
     taken = stages(throttle, x, z, s)
     acting = taken.contact.acting(s)
 
@@ -99,12 +100,12 @@ def step_inputs(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) ->
 
 
 def step_inputs_along(throttle: Throttle, path: Any, steps: Step, resets: Reset) -> StepInputs:
-    """Where every step of a batch evaluates the effects; entries of shape (T, L).
+    """The points at which every step of a batch evaluates the effects; entries of shape (T, L).
 
     Args:
         throttle: the model.
         path: its states and memories at the end of each step, as `simulate` returns them.
-        steps, resets: what was simulated.
+        steps, resets: the simulated batch.
     """
     x, z = jax.tree.map(lambda leaf: jnp.concatenate((jnp.zeros_like(leaf[:1]), leaf[:-1])), path)
 
@@ -123,16 +124,16 @@ def added(
     steps: Step,
     resets: Reset,
 ) -> StepBesides:
-    """What an effect adds to every step of a batch, differentiated along a direction of its parameters.
+    """The contribution of an effect to every step of a batch, differentiated along a direction of its parameters.
 
     Args:
-        effect: one that `acts_as_input`.
-        values: of its parameters, SI by field.
+        effect: an effect that `acts_as_input`.
+        values: values of its parameters, SI by field.
         ways: the direction, SI by field.
-        along: where the steps ask it, entries of shape (T, L).
+        along: points at which the steps evaluate it, entries of shape (T, L).
         steps, resets: the batch.
     Returns:
-        entries of shape (T, L), SI.
+        Entries of shape (T, L), SI.
     """
     one = jax.vmap(lambda carried, entry: added_at(effect, values, ways, carried, entry))
     zero = jnp.zeros(steps.dt.shape[1:])
@@ -147,14 +148,14 @@ def added_at(
     carried: Any,
     entry: tuple[StepInputs, Step, Reset],
 ) -> tuple[Any, StepBesides]:
-    """The same of one step.
+    """The same for one step.
 
     Args:
         effect, values, ways: as of `added`.
         carried: the effect's memories at the end of the step before, and their tangents.
-        entry: where the step asks it, the step, and whether a trace begins there.
+        entry: the points at which the step evaluates it, the step, and whether a trace begins there.
     Returns:
-        what is carried on, and what the effect adds.
+        The carry, and the contribution of the effect.
     """
     along, s, reset = entry
 
@@ -177,15 +178,15 @@ def added_at(
 
 
 def _besides(c: Contribution, loaded: bool) -> Besides:
-    """What an effect contributes to a stage; one that must know what the gear carries is no part of it."""
+    """The contribution of an effect to a stage; a `loaded` effect does not count in the load of the gear."""
     motor, external = (0.0, 0.0) if loaded else (c.drive, c.torque)
     acts = Besides(c.torque + c.drive, c.voltage, c.friction, 0.0, 0.0, motor, external)
     return jax.tree.map(lambda each: jnp.asarray(each, float), acts)
 
 
 def _memories(effect: AbstractEffect, along: StepInputs, s: Step, reset: Reset, z: Any) -> Any:
-    """An effect's own memories where the first and the second stage ask it, and at the end of the step; () each for one
-    that has none."""
+    """An effect's own memories at the first and the second stage and at the end of the step; () each for an effect
+    without memory."""
     if not effect.z0:
         return (), (), ()
     alone, (early, late, *_) = Throttle((effect,)), along

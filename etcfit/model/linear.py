@@ -3,7 +3,7 @@
     G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0)
 
 Dry friction and preload are left out, as in the paper: a torque of constant size has no transfer function. Memories of
-effects are held where a trace begins; what delays or filters the reading is kept beside G and appended when asked.
+effects are held at their initial values; delay and filter of the reading are kept apart from G and appended on request.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ if TYPE_CHECKING:
     import control
 
 
-MIDDLE = 0.25  # of the travel: the operating point where none is named, the middle of the paper's trapezoid, 5 to 45 %
+MIDDLE = 0.25  # share of the travel: the default operating point, the middle of the paper's trapezoid, 5 to 45 %
 
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), and behind it exp(-s delay) / (lag s + 1).
+    """G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), followed by exp(-s delay) / (lag s + 1).
 
     Args:
-        b0: in output unit over input unit, 1/s3.
+        b0: numerator, in output unit over input unit, 1/s3.
         a2, a1, a0: 1/s, 1/s2, 1/s3.
-        delay: of the input, s.
+        delay: delay of the input, s.
         lag: time constant of the position sensor, s.
     """
 
@@ -54,12 +54,12 @@ class TransferFunction:
 
     @property
     def den(self) -> tuple[Scalar, ...]:
-        """Of G alone, highest power first."""
+        """Denominator of G alone, highest power first."""
         return (1.0, self.a2, self.a1, self.a0)
 
     @property
     def poles(self) -> Any:
-        """Of G alone, slowest first, 1/s, complex, shape (3,)."""
+        """Poles of G alone, slowest first, 1/s, complex, shape (3,)."""
         roots = np.roots(self.den)
         return roots[np.lexsort((roots.imag, -roots.real))]
 
@@ -78,10 +78,11 @@ class TransferFunction:
         return replace(self, delay=0.0, lag=0.0)
 
     def to_control(self, pade_order: int = 0) -> control.TransferFunction:
-        """For python-control, without delay and lag; with them where a Pade order is given.
+        """For python-control; with delay and lag only if a Pade order is given.
 
         Args:
-            pade_order: of the approximation of exp(-s delay) (numerator and denominator alike); 0 leaves both out.
+            pade_order: order of numerator and denominator of the approximation of exp(-s delay); 0 leaves delay and lag
+                out.
         """
         import control
 
@@ -124,8 +125,8 @@ def coefficients(
 
     Args:
         throttle: the model.
-        theta: rad; the current is the one that holds the plate there against its springs.
-        gear_ratio, lower, upper: of the rig; rad.
+        theta: operating point, rad; the current is the one that holds the plate there against its springs.
+        gear_ratio, lower, upper: gear ratio and end stops (rad) of the rig.
     """
     current, volts = holding(throttle, theta, gear_ratio, lower, upper)
     u = _inputs(volts, gear_ratio, lower, upper)
@@ -143,7 +144,7 @@ def coefficients(
 
 
 def sensor_lag(throttle: Throttle) -> Scalar:
-    """Time constant of the position sensor, s; 0 where the model has none."""
+    """Time constant of the position sensor, s; 0 if the model has none."""
     return next((effect.tau_p for effect in throttle.effects if isinstance(effect, PositionSensorLag)), 0.0)
 
 
@@ -166,12 +167,12 @@ _NEWTON = 12
 def holding_against(
     throttle: Throttle, theta: Scalar, share: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Current (A) and voltage (V) at which the motor carries the springs and a share of the dry friction.
+    """Current (A) and voltage (V) at which the motor balances the springs and a share of the dry friction.
 
     Args:
         throttle: the model.
         theta: rad.
-        share: of the dry friction: 1 where the plate is about to open, -1 where it is about to close, 0 in the middle.
+        share: share of the dry friction: 1 if the plate is about to open, -1 if it is about to close, 0 in the middle.
         gear_ratio, lower, upper: of the rig; rad.
     """
     return turning_against(throttle, theta, 0.0, share, gear_ratio, lower, upper)
@@ -186,13 +187,13 @@ def turning_against(
     lower: Scalar,
     upper: Scalar,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Current (A) and voltage (V) at which the plate passes an angle at a speed that does not change.
+    """Current (A) and voltage (V) at which the plate passes an angle at constant speed.
 
     Args:
         throttle: the model.
         theta: rad.
         omega: rad/s.
-        share: of the dry friction that the motor carries: 1 where the plate slides open, -1 where it slides closed.
+        share: share of the dry friction on the motor: 1 if the plate slides open, -1 if it slides closed.
         gear_ratio, lower, upper: of the rig; rad.
     """
     u = _inputs(0.0, gear_ratio, lower, upper)
@@ -205,7 +206,7 @@ def turning_against(
         return volts + throttle(State(i, theta, omega), throttle.z0, u._replace(voltage=volts)).voltage
 
     current = _root(torque, 0.0)
-    # a driver's dead zone has slope 0 at no voltage: begin beyond it
+    # a driver's dead zone has slope 0 at zero voltage: begin beyond it
     start = -throttle(State(current, theta, omega), throttle.z0, u).voltage
     return current, _root(lambda volts: voltage(volts, current), start + jnp.sign(start))
 

@@ -1,7 +1,7 @@
-"""What the paper prints of its own throttle body, a Bosch one: Table 2, SI.
+"""The paper's values of its own throttle body, made by Bosch: Table 2, SI.
 
-J_m, J_L and J_eq cannot all be: N^2 J_m + J_L is 0.0440 kg m2, not the printed 0.0012, which is what the release traces
-show. The rest holds together.
+J_m, J_L and J_eq contradict each other: N^2 J_m + J_L is 0.0440 kg m2, not the printed 0.0012, which the release traces
+show. The other values are consistent.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Parameters: what each symbol means, where it may lie, and the unconstrained coordinate it is fitted in."""
+"""Parameters: the meaning of each symbol, its domain, and the unconstrained coordinate in which it is fitted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from .. import backend as backend  # float64, before the first array
 
 if TYPE_CHECKING:
-    AnyArray = Scalar = Any  # arithmetic mixes all of the below, which a static union refuses
+    AnyArray = Scalar = Any  # arithmetic mixes all of the types below, which a static union refuses
 else:
     AnyArray = Array | np.ndarray
     Scalar = float | Float[AnyArray, "..."]
@@ -24,7 +24,7 @@ taken entry by entry, since what steps one throttle also steps a batch of them."
 
 
 class AbstractDomain(abc.ABC):
-    """Where a parameter may lie: value = scale curve(x), with x the unbounded coordinate that a fit moves.
+    """Domain of a parameter: value = scale curve(x), with x the unbounded coordinate that a fit moves.
 
     Attributes:
         scale: a typical magnitude of the value, SI.
@@ -35,7 +35,7 @@ class AbstractDomain(abc.ABC):
     @staticmethod
     @abc.abstractmethod
     def curve(x: Scalar, by: Any = jnp) -> Scalar:
-        """value / scale at coordinate x, both dimensionless; of arrays entry by entry, by JAX or by NumPy."""
+        """value / scale at coordinate x, both dimensionless; elementwise for arrays, by JAX or by NumPy."""
 
     @staticmethod
     @abc.abstractmethod
@@ -49,7 +49,7 @@ class AbstractDomain(abc.ABC):
     @staticmethod
     @abc.abstractmethod
     def log_flat(x: Scalar, by: Any = jnp) -> Scalar:
-        """log |dq/dx| of the quantity q whose prior is flat: that prior's log density in x, to a constant."""
+        """log |dq/dx| of the quantity q whose prior is flat: the log density of this prior in x, up to a constant."""
 
     @abc.abstractmethod
     def coordinate(self, value: float) -> float:
@@ -57,12 +57,12 @@ class AbstractDomain(abc.ABC):
 
     @abc.abstractmethod
     def inside(self, value: float) -> float:
-        """The nearest value, SI, at which a change of the coordinate still changes it: a fit that starts on a bound
-        stays there."""
+        """The nearest value, SI, that still changes with the coordinate: a fit that starts on a bound would stay
+        there."""
 
     @abc.abstractmethod
     def at_bound(self, value: float) -> bool:
-        """True where the value lies so close to the bound that the bound, not the data, holds it."""
+        """Whether the value is so close to the bound that the bound, not the data, determines it."""
 
 
 _REACH = 12.0  # a positive parameter stays within exp(-12) and exp(12) of its scale
@@ -70,8 +70,8 @@ _REACH = 12.0  # a positive parameter stays within exp(-12) and exp(12) of its s
 
 @dataclass(frozen=True)
 class Positive(AbstractDomain):
-    """value = scale exp(c tanh(x / c)) > 0, c = 12: a logarithm that saturates, so that it stays finite where the data
-    say nothing."""
+    """value = scale exp(c tanh(x / c)) > 0, c = 12: a logarithm that saturates, so that it stays finite if the data
+    have no information."""
 
     scale: float
 
@@ -107,7 +107,7 @@ _SOFTNESS = 0.02  # width of the bend at zero, in units of `scale`
 class NonNegative(AbstractDomain):
     """value = scale (x + sqrt(x^2 + e^2))/2 with e = 0.02: about scale x above zero, and never below it.
 
-    With a logarithm the coordinate of a friction that is not there would go to minus infinity. Here it stays finite,
+    With a logarithm the coordinate of a friction of zero would go to minus infinity. Here it stays finite,
     and the interval of a small but measurable value stays symmetric.
     """
 
@@ -115,7 +115,7 @@ class NonNegative(AbstractDomain):
 
     @staticmethod
     def curve(x: Scalar, by: Any = jnp) -> Scalar:
-        # both branches are the same number; the second does not cancel for x << 0
+        # both branches are equal; the second has no cancellation for x << 0
         root = by.sqrt(x * x + _SOFTNESS**2)
         return 0.5 * by.where(x >= 0.0, x + root, _SOFTNESS**2 / (root + by.abs(x)))
 
@@ -136,7 +136,7 @@ class NonNegative(AbstractDomain):
         return max(value, 0.25 * self.scale)
 
     def at_bound(self, value: float) -> bool:
-        # what `coordinate` makes of a bound counts, rounding included
+        # compare with the result of `coordinate` for a bound, rounding included
         return value < 0.26 * _SOFTNESS * self.scale
 
 
@@ -176,12 +176,12 @@ def curves(kinds: Int[AnyArray, " P"], x: Float[AnyArray, "*K P"], by: Any = jnp
     """value / scale of many coordinates at once.
 
     Args:
-        kinds: domain of each, an index into `DOMAINS`, shape (P,). Data: another choice of free parameters runs through
+        kinds: domain of each, an index into `DOMAINS`, shape (P,). It is data: another choice of free parameters uses
             the same compiled program.
         x: coordinates, shape (..., P), dimensionless.
-        by: what computes, JAX or NumPy.
+        by: JAX or NumPy.
     Returns:
-        shape (..., P), dimensionless.
+        Shape (..., P), dimensionless.
     """
     out = x
     for k, domain in enumerate(DOMAINS):
@@ -200,9 +200,9 @@ def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, "*K P"], by: Any = 
     Args:
         kinds: domain of each, an index into `DOMAINS`, shape (P,).
         x: coordinates, shape (..., P), dimensionless.
-        by: what computes, JAX or NumPy.
+        by: JAX or NumPy.
     Returns:
-        shape (..., P).
+        Shape (..., P).
     """
     out = by.zeros_like(x)
     for k, domain in enumerate(DOMAINS):
@@ -215,10 +215,10 @@ class Parameter:
     """A physical quantity of the model.
 
     Args:
-        symbol: the paper's, in ASCII.
-        unit: SI.
+        symbol: the paper's symbol, in ASCII.
+        unit: SI unit.
         domain: bounds and coordinate; its scale is a typical magnitude.
-        nominal: value assumed where nothing at all is known, SI.
+        nominal: value assumed without any information, SI.
         meaning: one line.
         source: paper and equation.
     """
@@ -235,8 +235,8 @@ def parameter(unit: str, domain: AbstractDomain, nominal: float, meaning: str, s
     """Declare a field of an effect to be a parameter.
 
     Args:
-        unit, domain, nominal, meaning, source: see `Parameter`. The symbol is the field's name, unless the effect names
-            it otherwise.
+        unit, domain, nominal, meaning, source: see `Parameter`. The symbol is the field's name, unless the effect
+            changes it.
     """
     return dataclasses.field(metadata={"parameter": (unit, domain, nominal, meaning, source)})
 

@@ -1,6 +1,6 @@
-"""The discrete PID of an engine control unit: its gains, and what it computes at each tick of its clock.
+"""The discrete PID of an engine control unit: its gains, and its computation at each tick of its clock.
 
-The one that drove the logs (`effects.controller`) and the one that gains are sought for (`control.pid`) are this one.
+Both the controller that drove the logs (`effects.controller`) and the one to be tuned (`control.pid`) use it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from .ecu import Ecu
 from .parameters import Scalar
 
-UNIT = "V/rad"  # of Kp; Ki is per s, Kd times s
+UNIT = "V/rad"  # unit of Kp; Ki is per s, Kd times s
 
 
 class Gains(NamedTuple):
@@ -36,22 +36,22 @@ class Gains(NamedTuple):
 
     @classmethod
     def standard(cls, Kp: float, Ti: float, Td: float) -> Gains:
-        """Of the form Kp (1 + 1/(Ti s) + Td s), times in s."""
+        """Gains of the form Kp (1 + 1/(Ti s) + Td s), times in s."""
         return cls(Kp, Kp / Ti, Kp * Td)
 
     @classmethod
     def series(cls, Kc: float, Ti: float, Td: float) -> Gains:
-        """Of the form Kc (1 + 1/(Ti s)) (1 + Td s), times in s."""
+        """Gains of the form Kc (1 + 1/(Ti s)) (1 + Td s), times in s."""
         return cls(Kc * (1.0 + Td / Ti), Kc / Ti, Kc * Td)
 
 
 class Memory(NamedTuple):
-    """What a PID remembers from tick to tick.
+    """The memory of a PID from tick to tick.
 
     Args:
-        integral: V.
-        filtered: what is differenced, c r - y, behind the derivative's low-pass, rad.
-        output: before the steps of the PWM, V.
+        integral: integral part, V.
+        filtered: c r - y after the derivative's low-pass, rad.
+        output: output before rounding to the PWM's resolution, V.
     """
 
     integral: Scalar
@@ -60,7 +60,7 @@ class Memory(NamedTuple):
 
     @classmethod
     def at_rest(cls, gains: Gains, ecu: Ecu, angle: Scalar) -> Memory:
-        """Of a plate that stands at its setpoint (rad), where the PID puts out nothing."""
+        """The memory for a plate at rest at its setpoint (rad), with an output of zero."""
         still = 0.0 * gains.Kp
         integral = (1.0 - ecu.setpoint_weight) * gains.Kp * angle
         return cls(integral, (ecu.derivative_weight - 1.0) * angle + still, still)
@@ -72,11 +72,11 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
         I <- I + Ki T e where |e| >= dead band,    d = ((c r - y) - f) / (T_f + T),    f <- f + T d
 
     with f as `Memory.filtered`, e = r - y, and b and c the weights of the setpoint. The integral is held while the
-    output is at its limit, that of its slew included, and the error would drive it further (anti-windup), or is clamped
-    itself, where the ECU does that (`Ecu.integral`).
+    output is at its limit, that of its slew included, and the error would drive it further (anti-windup); or it is
+    clamped itself, if the ECU does that (`Ecu.integral`).
 
-    Source: Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13. Differs from source: the integral has the
-    error of the tick itself in it, as those of the ECUs have.
+    Source: Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13. Differs from source: the integral includes the
+    error of the present tick, as in the ECUs.
 
     Args:
         setpoint, position: r and y, rad.
@@ -98,11 +98,11 @@ def tick(gains: Gains, ecu: Ecu, memory: Memory, setpoint: Scalar, position: Sca
 
 
 def slewed(volts: Scalar, before: Scalar, ecu: Ecu) -> Scalar:
-    """What the output may become a tick after it was `before`, V."""
+    """The output limited to its slew, one tick after it was `before`, V."""
     most = ecu.slew * ecu.period
     return jnp.where(ecu.slew > 0.0, jnp.clip(volts, before - most, before + most), volts)
 
 
 def quantised(value: Scalar, step: Scalar) -> Scalar:
-    """The nearest multiple of the step; the value itself where there is none."""
+    """The nearest multiple of the step; the value itself if the step is 0."""
     return jnp.where(step > 0.0, step * jnp.round(value / jnp.where(step > 0.0, step, 1.0)), value)

@@ -1,4 +1,4 @@
-"""Which effects straight-line text cannot hold: those that compute in loops, look things up, or call what a language
+"""Effects that cannot be printed as straight-line code: those with loops or look-ups, or with functions that a language
 lacks."""
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from .throttle import Throttle
 def refused(
     types: Sequence[type[AbstractEffect]], program: Callable[[Graph, Sequence[int]], object]
 ) -> tuple[type[AbstractEffect], ...]:
-    """The effects that a language cannot hold, each tried by itself.
+    """The effects that cannot be printed in a language, each tried by itself.
 
     Args:
-        types: of the effects.
-        program: of the language; prints nodes of a graph or raises NotWrittenError.
+        types: types of the effects.
+        program: the language's printer; prints nodes of a graph or raises NotWrittenError.
     """
     return tuple(effect for effect in types if not _is_held(effect, program))
 

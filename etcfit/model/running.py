@@ -1,7 +1,7 @@
 """Running sums and maxima along the first axis, by a loop.
 
-JAX's own (`jnp.cumsum`, `lax.cummax`) become trees of slices that take XLA's CPU backend seconds to compile, once for
-every length.
+JAX's own functions (`jnp.cumsum`, `lax.cummax`) become trees of slices, which XLA's CPU backend compiles for seconds,
+once for every length.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from .parameters import AnyArray
 
 
 def running_sum(x: Float[AnyArray, "T ..."], xp: Any = jnp) -> Float[AnyArray, "T ..."]:
-    """sum_{j <= k} x_j along the first axis, unit and shape of x; by NumPy where xp is that."""
+    """sum_{j <= k} x_j along the first axis, unit and shape of x; by NumPy if xp is NumPy."""
     if xp is np:
         return np.cumsum(x, axis=0)
 
@@ -28,7 +28,7 @@ def running_sum(x: Float[AnyArray, "T ..."], xp: Any = jnp) -> Float[AnyArray, "
 
 
 def running_max(x: Float[AnyArray, "T ..."], xp: Any = jnp) -> Float[AnyArray, "T ..."]:
-    """max_{j <= k} x_j along the first axis, unit and shape of x; by NumPy where xp is that."""
+    """max_{j <= k} x_j along the first axis, unit and shape of x; by NumPy if xp is NumPy."""
     if xp is np:
         return np.maximum.accumulate(x, axis=0)
 

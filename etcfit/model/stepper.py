@@ -5,11 +5,11 @@ eliminated from the linearised stage, the speed obeys the inclusion
 
     D omega + gamma h F Sgn(omega) = rhs        hence        omega = soft(rhs, gamma h F) / D
 
-(Acary and Brogliato 2008, ch. 1): sticking is exact, nothing is stiff, one to a few steps a sample are enough. The
+(Acary and Brogliato 2008, ch. 1): sticking is exact, nothing is stiff, one to a few steps per sample are enough. The
 smooth part of Eqs. 1-2 is linear, so their stages are solved exactly; other effects get one Newton step.
 
-The tangent of a step is written out (`_step_and_tangent`): the equations of each stage are differentiated where they
-were solved, which is exact for the scheme as it is and a fraction of what differentiating the solution would compute.
+The tangent of a step is written explicitly (`_step_and_tangent`): it differentiates the equations of each stage at
+their solution, which is exact for this scheme and takes a fraction of the time of differentiating the solver.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ StatePath = tuple[State, tuple[Scalar, ...]]  # states and memories; along a bat
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)
 _OVERSHOOT = (1.0 - GAMMA) / GAMMA
-_APART = 0.02  # torque of a motor that leaves the teeth of a resting plate, N m: the noise of its voltage does not
+_APART = 0.02  # torque at which a motor leaves the teeth of a resting plate, N m; above the noise of its voltage
 
 
 class Command(NamedTuple):
-    """What an ECU that is part of the model is asked for during one step.
+    """Inputs of an ECU that is part of the model during one step.
 
     Args:
-        active: 1 where it drives the throttle.
-        tick: 1 where its output changes at the step's begin, else 0.
-        setpoint: what it read for that tick, rad.
-        ahead: its feed-forward for that, a share of its supply.
+        active: 1 if it drives the throttle.
+        tick: 1 if its output changes at the step's begin, else 0.
+        setpoint: the setpoint that it read for that tick, rad.
+        ahead: its feed-forward for that setpoint, a share of its supply.
         origin: angle at which the trace began, rad.
     """
 
@@ -54,12 +54,11 @@ class Command(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """How the steps of an interval between samples follow the instant of a jump of the input, at a share s of the
-    interval.
+    """Dependence of the steps between two samples on the instant of a jump of the input, at a share s of the interval.
 
     Args:
         turn: 0 or 1: s = turn + phase of the rig test's edges (`rig_effects.edge_phase`).
-        span: d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 where nothing jumps.
+        span: d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 without a jump.
         moves: d time / ds of the step's end, s.
     """
 
@@ -69,7 +68,8 @@ class Edge(NamedTuple):
 
 
 class StepBesides(NamedTuple):
-    """What acts in the two stages of a step besides all effects; its readings are those at the step's end."""
+    """Known contributions in the two stages of a step in addition to all effects; its readings are at the step's
+    end."""
 
     early: Besides
     late: Besides
@@ -81,7 +81,7 @@ class StepBesides(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """Voltage (V) and motor torque (N m) at the begin and the end of a step, as of `Step`."""
+    """Voltage (V) and motor torque (N m) at the begin and the end of a step, as in `Step`."""
 
     voltage0: Scalar
     voltage1: Scalar
@@ -90,28 +90,28 @@ class Acting(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Everything one step needs besides parameters and state; in a batch each entry has shape (T, L).
+    """All data of one step except parameters and state; in a batch each entry has shape (T, L).
 
     Args:
         dt: length, s; 0 at the first entry of a trace.
         voltage0, voltage1: terminal voltage at its begin and end, V; linear in between.
-        torque0, torque1: motor torque at the plate where there is no electrical side, N m.
-        time: since the trace began, at the end of the step, s.
+        torque0, torque1: motor torque at the plate if there is no electrical side, N m.
+        time: time since the trace began, at the end of the step, s.
         mobile: 0 while the plate is held, else 1.
-        circuit: 0 where the terminals are open or there is no electrical side, else 1.
-        plate: 0 where the motor runs alone, else 1.
+        circuit: 0 if the terminals are open or there is no electrical side, else 1.
+        plate: 0 if the motor runs alone, else 1.
         series: extra circuit resistance, ohm.
         gear_ratio: N, motor angle over plate angle.
         lower, upper: end stops, rad.
-        guide_stiffness: of a guide along the measured angle, V/rad at the terminals; 0 in a free run.
+        guide_stiffness: stiffness of a guide along the measured angle, V/rad at the terminals; 0 in a free run.
         target0, target1: measured angle at the step's begin and end, rad.
-        lever: torque of the guide for each of its volts where there is no circuit, N m/V.
-        command: for an ECU in the model; None where it has none.
-        edge: None where no edge of the input is in step with the samples.
-        trace: `number_of` the file of the trace; None where no batch was made of traces.
-        duty: of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None where there is none.
-        besides: what acts besides the effects; None where nothing does. No ECU in the model sees its readings.
-        acting: what acts in place of voltage and torque as the rig drives them, where they act late; else None.
+        lever: torque of the guide per volt if there is no circuit, N m/V.
+        command: inputs of an ECU in the model; None without an ECU.
+        edge: data of an edge in step with the samples; None if there is none.
+        trace: `number_of` the file of the trace; None if the batch was not made of traces.
+        duty: duty of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None if there is none.
+        besides: known contributions in addition to the effects, or None. No ECU in the model sees its readings.
+        acting: voltage and torque that act in place of the rig's, if they act late; else None.
     """
 
     dt: Scalar
@@ -148,12 +148,12 @@ class Step(NamedTuple):
         return self.guide_stiffness * (self.target0 + fraction * (self.target1 - self.target0) - theta)
 
     def inputs(self, fraction: float) -> Inputs:
-        """The inputs at a fraction of the step, 0 at its begin and 1 at its end."""
+        """The inputs at a fraction of the step: 0 at its begin, 1 at its end."""
         c = self.command
-        asked = {} if c is None else {"controlled": c.active, "setpoint": c.setpoint, "ahead": c.ahead}
+        ecu_inputs = {} if c is None else {"controlled": c.active, "setpoint": c.setpoint, "ahead": c.ahead}
         acts = None if self.besides is None else {GAMMA: self.besides.early, 1.0: self.besides.late}.get(fraction)
         return Inputs(
-            **asked,
+            **ecu_inputs,
             besides=acts,
             voltage=self.voltage0 + fraction * (self.voltage1 - self.voltage0),
             torque=self.torque0 + fraction * (self.torque1 - self.torque0),
@@ -174,8 +174,8 @@ class Step(NamedTuple):
 
 
 class _Balances(NamedTuple):
-    """What acts on the plate and in the armature loop: smooth torque (N m) and voltage (V), the guide's included; dry
-    friction (N m), inertia (kg m2) and inductance (H)."""
+    """The balances of plate and armature loop: smooth torque (N m) and voltage (V), the guide's included; dry friction
+    (N m), inertia (kg m2) and inductance (H)."""
 
     torque: Scalar
     voltage: Scalar
@@ -199,7 +199,7 @@ def soft(value: Scalar, threshold: Scalar) -> Scalar:
 
 @jax.jit
 def contributions(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-    """The sum of all effects. Traced once however often it is called, and compiled into what calls it.
+    """The sum of all effects; traced once for all calls, and compiled into the caller.
 
     Args:
         throttle: the model.
@@ -221,7 +221,7 @@ def _balances(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, frac
 def _slopes(
     throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, fraction: float
 ) -> tuple[_Balances, _Slopes, _Slopes]:
-    """The balances at x, and how torque and voltage change with each state there."""
+    """The balances at x, and the derivatives of torque and voltage in each state there."""
 
     def smooth(i: Scalar, theta: Scalar, omega: Scalar) -> tuple[tuple[Scalar, Scalar], _Balances]:
         b = _balances(throttle, State(i, theta, omega), z, s, fraction)
@@ -236,7 +236,7 @@ def _slopes(
 
 
 def _about(throttle: Throttle, guess: State, z: tuple[Scalar, ...], s: Step, fraction: float, x: State) -> _Balances:
-    """The balances at x as the stage sees them: torque and voltage linearised about its guess, the rest as there."""
+    """The balances at x in the stage: torque and voltage linearised about its guess, the rest as at the guess."""
     way = State(*(to - start for to, start in zip(x, guess, strict=True)))
     here, slope = jax.jvp(lambda x: _balances(throttle, x, z, s, fraction), (guess,), (way,))
     return here._replace(torque=here.torque + slope.torque, voltage=here.voltage + slope.voltage)
@@ -249,9 +249,9 @@ def memory(
 
     Args:
         throttle: the model.
-        base: what the stage sets out from.
-        guess: about which the rates are linearised.
-        x, u: state and inputs at which the effects are asked.
+        base: memories at the begin of the stage.
+        guess: memories about which the rates are linearised.
+        x, u: state and inputs at which the effects are evaluated.
         a: s.
     """
     if not base:
@@ -265,15 +265,15 @@ def memory(
 
 
 class _Play(NamedTuple):
-    """The play of a gear where the plate rests on its lower stop: there the motor turns on by itself.
+    """The play of a gear while the plate rests on its lower stop: there the motor turns alone.
 
     Args:
-        there: whether there is any.
-        alone: whether the motor turns by itself.
-        stop: the plate's, rad, where the teeth that open it are.
-        fastest: speed at which the play is crossed within the step, rad/s.
+        there: whether there is any play.
+        alone: whether the motor turns alone.
+        stop: stop of the plate, rad, at which the teeth that open it are.
+        fastest: speed that crosses the play within the step, rad/s.
         damping: c of an impact on the teeth of a plate on its stop, s/rad.
-        restitution: share of the speed that those give back which open the plate.
+        restitution: share of the speed after an impact on the teeth that open the plate.
     """
 
     there: Bool[AnyArray, ...]
@@ -285,7 +285,7 @@ class _Play(NamedTuple):
 
     @classmethod
     def at(cls, x: State, u: Inputs, c: Contribution, dt: Scalar) -> _Play:
-        """Below the stop it is alone; at the stop where it moves or is driven away from the plate's teeth."""
+        """The motor is alone below the stop, and at the stop if it moves or is driven away from the plate's teeth."""
         there = (c.play > 0.0) & (u.plate > 0.5)
         away = (x.theta < c.lower) | (x.omega < 0.0) | (c.drive + u.torque < -_APART)
         fastest = c.play / jnp.where(dt > 0.0, dt, 1.0)
@@ -301,13 +301,13 @@ class _Play(NamedTuple):
         return self._within(-self.restitution * omega)
 
     def _within(self, back: Scalar) -> Scalar:
-        """What would rattle to and fro within the step comes to rest."""
+        """A motor that would rattle within the step comes to rest."""
         return jnp.where(jnp.abs(back) < self.fastest, back, 0.0)
 
 
 class _Contact(NamedTuple):
-    """The stops, and whether the plate rested on one when the step began; of a motor that turns by itself, the ends of
-    its play. `play` is None in a model without any."""
+    """The stops, and whether the plate rested on one when the step began; for a motor that turns alone, the ends of its
+    play. `play` is None in a model without play."""
 
     lower: Scalar
     upper: Scalar
@@ -329,11 +329,12 @@ class _Contact(NamedTuple):
         return cls(lower, upper, on_lower, (x.theta >= upper) & ~play.alone, c.restitution, play)
 
     def acting(self, s: Step) -> Step:
-        """The step without plate and gear where the motor turns by itself."""
+        """The step, without plate and gear if the motor turns alone."""
         return s if self.play is None else s._replace(plate=jnp.where(self.play.alone, 0.0, s.plate))
 
     def after(self, x: State) -> _Contact:
-        """A plate that a stage has moved inward rests no more: held, it would end higher than its energy lifts it."""
+        """A plate that a stage has moved inward no longer rests: otherwise it would end above the height of its
+        energy."""
         rest = self.lower if self.play is None else jnp.where(self.play.alone, self.lower, self.play.stop)
         return self._replace(
             on_lower=self.on_lower & (x.theta <= rest), on_upper=self.on_upper & (x.theta >= self.upper)
@@ -344,8 +345,8 @@ class _Contact(NamedTuple):
         return (self.on_lower & (omega < 0.0)) | (self.on_upper & (omega > 0.0))
 
     def clip(self, before: State, x: State) -> State:
-        """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back. Elsewhere in the
-        step it would make sensitivities explode. What would end within a step comes to rest."""
+        """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back, at the end of the
+        step: within it sensitivities would explode. A rebound that would end within a step comes to rest."""
         below = above = -self.restitution * x.omega
         if self.play is not None:
             below = jnp.where(self.play.there, self.play.closing(x.omega), below)
@@ -360,14 +361,14 @@ class _Contact(NamedTuple):
 
 
 class _Stage(NamedTuple):
-    """A stage solved, and what its tangents need.
+    """A solved stage, with the data for its tangents.
 
     Args:
         x: its state.
-        free: 1 where the plate moves or may, 0 where it sticks, is held, or rests on a stop.
+        free: 1 if the plate moves or may move, 0 if it sticks, is held, or rests on a stop.
         torque, voltage: slopes of the balances.
-        friction, inertia, inductance: at the guess.
-        per_speed: di/domega; mass, share: what the equations of speed and current are divided by.
+        friction, inertia, inductance: values at the guess.
+        per_speed: di/domega; mass, share: divisors of the equations of speed and current.
     """
 
     x: State
@@ -414,14 +415,14 @@ def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step, lon
     """Tangent of a stage by the implicit function theorem.
 
     Args:
-        stage: the stage solved.
-        base, dbase: what it set out from, and its tangent.
+        stage: the solved stage.
+        base, dbase: its initial state, and the tangent.
         d: tangent of the balances at the stage's own state.
         s: the step.
-        longer: tangent of its length over the length; None where that is fixed.
+        longer: tangent of its length over the length; None if the length is fixed.
     """
     a, x, d = GAMMA * s.dt, stage.x, fusion_barrier(d)
-    if longer is not None:  # what a stage adds to what it set out from grows with its length
+    if longer is not None:  # the change of the state in a stage grows with its length
         dbase = State(
             dbase.i + longer * (x.i - base.i),
             dbase.theta + longer * (x.theta - base.theta),
@@ -443,7 +444,7 @@ def _extrapolate(start: Scalar, stage: Scalar) -> Scalar:
 
 
 class Stages(NamedTuple):
-    """A whole step: its two stages, and the memories that each was solved with and ended with."""
+    """A whole step: its two stages, and the memories of each at its solution and at its end."""
 
     contact: _Contact
     z_early: tuple[Scalar, ...]
@@ -455,12 +456,12 @@ class Stages(NamedTuple):
 
 
 def between(x: Any, x1: Any) -> Any:
-    """What the second stage sets out from, given the step's begin and its first stage's end: states or memories."""
+    """Initial states or memories of the second stage, from those at the step's begin and at the first stage's end."""
     return jax.tree.map(_extrapolate, x, x1)
 
 
 def stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> Stages:
-    """Both stages of a step that no tick begins; arguments as of `step`."""
+    """Both stages of a step without a tick at its begin; arguments as of `step`."""
     a = GAMMA * s.dt
     contact = _Contact.at(throttle, x, z, s)
     s = contact.acting(s)
@@ -475,7 +476,7 @@ def stages(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> Stag
 
 
 def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
-    """One step of the throttle body, an ECU's tick at its begin included.
+    """One step of the throttle body, including an ECU's tick at its begin.
 
     Args:
         throttle: the model.
@@ -483,13 +484,13 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StateP
         z: memories of the effects at the begin of the step.
         s: inputs and boundary conditions, scalars.
     Returns:
-        state and memories at its end.
+        State and memories at its end.
     """
     return step_between_ticks(throttle, x, ticked(throttle, x, z, s), s)
 
 
 def ticked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tuple[Scalar, ...]:
-    """Memories after the tick at the begin of a step, where there is one; arguments as of `step`."""
+    """Memories after the tick at the begin of a step, if there is one; arguments as of `step`."""
     if s.command is None:
         return z
     after = throttle.ticked(x, z, s.inputs(0.0))
@@ -498,15 +499,15 @@ def ticked(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> tupl
 
 @jax.custom_jvp
 def step_between_ticks(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StatePath:
-    """The step alone, what an ECU put out before it being held; as `step` where none ticks."""
+    """The step with the ECU's previous output held; equal to `step` without a tick."""
     taken = stages(throttle, x, z, s)
     return taken.contact.clip(x, taken.second.x), taken.z2
 
 
 def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath]:
-    """The step and its tangent: each stage by the implicit function theorem, memories and stops as they are computed.
+    """The step and its tangent: each stage by the implicit function theorem, memories and stops directly.
 
-    A step whose length moves is one of a clock that is not right.
+    The length of a step has a tangent if the clock is wrong.
     """
     throttle, x, z, s = primals
     dthrottle, dx, dz, ds = tangents
@@ -519,13 +520,15 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     def remembered(fraction: float, base: Any, guess: Any, at: State, dbase: Any, dguess: Any, dat: State) -> Any:
         """Tangent of the memories of a stage."""
 
-        def moved(throttle: Throttle, base: Any, guess: Any, at: State, s: Step) -> Any:
+        def end_memory(throttle: Throttle, base: Any, guess: Any, at: State, s: Step) -> Any:
             return memory(throttle, base, guess, at, s.inputs(fraction), GAMMA * s.dt)
 
-        return forward(moved, (throttle, base, guess, at, s), (dthrottle, dbase, dguess, dat, ds))[1] if base else ()
+        return (
+            forward(end_memory, (throttle, base, guess, at, s), (dthrottle, dbase, dguess, dat, ds))[1] if base else ()
+        )
 
     def balanced(fraction: float, guess: State, z: Any, at: State, dguess: State, dz: Any) -> _Balances:
-        """Tangent of the balances of a stage at its end `at`, which stays where it is."""
+        """Tangent of the balances of a stage at its end `at`, which is held constant."""
         about = partial(_about, fraction=fraction, x=at)
         return forward(about, (throttle, guess, z, s), (dthrottle, dguess, dz, ds))[1]
 
@@ -541,7 +544,8 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
     dz2 = remembered(1.0, z_base, taken.z_late, second.x, dz_base, dz_late, dx2)
 
     def limits(throttle: Throttle, s: Step) -> tuple[Scalar, ...]:
-        """Of the contact what parameters move; whether the plate rests, and what turns by itself, stays as it is."""
+        """Properties of the contact that depend on parameters; whether the plate rests or the motor is alone is held
+        constant."""
         at = _Contact.at(throttle, x, z, s)
         return at.lower, at.upper, at.restitution, *(() if at.play is None else (at.play.damping, at.play.restitution))
 
@@ -552,8 +556,8 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
             contact = contact._replace(play=contact.play._replace(damping=teeth[0], restitution=teeth[1]))
         return contact.clip(before, after)
 
-    at, moved = forward(limits, (throttle, logged), (dthrottle, ds))
-    end, dend = jax.jvp(clipped, (at, x, second.x), (moved, dx, dx2))
+    at, dlimits = forward(limits, (throttle, logged), (dthrottle, ds))
+    end, dend = jax.jvp(clipped, (at, x, second.x), (dlimits, dx, dx2))
     return (end, taken.z2), fusion_barrier((dend, dz2))
 
 
@@ -561,11 +565,11 @@ step_between_ticks.defjvp(_step_and_tangent, symbolic_zeros=True)
 
 
 class Reset(NamedTuple):
-    """Where a batch begins a new trace; entries of shape (T, L).
+    """The begins of traces in a batch; entries of shape (T, L).
 
     Args:
         begins: 1 at the first entry of a trace, else 0.
-        i, theta, omega: state from which it begins, A, rad and rad/s.
+        i, theta, omega: initial state, A, rad and rad/s.
     """
 
     begins: Scalar
@@ -575,13 +579,12 @@ class Reset(NamedTuple):
 
 
 def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> StatePath:
-    """State and memories from which a step sets out: those of the step before, or the trace's first ones where one
-    begins.
+    """State and memories at the begin of a step: those of the step before, or the initial ones if a trace begins.
 
     Args:
         throttle: the model, for the first memories.
-        x, z: at the end of the step before.
-        reset: whether a trace begins here, and in which state.
+        x, z: state and memories at the end of the step before.
+        reset: whether a trace begins here, and its initial state.
     """
     begins = reset.begins > 0.5
     x = State(
@@ -593,14 +596,14 @@ def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> 
 
 
 def simulate(throttle: Throttle, steps: Step, resets: Reset) -> StatePath:
-    """Run a batch: L lanes side by side, each a sequence of traces one after the other.
+    """Simulate a batch: L parallel lanes, each a sequence of traces.
 
     Args:
         throttle: the model.
         steps: entries of shape (T, L).
         resets: entries of shape (T, L).
     Returns:
-        state and memories at the end of every step, entries of shape (T, L).
+        State and memories at the end of every step, entries of shape (T, L).
     """
     lanes = steps.dt.shape[1:]
     x0 = State(*(jnp.zeros(lanes) for _ in range(3)))

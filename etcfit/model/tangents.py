@@ -1,4 +1,4 @@
-"""Derivatives along what moves, and a barrier against fusion: what keeps a differentiated step small."""
+"""Derivatives along the arguments that vary, and a barrier against fusion; they keep a differentiated step small."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from jax.custom_derivatives import SymbolicZero
 
 
 def forward(function: Callable[..., Any], primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    """`jax.jvp` that computes nothing of arguments whose tangent is a symbolic zero: those are constants.
+    """`jax.jvp` that treats arguments with a symbolic zero as tangent as constants.
 
     Args:
-        function: of `primals`.
+        function: function of `primals`.
         primals: its arguments, in any tree.
-        tangents: trees of the same structure; a `SymbolicZero` where nothing moves.
+        tangents: trees of the same structure; a `SymbolicZero` for a constant.
     Returns:
-        the function's value and its tangent.
+        The function's value and its tangent.
     """
     leaves, tree = jax.tree.flatten(primals)
     ways = tree.flatten_up_to(tangents)
     moving = [k for k, way in enumerate(ways) if not isinstance(way, SymbolicZero)]
 
-    def of(moved: list[Any]) -> Any:
-        every = dict(enumerate(leaves)) | dict(zip(moving, moved, strict=True))
+    def of_varying(varying: list[Any]) -> Any:
+        every = dict(enumerate(leaves)) | dict(zip(moving, varying, strict=True))
         return function(*jax.tree.unflatten(tree, every.values()))
 
-    return jax.jvp(of, ([leaves[k] for k in moving],), ([ways[k] for k in moving],))
+    return jax.jvp(of_varying, ([leaves[k] for k in moving],), ([ways[k] for k in moving],))
 
 
 def instantiated(primals: Any, tangents: Any) -> Any:
-    """The tangents with zeros in place of symbolic ones, of the shapes of the primals."""
+    """The tangents with arrays of zeros in place of symbolic zeros, in the shapes of the primals."""
     return jax.tree.map(lambda p, t: jnp.zeros_like(p) if isinstance(t, SymbolicZero) else t, primals, tangents)
 
 
 def fusion_barrier(tree: Any) -> Any:
-    """The same numbers, computed once.
+    """The same numbers, but computed only once.
 
-    XLA's CPU backend fuses a value into every loop that reads it and computes it anew there; for the tangents of a step
-    that is the whole step many times over. It never repeats a division: so each value is divided by 1.
+    XLA's CPU backend fuses a value into every loop that reads it and computes it again there; for the tangents of a
+    step it would compute the whole step many times. It never repeats a division, so each value is divided by 1.
     """
     return jax.tree.map(_barrier, tree)
 
@@ -49,7 +49,7 @@ def fusion_barrier(tree: Any) -> Any:
 def _barrier(leaf: Any) -> Any:
     if jnp.issubdtype(jnp.result_type(leaf), jnp.bool_):
         return leaf
-    return leaf / jnp.where(leaf == leaf, 1.0, 2.0)  # by 1, but the compiler does not know
+    return leaf / jnp.where(leaf == leaf, 1.0, 2.0)  # division by 1, which the compiler does not recognise
 
 
 @_barrier.defjvp

@@ -1,4 +1,4 @@
-"""The throttle body: a composition of effects, and what its sensors see."""
+"""The throttle body: a composition of effects, and its sensors' readings."""
 
 from __future__ import annotations
 
@@ -14,28 +14,27 @@ from .rig_effects import AbstractRigEffect
 
 
 class Delays(NamedTuple):
-    """How late the input acts, and each channel that may be late is logged, s."""
+    """Delays of the input and of each channel that may be late, s."""
 
     input: Scalar
     channels: Mapping[str, Scalar]
 
 
 def followed(effects: Sequence[AbstractEffect | type[AbstractEffect]]) -> tuple[int, ...]:
-    """Places, among all memories, of those of an ECU in the model: through them a disturbance of the state acts on it
-    again."""
+    """Indices, among all memories, of those of an ECU in the model: through them a disturbance of the state acts on the
+    state again."""
     places = iter(range(sum(len(effect.z0) for effect in effects)))
     return tuple(k for effect in effects for k in [next(places) for _ in effect.z0] if effect.commands)
 
 
 class Throttle(eqx.Module):
-    """Eqs. 1-2 of the paper with all effects that were added to them.
+    """Eqs. 1-2 of the paper with all added effects.
 
     L di/dt = v + sum voltage,    J domega/dt + Sgn(omega) sum friction = sum torque,    dtheta/dt = omega
 
     Args:
-        effects: inside the throttle; each adds to voltage, torque, friction, inertia ... (`Contribution`).
-        rig: what stands between throttle and log: it changes what drives the throttle, and what is read, in some
-            traces.
+        effects: effects inside the throttle; each adds to voltage, torque, friction, inertia ... (`Contribution`).
+        rig: effects between throttle and log: they change the inputs and the readings in some traces.
     """
 
     effects: tuple[AbstractEffect, ...]
@@ -46,8 +45,8 @@ class Throttle(eqx.Module):
         """A throttle of these effects.
 
         Args:
-            types: of the effects.
-            values: of all their parameters, SI by symbol.
+            types: types of the effects.
+            values: values of all their parameters, SI by symbol.
         """
         every = [t(**{field: values[p.symbol] for field, p in declared(t).items()}) for t in types]
         inside = tuple(e for e in every if not isinstance(e, AbstractRigEffect))
@@ -55,7 +54,7 @@ class Throttle(eqx.Module):
 
     @property
     def z0(self) -> tuple[float, ...]:
-        """Memories of all effects where a trace begins, one after the other."""
+        """Memories of all effects at the begin of a trace, one after the other."""
         return tuple(z for effect in self.effects for z in effect.z0)
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
@@ -70,8 +69,8 @@ class Throttle(eqx.Module):
         return total(parts if u.besides is None else [*parts, u.besides.contribution])
 
     def parts(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> list[Contribution]:
-        """Contribution of each effect, in their order. One that commands is asked first, one that must know the gear's
-        load last."""
+        """Contribution of each effect, in their order. Effects that command are evaluated first, `loaded` effects
+        last."""
         memories = self._memories(z)
         parts, u = self._first(x, memories, u)
         if len(parts) < len(self.effects):
@@ -80,18 +79,18 @@ class Throttle(eqx.Module):
         return [parts[k] for k in range(len(self.effects))]
 
     def informed(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Inputs:
-        """The inputs as an effect gets them that must know the gear's load; arguments as of `__call__`."""
+        """The inputs of a `loaded` effect, with the gear's load; arguments as of `__call__`."""
         return _carrying(*self._first(x, self._memories(z), u))
 
     def _first(self, x: State, memories: list[tuple[Scalar, ...]], u: Inputs) -> tuple[dict[int, Contribution], Inputs]:
-        """Contributions of all effects that need not know the gear's load, and the inputs as they get them."""
+        """Contributions of all effects that are not `loaded`, and their inputs."""
         parts = self._commands(x, memories, u)
         u = u._replace(voltage=u.voltage + total(list(parts.values())).voltage) if parts else u
         parts |= {k: e(x, memories[k], u) for k, e in enumerate(self.effects) if not e.loaded and k not in parts}
         return parts, u
 
     def _commands(self, x: State, memories: list[tuple[Scalar, ...]], u: Inputs) -> dict[int, Contribution]:
-        """Contributions of effects that drive the throttle by the angle that its sensor shows; {} without any."""
+        """Contributions of effects that drive the throttle from the angle that its sensor shows; {} without any."""
         commanding = [k for k, e in enumerate(self.effects) if e.commands]
         if not commanding:
             return {}
@@ -123,12 +122,12 @@ class Throttle(eqx.Module):
         return next(getattr(effect, symbol) for effect in self.effects if hasattr(effect, symbol))
 
     def observe(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> dict[str, Scalar]:
-        """What the sensors see.
+        """The sensors' readings.
 
         Args:
             x, z, u: as of `__call__`.
         Returns:
-            current (A), position (rad), emf at the open terminals (V) and motor_speed (rad/s), by channel.
+            Current (A), position (rad), emf at the open terminals (V) and motor_speed (rad/s), by channel.
         """
         motor_speed = u.gear_ratio * x.omega
         seen = self(x, z, u)
@@ -162,7 +161,7 @@ class Throttle(eqx.Module):
         return resets
 
     def read(self, seen: dict[str, Scalar], test_of: Scalar, trace: Scalar | None) -> dict[str, Scalar]:
-        """What is logged where the sensors show `seen`, by channel, SI; `test_of` and `trace` as of `begun`."""
+        """The logged values for the sensors' readings `seen`, by channel, SI; `test_of` and `trace` as of `begun`."""
         for effect in self.rig:
             seen = effect.read(seen, test_of, trace)
         return seen
@@ -174,7 +173,7 @@ class Throttle(eqx.Module):
         return Delays(c.input_delay, {"position": c.position_delay, "current": c.current_delay})
 
     def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
-        """How late the rig logs channels, s, of each entry; a channel that it cannot log late is left out."""
+        """Lateness of the rig's channels, s, for each entry; channels that cannot be late are left out."""
         late: dict[str, Scalar] = {}
         for effect in self.rig:
             for channel, by in effect.lateness(steps, test_of).items():
@@ -183,12 +182,12 @@ class Throttle(eqx.Module):
 
     @property
     def may_delay(self) -> bool:
-        """False where no effect can: then nothing need be shifted."""
+        """Whether any effect can delay; if not, no signal needs to be shifted."""
         return any(effect.delays for effect in self.effects)
 
 
 def _carrying(parts: Mapping[int, Contribution], u: Inputs) -> Inputs:
-    """The inputs with what the gear carries, by the contributions of all that need not know it."""
+    """The inputs with the load of the gear, from the contributions of all effects that are not `loaded`."""
     first = total(list(parts.values()))
     motor, external = first.drive + u.torque, first.torque
     if u.besides is not None:

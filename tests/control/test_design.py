@@ -26,7 +26,7 @@ from etcfit.estimation.fitted_model import Fitted
 from etcfit.files import write_json
 from etcfit.model.ecus import ECUS, FOME, RUSEFI, EcuProfile
 from etcfit.model.effects import AbstractEffect
-from etcfit.model.feed_forward import Asked
+from etcfit.model.feed_forward import TermNames
 from etcfit.model.linear import closed_form
 from etcfit.model.pid import Memory, tick
 from etcfit.model.throttle import Throttle
@@ -136,7 +136,7 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert tf["synthetic"] is True
 
 
-def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: Asked) -> Design:
+def made_for(fitted: Fitted, profile: EcuProfile, feed_forward: TermNames) -> Design:
     ecu = ecu_of(fitted, **profile.completed({"resolution": np.radians(90.0) / 2**12}))
     task = task_of(fitted, ecu, PAPERS, None, feed_forward, results.BRIEF, profile)
     return results.proposed(fitted, task, "damping_optimum")
@@ -248,7 +248,7 @@ def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
     [("arduino", PidV1, ("friction", "rate")), ("arduino", PidV1, ("rate",)), ("generic", Textbook, "spring,friction")],
 )
 def test_the_lines_of_code_put_ahead_what_was_simulated(
-    fitted: Fitted, name: str, firmware: type[PidV1 | Textbook], terms: Asked
+    fitted: Fitted, name: str, firmware: type[PidV1 | Textbook], terms: TermNames
 ) -> None:
     """The printed lines, run as they stand behind the PID of that library, see the simulated plate."""
     made = made_for(fitted, ECUS[name], terms)

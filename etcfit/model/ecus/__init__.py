@@ -14,11 +14,11 @@ PROFILES = (
     RUSEFI, FOME, DBWX2, LINK, EMTRON, MAXXECU, ECUMASTER, HALTECH, MOTEC, SYVECS, ARDUINO, GENERIC,
 )  # fmt: skip
 ECUS: Mapping[str, EcuProfile] = MappingProxyType({profile.name: profile for profile in PROFILES})
-"""By the name that `--ecu` takes."""
+"""Engine computers by the name for `--ecu`."""
 
 
 def named(name: str) -> EcuProfile:
-    """The engine computer of a name.
+    """The engine computer with this name.
 
     Raises:
         UsageError: there is none.

@@ -1,4 +1,4 @@
-"""Engine computers whose controller is not published: what their makers say of it, and what is assumed of the rest."""
+"""Engine computers with an unpublished controller: what their makers state, and assumptions for the rest."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ MAXXECU = EcuProfile(
     ),
     bias=BiasTable("target", "feed forward"),
 )
-"""Closed. The help names no unit of a gain; the multiplier of 10 alone says that the numbers are no physical ones."""
+"""Closed. The help names no unit of a gain; the multiplier of 10 shows that the numbers are not physical."""
 
 
 ECUMASTER = EcuProfile(
@@ -157,8 +157,8 @@ MOTEC = EcuProfile(
     ),
     bias=BiasTable("Throttle Position", "Feed Forward"),
 )
-"""Closed. Six sites every 20 % and two about the change of springs are eight, as many as are chosen here; ours lie
-where they miss the holding duty least."""
+"""Closed. Six sites every 20 % and two about the change of springs are eight, the number chosen here; their places
+minimise the error of the holding duty."""
 
 
 SYVECS = EcuProfile(

@@ -1,4 +1,4 @@
-"""Engine computers whose controller can be read, and one in general."""
+"""Engine computers with a published controller, and a generic one."""
 
 from __future__ import annotations
 
@@ -129,8 +129,8 @@ ARDUINO = EcuProfile(
 )
 """output = Kp error + I - Kd (input - last input) / T: a derivative of the position alone, so that a step of the
 setpoint gives no kick; I and the output are each clamped to the output's limits. Ki and Kd are of continuous time
-(`SetTunings` takes the sample time into account). What a sketch adds to the output the library knows nothing of: the
-sketch limits the sum once more. Of `SetTunings` the source says that "tunings can also be adjusted on the fly during
+(`SetTunings` takes the sample time into account). The library does not know what a sketch adds to its output: the
+sketch limits the sum again. Of `SetTunings` the source says that "tunings can also be adjusted on the fly during
 normal operation"."""
 
 
@@ -158,4 +158,4 @@ GENERIC = EcuProfile(
     code=(Term.FRICTION, Term.RATE),
     scheduling=Scheduling.CODE,
 )
-"""The controller that gains are sought for where no ECU is named; named, its gains are also written in %."""
+"""The controller that is tuned if no ECU is named; if it is named, its gains are also written in %."""

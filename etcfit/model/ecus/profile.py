@@ -1,4 +1,4 @@
-"""What is known of one make of engine computer: the controller in it, and how its gains and limits are written."""
+"""One make of engine computer: its controller, and how its gains and limits are written."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from ..feed_forward import Term
 
 
 class Limit(NamedTuple):
-    """A setting of an ECU beside its gains.
+    """A setting of an ECU in addition to its gains.
 
     Args:
-        name: as the ECU's own program calls it.
-        unit: of its value.
-        value: from the controller that gains are sought for and the plate's travel (rad); what makes the ECU that one.
+        name: its name in the ECU's own program.
+        unit: unit of its value.
+        value: function of the controller to be tuned and the plate's travel (rad): the setting with which the ECU is
+            that controller.
     """
 
     name: str
@@ -30,10 +31,10 @@ class BiasTable:
     """Feed-forward as an ECU has it: % of duty over % of target position, linear between points.
 
     Args:
-        bins, values: what the ECU calls the two rows.
-        points: how many.
-        positions: places that a bin can name, evenly over the travel, both ends among them.
-        decimals: of a duty, %.
+        bins, values: the ECU's names of the two rows.
+        points: number of points.
+        positions: number of positions that a bin can have, evenly spaced over the travel, with both ends.
+        decimals: number of decimals of a duty in %.
     """
 
     bins: str
@@ -44,7 +45,7 @@ class BiasTable:
 
 
 class Pasting(Enum):
-    """How settings come into the ECU."""
+    """How settings are entered into the ECU."""
 
     TUNE_FILE = "lines of its tune file (.msq)"
     BY_HAND = "settings to type in"
@@ -64,28 +65,28 @@ NOT_DIVIDED = "no division by the battery voltage; say --divides-by-battery if y
 
 @dataclass(frozen=True)
 class EcuProfile:
-    """One make of engine computer: a constant in a file beside this one, and one line in `ecus/__init__.py`.
+    """One make of engine computer: a constant in a file of this folder, and one line in `ecus/__init__.py`.
 
-    A field of `Ecu` is known from the source (`fixes`), or the maker publishes nothing and it is taken to be something
-    (`assumes`), or it is left to the user: clock, delay and filter of a closed ECU are what the options and [ecu] of
-    rig.toml say, else by default. What is taken without a source is said in words (`assumed`), which reach the table
-    and pid.json.
+    A field of `Ecu` is known from the source (`fixes`), or assumed because the maker publishes nothing (`assumes`), or
+    left to the user: clock, delay and filter of a closed ECU come from the options and [ecu] of rig.toml, else they
+        have
+    their defaults. `assumed` states the assumptions in words, which the table and pid.json show.
 
     Args:
-        name: of `--ecu`.
-        title: of tables.
-        source: what all this is taken from.
-        notation: how it writes gains; None where that is not published: they are shares of the user's then.
-        gains: what it calls P, I and D.
-        fixes: by field of `Ecu`, what the source fixes.
-        assumes: by field of `Ecu`, what is taken where the maker publishes nothing.
-        assumed: the same in words, and whatever else is taken without a source.
-        limits: its settings beside the gains.
-        bias: its table of feed-forward; None where it has none.
-        code: terms of feed-forward that its user adds to the output in code of his own, besides that table.
-        scheduling: whether its gains can follow the supply, by what `source` says.
-        pasting: how the settings come into it.
-        jam: what it calls error (%) and timeout (s) of its jam check; None where that is not known.
+        name: name for `--ecu`.
+        title: name in tables.
+        source: source of this profile.
+        notation: how it writes gains; None if that is not published: gains are then multiples of the user's.
+        gains: its names of P, I and D.
+        fixes: values that the source fixes, by field of `Ecu`.
+        assumes: values assumed because the maker publishes nothing, by field of `Ecu`.
+        assumed: these and all other assumptions in words.
+        limits: its settings in addition to the gains.
+        bias: its table of feed-forward; None if it has none.
+        code: terms of feed-forward that its user can add to the output in code, in addition to that table.
+        scheduling: whether its gains can follow the supply, according to `source`.
+        pasting: how settings are entered into it.
+        jam: its names of error (%) and timeout (s) of its jam check; None if not known.
     """
 
     name: str
@@ -105,15 +106,15 @@ class EcuProfile:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Of feed-forward that this controller can have."""
+        """Terms of feed-forward that this controller can have."""
         return (*((Term.SPRING,) if self.bias is not None else ()), *self.code)
 
     def clashes(self, given: Mapping[str, float]) -> tuple[str, ...]:
-        """Fields given that its source fixes at something else."""
+        """Given fields that its source fixes at another value."""
         return tuple(name for name, value in given.items() if abs(self.fixes.get(name, value) - value) > 1e-9)
 
     def completed(self, given: Mapping[str, float]) -> dict[str, float]:
-        """By field of `Ecu`: what it fixes, what is given, and what is assumed of the rest."""
+        """Values by field of `Ecu`: fixed, given, and assumed ones."""
         return {**self.assumes, **given, **self.fixes}
 
 

@@ -65,7 +65,7 @@ EFFECTS: tuple[type[AbstractEffect], ...] = (
     ChannelDelay,
 )
 
-# what drives the throttle in traces that log a setpoint and no voltage, where rig.toml has [ecu]; no candidate
+# the input of traces that log a setpoint and no voltage, if rig.toml has [ecu]; not a candidate
 COMMANDING: tuple[type[AbstractEffect], ...] = (Controller,)
 
 EFFECT_BY_NAME: dict[str, type[AbstractEffect]] = {effect.name: effect for effect in EFFECTS}

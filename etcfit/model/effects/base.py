@@ -1,4 +1,4 @@
-"""The effect contract: what an effect sees, and what it adds to the balances of torque and voltage."""
+"""The contract of an effect: its inputs, and its contribution to the balances of torque and voltage."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class State(NamedTuple):
 
 
 class Besides(NamedTuple):
-    """What acts at one instant besides all effects, known beforehand: none of it depends on the state.
+    """A known contribution at one instant in addition to all effects; it does not depend on the state.
 
     Args:
-        torque, voltage, friction, position, current: as of `Contribution`; torque of motor and plate alike.
-        motor, external: what of the torque the gear carries, as of `Inputs`.
+        torque, voltage, friction, position, current: as in `Contribution`; torque of motor and plate.
+        motor, external: the part of the torque that the gear carries, as in `Inputs`.
     """
 
     torque: Scalar
@@ -39,28 +39,28 @@ class Besides(NamedTuple):
 
     @property
     def contribution(self) -> Contribution:
-        """Itself as if an effect added it."""
+        """The same as the contribution of an effect."""
         each = {name: getattr(self, name) for name in ("torque", "voltage", "friction", "position", "current")}
         return Contribution(**each)
 
 
 class Inputs(NamedTuple):
-    """What drives the throttle at one instant, and how the rig test ties it down.
+    """Inputs of the throttle at one instant, and its boundary conditions in the rig test.
 
     Args:
-        voltage: at the terminals, V.
-        torque: motor torque at the plate where there is no electrical side, N m.
+        voltage: voltage at the terminals, V.
+        torque: motor torque at the plate if there is no electrical side, N m.
         time: since the trace began, s.
-        plate: 1 with the gear fitted, 0 where the motor runs alone.
+        plate: 1 with the gear fitted, 0 if the motor runs alone.
         series: extra circuit resistance of this test, ohm.
         gear_ratio: N, motor angle over plate angle.
         lower, upper: end stops, rad.
-        motor, external: what the gear carries: torque of the motor at the plate, and smooth torque on the plate, N m;
+        motor, external: load of the gear: torque of the motor at the plate, and smooth torque on the plate, N m;
             given to `loaded` effects only, 0 for all others.
-        controlled: 1 where an ECU that is part of the model drives the throttle; None where the model has none.
-        setpoint: what that ECU last read that it should follow, rad.
-        ahead: its feed-forward for that, a share of its supply.
-        besides: what acts besides all effects, of which none sees anything; None where nothing does.
+        controlled: 1 if an ECU that is part of the model drives the throttle; None if the model has none.
+        setpoint: the last setpoint that this ECU read, rad.
+        ahead: its feed-forward for that setpoint, a share of its supply.
+        besides: a contribution in addition to all effects, which no effect sees; None if there is none.
     """
 
     voltage: Scalar
@@ -80,27 +80,27 @@ class Inputs(NamedTuple):
 
     @property
     def gear_load(self) -> Scalar:
-        """Torque through the teeth, N m: the mean of what pulls at either side; inertia is left out of it."""
+        """Torque through the teeth, N m: the mean of the torques on both sides, without inertia."""
         return 0.5 * (self.motor - self.external)
 
 
 class Contribution(NamedTuple):
-    """What one effect adds; every part is zero (or no limit) by default.
+    """The contribution of one effect; every part is zero (or no limit) by default.
 
     Args:
         torque: smooth torque on the plate, positive opens, N m.
         drive: smooth torque of the motor, at the plate, through the gear, N m.
         friction: dry friction budget at the plate, >= 0, N m; the stepper turns it into a set-valued torque.
-        voltage: in the armature loop, positive drives current, V.
-        inertia: at the plate, kg m2.
-        inductance: in the armature loop, H.
-        lower, upper: angles beyond which the plate cannot go, rad.
-        restitution: share of its speed that a stop gives back.
-        play: how far the motor turns on beyond the lower stop, on which the plate rests, rad.
-        tooth_damping: c of a motor that comes back from the teeth of a plate on its stop with v/(1 + c v), s/rad.
-        tooth_restitution: share of its speed with which it comes back from those that open the plate, which gives way.
-        position, current: what a sensor reads besides the truth, rad and A.
-        input_delay, position_delay, current_delay: how late the input acts and a channel is logged, s.
+        voltage: voltage in the armature loop, positive drives current, V.
+        inertia: inertia at the plate, kg m2.
+        inductance: inductance in the armature loop, H.
+        lower, upper: angles that the plate cannot exceed, rad.
+        restitution: share of the speed that a stop gives back.
+        play: travel of the motor beyond the lower stop, on which the plate rests, rad.
+        tooth_damping: c of a motor that rebounds from the teeth of a plate on its stop with v/(1 + c v), s/rad.
+        tooth_restitution: share of the speed with which it rebounds from the teeth that open the plate, which yields.
+        position, current: error of a sensor's reading, rad and A.
+        input_delay, position_delay, current_delay: delay of the input and of a logged channel, s.
         dz: rates of the effect's own memory, one for each entry of `z0`.
     """
 
@@ -129,24 +129,23 @@ class AbstractEffect(eqx.Module):
     (`parameter`).
 
     Attributes:
-        name: what rig.toml and diagnosis.json call it.
+        name: its name in rig.toml and diagnosis.json.
         off: value (SI) of each of its amplitudes at which it contributes exactly nothing; None for the effects of Eqs.
             1-2, which are always there. Its other parameters are its shape.
-        told_by: which measurement shows it best.
-        scan: values (SI) of shapes, and of amplitudes that show nothing while small, from which the diagnosis tries it.
-        z0: memories with which a trace begins; each entry decays or grows on its own.
-        hidden: True where it moves the reading off a moving plate: a run drawn along the measured angle shows nothing
-            of it.
-        loaded: True where it must be told what the gear carries (`Inputs.motor`, `Inputs.external`).
-        delays: True where it shifts the input or a channel in time.
-        rough: True where chi2 has many valleys over its parameters: its trial searches with a population.
-        commands: True where it drives the throttle by what its sensors show, see `AbstractComputer`.
-        needs: what must have been logged for it to be seen: "circuit", "current", "position", "gear"; or, of a
-            hypothesis that would imitate others, that `rig.checks` tells of it: "bridge".
+        told_by: the measurement that shows it best.
+        scan: start values (SI) of the diagnosis for shapes, and for amplitudes that have no effect while small.
+        z0: memories at the begin of a trace; each entry decays or grows independently.
+        hidden: True if it shifts the reading of a moving plate: a run guided along the measured angle does not show it.
+        loaded: True if it depends on the load of the gear (`Inputs.motor`, `Inputs.external`).
+        delays: True if it shifts the input or a channel in time.
+        rough: True if chi2 has many valleys over its parameters: its trial searches with a population.
+        commands: True if it drives the throttle from its sensors' readings, see `AbstractComputer`.
+        needs: what must be logged to see it: "circuit", "current", "position", "gear"; for a hypothesis that would
+            imitate others, "bridge": `rig.checks` must report it.
         stated: kind of a finding of `rig.checks` that states this effect -> its first parameter, SI, from the size of
             the finding. A diagnosis tries it first, from there.
-        inexact: relative error that its formula may have; largest for friction, contacts and delays.
-        scope: where it sits: "plate", "motor", "driver" or "channel"; rig effects have "test" or "rig".
+        inexact: possible relative error of its formula; largest for friction, contacts and delays.
+        scope: its location: "plate", "motor", "driver" or "channel"; "test" or "rig" for rig effects.
     """
 
     name: ClassVar[str]
@@ -166,7 +165,7 @@ class AbstractEffect(eqx.Module):
 
     @classmethod
     def named(cls, p: Parameter) -> Parameter:
-        """A declared parameter as the model knows it; a family of effects may change its symbol or scale."""
+        """A declared parameter as it is in the model; a family of effects may change its symbol or scale."""
         return p
 
     @abc.abstractmethod
@@ -175,21 +174,22 @@ class AbstractEffect(eqx.Module):
 
 
 class AbstractComputer(AbstractEffect):
-    """An effect that drives the throttle by what its sensors show: it gets the angle as read, and its voltage is added
-    to that of the terminals before the other effects are asked. It reads and computes at ticks of its own clock."""
+    """An effect that drives the throttle from its sensors' readings: it gets the angle as read, and its voltage is
+    added to that of the terminals before the other effects are evaluated. It reads and computes at ticks of its own
+    clock."""
 
     commands: ClassVar[bool] = True
 
     @abc.abstractmethod
     def ticked(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[Scalar, ...]:
-        """Its memories after a tick, from those before it; x with the angle as read."""
+        """Its memories after a tick, from those before it; x has the angle as read."""
 
 
 _SUMS = tuple(name for name in Contribution._fields if name not in ("lower", "upper", "dz"))
 
 
 def total(parts: list[Contribution]) -> Contribution:
-    """Sum of all effects; the tightest of all stops; memories side by side."""
+    """Sum of all effects, with the tightest of all stops and all memories in turn."""
     lower, upper = parts[0].lower, parts[0].upper
     for part in parts[1:]:
         lower, upper = jnp.maximum(lower, part.lower), jnp.minimum(upper, part.upper)
@@ -198,7 +198,7 @@ def total(parts: list[Contribution]) -> Contribution:
 
 
 def _sum(terms: list[Any]) -> Any:
-    """Zeros of effects that say nothing of it are left out: what is not traced need not be compiled."""
+    """The sum without the zeros of effects that do not contribute, which need not be traced and compiled."""
     real = [term for term in terms if not (isinstance(term, float) and term == 0.0)]
     return sum(real[1:], start=real[0]) if real else 0.0
 

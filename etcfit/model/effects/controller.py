@@ -12,26 +12,26 @@ from ..pid import Gains, Memory, tick
 from .base import AbstractComputer, Contribution, Inputs, State
 
 _SOURCE = "Astrom and Hagglund 2006, ch. 3 and 13"
-_AT_ONCE = 1e-6  # s, a delay that is none
+_AT_ONCE = 1e-6  # s, a delay below this counts as none
 
 
 class Controller(AbstractComputer):
     """The PID of `model.pid.tick`, every t_e, of the setpoint and the angle t_l ago; its output is held until the next
     tick.
 
-    Where the trace began it put out v_0, which `u.voltage` has, at rest: what its integral held then is v_0 less the
-    feed-forward and what P puts out at rest. Its memory f begins with no derivative. The angle t_l ago is
-    theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). V_e, the limit of its output, is d_e of its supply under
-    load, and so tells that supply.
+    At the begin of the trace, at rest, its output is v_0, which `u.voltage` has: its integral is then v_0 minus the
+    feed-forward and minus the output of P at rest. Its memory f begins without a derivative. The angle t_l ago is
+    theta - t_l s, ds/dt = (omega - s)/(t_l/2) (Pade (1, 1)). V_e, the limit of its output, is d_e times its supply
+    under load, and so determines that supply.
 
-    Where `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows. An `actuation_delay`
+    If `u.controlled` is 0 it contributes nothing. The angle is the one that the sensor shows. An `actuation_delay`
     shifts logged inputs only: the ECU's own delay is t_l.
 
     Source: Astrom and Hagglund 2006, ch. 3 and 13.
     """
 
     name = "controller"
-    z0: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.0)  # integral less v_0, s, f and output
+    z0: ClassVar[tuple[float, ...]] = (0.0, 0.0, 0.0, 0.0)  # integral minus v_0, s, f and output
     K_p: Scalar = parameter("V/rad", NonNegative(6.0), 6.0, "proportional gain of the ECU", _SOURCE)
     K_i: Scalar = parameter("V/(rad*s)", NonNegative(50.0), 30.0, "integral gain of the ECU", _SOURCE)
     K_d: Scalar = parameter("V*s/rad", NonNegative(0.1), 0.1, "derivative gain of the ECU", _SOURCE)
@@ -47,7 +47,7 @@ class Controller(AbstractComputer):
     c: Scalar = parameter("1", NonNegative(1.0), 1.0, "weight of the setpoint in the ECU's D", _SOURCE)
 
     def ticked(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> tuple[Scalar, ...]:
-        if u.controlled is None:  # nothing was asked of it: another computer is simulated, or a constant voltage
+        if u.controlled is None:  # it does not act: another computer is simulated, or a constant voltage
             return z
         integral, speed, filtered, output = z
         read, first = x.theta - self.t_l * speed, u.time < 0.5 * self.t_e

@@ -13,10 +13,10 @@ from .base import AbstractEffect, Contribution, Inputs, State
 
 # Contact drop of the brushes
 class BrushVoltageDrop(AbstractEffect):
-    """voltage = -V_b tanh(i / i_b): both brushes together, a constant against the current but for a bend at zero.
+    """voltage = -V_b tanh(i / i_b): both brushes together, a constant against the current except for a bend at zero.
 
     Source: Fitzgerald, Kingsley and Umans 2003, ch. 7 (a constant drop); Holm 1967 (voltage over current of a carbon
-    contact, which depends on its film). Differs from source: the bend, by which the drop has a slope at no current, is
+    contact, which depends on its film). Differs from source: the bend, which gives the drop a slope at zero current, is
     a tanh.
     """
 
@@ -41,8 +41,8 @@ class WindingHeating(AbstractEffect):
     its resistance is R_a (1 + alpha D). With q = C D / R_a (A2 s) that is R_a + r_h q, where r_h = alpha R_a^2 / C;
     alpha = 0.0039 / K for copper.
 
-    Source: Boglietti et al. 2009 (thermal networks of machines). Differs from source: one node; the heat that the
-    growth of the resistance adds is left out.
+    Source: Boglietti et al. 2009 (thermal networks of machines). Differs from source: one node; the additional heat of
+    the grown resistance is left out.
     """
 
     name = "winding_heating"
@@ -66,10 +66,10 @@ class WindingHeating(AbstractEffect):
 class DriverDeadZone(AbstractEffect):
     """voltage = -sgn(v) min(|v|, V_d): nothing reaches the winding while |v| < V_d, and v - V_d sgn v beyond.
 
-    The same as a brush drop while voltage and current share a sign; small voltages tell them apart, and a motor that
-    is driven back.
+    It equals a brush drop as long as voltage and current have the same sign; small voltages, and a motor that is driven
+    back, distinguish them.
 
-    Source: Tao and Kokotovic 1996 (dead zone of an actuator). Differs from source: slope 1, and the same either way.
+    Source: Tao and Kokotovic 1996 (dead zone of an actuator). Differs from source: slope 1, and symmetric.
     """
 
     name = "driver_dead_zone"
@@ -80,7 +80,7 @@ class DriverDeadZone(AbstractEffect):
     V_d: Scalar = parameter("V", NonNegative(0.3), 0.0, "voltage that the driver swallows", "Tao and Kokotovic 1996")
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        # jnp.clip has no slope along V_d for v < 0 where V_d = 0: its two limits meet there
+        # jnp.clip has no derivative in V_d for v < 0 at V_d = 0, where its two limits meet
         return Contribution(voltage=-jnp.sign(u.voltage) * jnp.minimum(jnp.abs(u.voltage), self.V_d))
 
 
@@ -92,10 +92,10 @@ class CoastingBridge(AbstractEffect):
     """voltage = K_c omega (1 - d - b) - b V_0 sgn v,    d = min(|v|/V_0, 1),    b = min(k_d d, 1 - d)
 
     In each period of the PWM the bridge drives the motor for a share d, its current flows back into the supply for a
-    share b until it has died, and for the rest the terminals are open: there the EMF brakes nothing. Where the current
-    dies at once, the mean of the loop is R i = d (V_0 - K omega) in place of d V_0 - K omega: a motor without a load
-    turns nearly as fast at a small duty as at a large one, and nothing brakes a plate that falls back with the bridge
-    off. A bridge that shorts the motor in its off time has none of this.
+    share b until it is zero, and for the rest the terminals are open: there the EMF does not brake. If the current
+    falls to zero at once, the mean of the loop is R i = d (V_0 - K omega) instead of d V_0 - K omega: a motor without a
+    load turns nearly as fast at a small duty as at a large one, and nothing brakes a plate that falls back with the
+    bridge off. A bridge that shorts the motor in its off time shows none of these effects.
 
     Source: Erickson and Maksimovic 2020, ch. 5 (discontinuous conduction). Differs from source: k_d is a constant.
     """
@@ -115,16 +115,18 @@ class CoastingBridge(AbstractEffect):
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         on = jnp.minimum(jnp.abs(u.voltage) / self.V_0, 1.0)
-        back = jnp.where(self.k_d * on < 1.0 - on, self.k_d * on, 1.0 - on)  # at full duty no slope along k_d
+        back = jnp.where(
+            self.k_d * on < 1.0 - on, self.k_d * on, 1.0 - on
+        )  # at full duty the derivative in k_d is zero
         unfelt = self.K_c * (1.0 - on - back) * x.omega
         return Contribution(voltage=unfelt - back * self.V_0 * jnp.sign(u.voltage))
 
 
 # An input that acts late
 class ActuationDelay(AbstractEffect):
-    """What drives the throttle at time t is the logged input at t - t_a: computing, PWM, bus.
+    """The input at time t is the logged input at t - t_a: computing, PWM, bus.
 
-    The same as a sensor that is late where the position is all that was logged.
+    If only the position was logged, it cannot be distinguished from a late sensor.
 
     Source: Astrom and Wittenmark 1997 (delay of a computer that controls). Differs from source: no.
     """
@@ -145,10 +147,10 @@ class ActuationDelay(AbstractEffect):
 class TorqueSaturation(AbstractEffect):
     """drive = -T (1 - 1 / sqrt(1 + 2 S_T T^2)), T the motor's torque at the plate: T / sqrt(1 + 2 S_T T^2) remains.
 
-    The loss begins as S_T T^3; however large the current, no more than 1 / sqrt(2 S_T) remains.
+    The loss begins as S_T T^3; for any current no more than 1 / sqrt(2 S_T) remains.
 
     Source: Hendershot and Miller 2010 (torque constant under saturation). Differs from source: the first even term of
-    the loss alone, over torque instead of current; the back-EMF keeps its constant.
+    the loss only, over torque instead of current; the back-EMF constant is unchanged.
     """
 
     name = "torque_saturation"
@@ -163,5 +165,5 @@ class TorqueSaturation(AbstractEffect):
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         excess = 2.0 * self.S_T * u.motor**2
         root = jnp.sqrt(1.0 + excess)
-        lost = excess / (root * (1.0 + root))  # 1 - 1/root, but does not cancel for a small loss
+        lost = excess / (root * (1.0 + root))  # 1 - 1/root, without cancellation for a small loss
         return Contribution(drive=-u.motor * lost)

@@ -1,4 +1,4 @@
-"""Dry friction beyond a constant."""
+"""Dry friction that is not constant."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..parameters import NonNegative, Positive, Real, Scalar, parameter
 from .base import AbstractEffect, Contribution, Inputs, State
 
 _AT_REST = 1e-12  # share of the Stribeck speed below which a power would have no finite slope
-_VANISHED = 6.0  # log of the largest power that is told from infinity: exp(-exp(6)) = 1e-175
+_VANISHED = 6.0  # log of the largest power that differs from infinity: exp(-exp(6)) = 1e-175
 
 
 def _power(ratio: Scalar, exponent: Scalar) -> Scalar:
@@ -48,7 +48,7 @@ class AsymmetricFriction(AbstractEffect):
     """torque = -(T_a + B_a |omega|): opening meets T_f + T_a and B + B_a, closing T_f - T_a and B - B_a.
 
     T_a alone IS a shift of the preload T_PL: (T_f + T_a sgn omega) sgn omega = T_f sgn omega + T_a, moving or stuck.
-    No test of the throttle tells the two apart; only B_a is seen.
+    No test of the throttle separates the two; only B_a can be determined.
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7). Differs from source: the mean of the
     two directions is the Coulomb and viscous friction of Eq. 2, so that this is half their difference.
@@ -101,7 +101,7 @@ class LoadDependentFriction(AbstractEffect):
 
 # Dry friction of brushes and motor bearings
 class MotorCoulombFriction(AbstractEffect):
-    """friction = N T_m at the plate; the motor alone feels it too, which tells it from T_f.
+    """friction = N T_m at the plate; it also acts on the motor alone, which distinguishes it from T_f.
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit 1994, Automatica 30(7). Differs from source: reflected
     through the gear, and set-valued at rest.
@@ -127,7 +127,7 @@ class PreslidingFriction(AbstractEffect):
     slides at T_z, damped while it yields.
 
     The memory s is the share of T_z that the contact carries; each trace begins with the contact unloaded. It adds to
-    the set-valued friction T_f, which does not yield. Without damping a plate at rest swings on its contact for long.
+    the set-valued friction T_f, which does not yield. Without damping a plate at rest oscillates on its contact.
 
     Source: Dahl 1968, A solid friction model, TOR-0158(3107-18)-1; Canudas de Wit, Olsson, Astrom and Lischinsky 1995,
     IEEE Trans. Autom. Control 40(3), with sigma_1 = T_z tau_z/delta_z. Differs from source: no Stribeck effect.

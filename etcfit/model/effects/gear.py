@@ -1,4 +1,4 @@
-"""Effects of the gear, of the motor that turns it, and of the stops that it runs into."""
+"""Effects of the gear, of the motor that turns it, and of the end stops."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from ..parameters import NonNegative, Positive, Real, Scalar, parameter
 from .base import AbstractEffect, Contribution, Inputs, State
 
 _CONTACT = 0.02  # torque through the teeth, N m, below which they are not firmly in contact
-_MOST = 0.95  # of a restitution: a motor that lost nothing would rattle, and a plate bounce, for ever
+_MOST = 0.95  # largest restitution: without losses a motor would rattle, and a plate bounce, for ever
 
 
 # Play between the teeth of the gear
 class Backlash(AbstractEffect):
     """position = g_b (1 - s)/2, ds/dt = (tanh(T_g / 0.02 N m) - s)/t_b, T_g the torque through the teeth.
 
-    The memory s is the flank in contact: 1 where the motor opens the plate, -1 where it closes it; each trace begins
-    with 1. theta is where the motor has the plate; the plate itself, which the sensor reads, lags by s g_b/2. If g_b is
-    negative, the sensor sits on the motor's side.
+    The memory s is the flank in contact: 1 if the motor opens the plate, -1 if it closes it; each trace begins with 1.
+    theta is the angle of the motor at the plate; the plate itself, which the sensor reads, lags by s g_b/2. If g_b is
+    negative, the sensor is on the motor's side.
 
-    A spring with preload keeps the teeth in contact; but where the plate lands on its lower stop the motor turns on by
-    itself, without plate, spring and their friction, and rattles within lower - g_b <= theta <= lower: it comes back
-    from the teeth of the plate on its stop with v/(1 + c_b v), from those that open the plate, which gives way, with
+    A spring with preload keeps the teeth in contact. But when the plate lands on its lower stop, the motor turns on
+    alone, without plate, spring and their friction, and rattles within lower - g_b <= theta <= lower: it rebounds from
+    the teeth of the plate on its stop with v/(1 + c_b v), and from the teeth that open the plate, which yields, with
     e_b v.
 
     Source: Nordin and Gutman 2002, Automatica 38(10), the dead-zone model; Hunt and Crossley 1975, J. Appl. Mech. 42,
-    for the impacts. Differs from source: quasi-static but at the lower stop; the impact's loss in closed form, which is
-    that of a heavy body within 15 %.
+    for the impacts. Differs from source: quasi-static except at the lower stop; the impact's loss has a closed form,
+    which is that of a heavy body within 15 %.
     """
 
     name = "backlash"
@@ -67,10 +67,10 @@ class Backlash(AbstractEffect):
 class CoggingTorque(AbstractEffect):
     """torque = -(A_c cos(n_c N theta) + A_s sin(n_c N theta)): n_c periods in one turn of the motor.
 
-    Cosine and sine stand for an amplitude and a phase, because a phase means nothing where the amplitude is zero.
+    Cosine and sine replace an amplitude and a phase, because a phase is undefined if the amplitude is zero.
 
     Source: Hanselman 2006, Brushless permanent magnet motor design, 2nd ed., cogging torque. Differs from source: the
-    first harmonic only, at the plate; left out for the motor alone, whose angle nobody logs.
+    first harmonic only, at the plate; left out for the motor alone, whose angle is not logged.
     """
 
     name = "cogging_torque"

@@ -11,16 +11,16 @@ import jax.numpy as jnp
 from ..parameters import NonNegative, Real, Scalar, parameter
 from .base import AbstractEffect, Contribution, Inputs, State, fraction
 
-_FASTEST = 1e-9  # s; a shorter filter divides by this instead of zero, and none could be told from it
+_FASTEST = 1e-9  # s; a shorter filter divides by this instead of zero, with no visible difference
 
 
 # A position sensor with a low-pass filter
 class PositionSensorLag(AbstractEffect):
     """position = -tau_p s with ds/dt = (omega - s) / tau_p: the reading y obeys tau_p dy/dt = theta - y.
 
-    The memory s is the rate of the reading, and e = theta - y = tau_p s what it is behind, de/dt = omega - e / tau_p.
-    Kept as s it tends to omega where tau_p tends to 0, so that the off value has a derivative, -omega. Each trace
-    begins with a settled filter.
+    The memory s is the rate of the reading, and e = theta - y = tau_p s is its lag, de/dt = omega - e / tau_p. The
+    memory s tends to omega as tau_p tends to 0, so that the off value has a derivative, -omega. Each trace begins with
+    a settled filter.
 
     Source: Doebelin 2003, ch. 3 (instrument of first order). Differs from source: no.
     """
@@ -71,7 +71,7 @@ class PositionSensorNonlinearity(AbstractEffect):
 
 # A current sensor whose zero is off
 class CurrentSensorOffset(AbstractEffect):
-    """current = I_0: read besides the true current.
+    """current = I_0: added to the true current in the reading.
 
     Source: Ziegler et al. 2009 (offset of current sensors). Differs from source: it does not drift.
     """

@@ -15,7 +15,8 @@ class LimpHomeSpring(AbstractEffect):
     """torque = T_lh S(d) + K_lh d_lh softplus(d), d = (theta_lh - theta)/d_lh, S(d) = 1/(1 + exp(-d)).
 
     Below the default angle a second, preloaded spring opens the plate against the return spring, so that the engine
-    can limp home with the motor dead: far below it the torque is T_lh + K_lh (theta_lh - theta), far above it nothing.
+    can limp home without the motor: far below that angle the torque is T_lh + K_lh (theta_lh - theta), far above it
+        zero.
 
     Source: Deur, Pavkovic, Peric, Jansz and Hrovat 2004, IEEE Trans. Ind. Appl. 40(3); Grepl and Lee 2010, Int. J.
     Automotive Technology 11(4). Differs from source: the corner is rounded over d_lh, so that its place can be fitted;
@@ -42,10 +43,11 @@ class LimpHomeSpring(AbstractEffect):
 
 # A return spring that grows stiffer as it is wound up
 class StiffeningSpring(AbstractEffect):
-    """torque = -K_3 theta^3: coils of a torsion spring that come to lie on each other; negative where it softens.
+    """torque = -K_3 theta^3: coils of a torsion spring that touch each other; negative if the spring softens.
 
-    Over a quarter of a turn gravity on an arm looks the same: theta - sin(theta) is nearly theta^3/6, and straight
-    lines belong to K_s and T_PL.
+    Over a quarter of a turn gravity on an arm looks the same: theta - sin(theta) is nearly theta^3/6, and the linear
+        part
+    belongs to K_s and T_PL.
 
     Source: Duffing 1918, Erzwungene Schwingungen, cubic stiffness. Differs from source: no.
     """
@@ -81,8 +83,8 @@ class GravityLoad(AbstractEffect):
 class AirflowTorque(AbstractEffect):
     """torque = -(T_air sin(2 theta) + T_air2 sin(4 theta)); T_air > 0 closes.
 
-    None on a plate across or along the flow. The first harmonic is largest at 45 degrees; the second, where T_air2 < 0,
-    moves the peak towards the open end, where measured valves have it.
+    There is no torque on a plate across or along the flow. The first harmonic is largest at 45 degrees; the second,
+    with T_air2 < 0, moves the peak towards the open end, where measured valves have it.
 
     Source: Morris and Dutton 1989, J. Fluids Eng. 111(4), torque of butterfly valves. Differs from source: the first
     two harmonics of the curve only, at a constant pressure drop.

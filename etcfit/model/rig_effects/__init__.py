@@ -8,7 +8,7 @@ from .channels import ChannelDrift, ChannelGain, ChannelOffset
 from .circuit import SeriesResistance, SupplySag, WarmStart
 from .clocks import ChannelLate, EdgePhase, TimeScale, TraceLate
 
-# families; `at` makes the effect of one place
+# families of effects; `at` makes the effect of one place
 RIG_EFFECTS: tuple[type[AbstractRigEffect], ...] = (
     SeriesResistance,
     ChannelGain,
@@ -28,13 +28,13 @@ FAMILY_BY_KIND: dict[str, type[AbstractRigEffect]] = {family.kind: family for fa
 
 
 def at_places(logged: Logged, traces: Logged | None = None) -> tuple[type[AbstractRigEffect], ...]:
-    """Every rig effect that a rig could show whose tests, and whose single traces, logged these channels."""
+    """Every rig effect that could show in a rig with these channels, by test and by single trace."""
     files = traces or {}
     return tuple(family.at(p) for family in RIG_EFFECTS for p in (*family.places(logged), *family.in_traces(files)))
 
 
 def rig_effect(name: str) -> type[AbstractRigEffect] | None:
-    """The effect that rig.toml calls `kind[place]` (see `Place`) or `kind`; None where none has that name."""
+    """The effect with the name `kind[place]` (see `Place`) or `kind` in rig.toml; None if there is none."""
     kind, _, rest = name.partition("[")
     family = FAMILY_BY_KIND.get(kind)
     if family is None:

@@ -1,8 +1,8 @@
-"""The contract of a rig effect: what stands between throttle and log, in the traces of one place.
+"""The contract of a rig effect: an effect between throttle and log, in the traces of one place.
 
-A throttle knows nothing of the resistor in a test's circuit, of a probe that reads 2 % high or of a clock that is slow.
-A rig effect changes what goes into the model (`driven`, `begun`) and what is read off it (`read`); inside the model
-nothing changes, so it costs next to nothing to simulate and to compile.
+The model of the throttle does not include the resistor in a test's circuit, a probe that reads 2 % high or a slow
+clock. A rig effect changes the inputs of the model (`driven`, `begun`) and its readings (`read`). The model itself does
+not change, so simulation and compilation take hardly longer.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ import jax.numpy as jnp
 from ..effects.base import AbstractEffect, Contribution, Inputs, State
 from ..parameters import Parameter, Scalar, declared
 
-# rig test, or file of one trace -> channels logged there; "voltage", "duty" or "torque" where one drove
+# rig test, or file of one trace -> channels logged there; "voltage", "duty" or "torque" if it was the input
 Logged = Mapping[str, frozenset[str]]
 STATIC = "resistance"  # rig test in which nothing depends on time
 APART = "viscous"  # rig test in which the motor runs alone
-DRIVING = ("voltage", "torque")  # those that drive it
+DRIVING = ("voltage", "torque")  # channels that are inputs
 OBSERVED = ("current", "position", "emf", "motor_speed")  # channels that a model predicts
 
 
 class Place(NamedTuple):
-    """Where a rig effect is at work.
+    """The place of a rig effect.
 
     Args:
         test: name of the rig test; "" for all of them.
-        channel: "current", "position", ...; "" where none is meant.
-        file: of the one trace that is meant, as in `response/3.csv`; "" for every trace of the test.
+        channel: "current", "position", ...; "" for no particular channel.
+        file: file of one trace, as in `response/3.csv`; "" for every trace of the test.
 
     A channel of one trace is written `response/3.csv.current`.
     """
@@ -50,7 +50,7 @@ class Place(NamedTuple):
 
     @classmethod
     def named(cls, text: str) -> Place:
-        """The one that is written so; what has a slash is a file, or a channel of it where its last part is one."""
+        """The place with this text; a text with a slash is a file, or a channel of it if its last part is a channel."""
         test, slash, _ = text.partition("/")
         if not slash:
             return cls(*text.split(".", 1))
@@ -59,14 +59,14 @@ class Place(NamedTuple):
 
     @property
     def words(self) -> str:
-        """As part of a sentence: "current of the response test"."""
+        """The place as part of a sentence: "current of the response test"."""
         test = f"the {self.test} test" if self.test else "every test"
         where = f"the trace {self.file}" if self.file else test
         return f"{self.channel} of {where}" if self.channel else where
 
 
 def number_of(name: str) -> float:
-    """A number for a rig test or a file, CRC-32 of its name: by it arrays tell which test or trace an entry is of."""
+    """A number for a rig test or a file, CRC-32 of its name: arrays of it give the test or trace of each entry."""
     return float(zlib.crc32(name.encode()))
 
 
@@ -74,19 +74,19 @@ class AbstractRigEffect(AbstractEffect):
     """A mistake or a habit of the rig, at one place: an effect outside the throttle. At its off value it changes
     nothing.
 
-    A class is a family of effects; `at` makes the one of a place, called `kind[place]`, whose parameters carry the
-    place in their symbol (`series_ohm.inductance`). `places` says where a rig could show it, `in_traces` where one
-    trace by itself could. One that `delays` says by `lateness` how late channels are logged: what they read needs the
-    path before it.
+    A class is a family of effects; `at` makes the effect of a place, called `kind[place]`, whose parameters have the
+    place in their symbol (`series_ohm.inductance`). `places` gives the places where a rig could show it, `in_traces`
+    those of single traces. An effect that `delays` gives the lateness of channels by `lateness`: their readings need
+    the path before.
 
     Attributes:
         kind: its name in rig.toml and diagnosis.json, without the place.
-        place: where it is at work; of a family, everywhere.
-        acts_on: channels of which a place must have logged one, or it changes nothing there; () where any will do.
-        of_a_channel: its place is one of these channels, of a test or of one trace, no whole test.
-        like: parameter of the throttle that, changed in one trace, does what this effect does there; needed of a family
-            that is found `in_traces` and does not delay, for by that parameter's tangent all traces are screened. One
-            `of_a_channel` needs none: it does in one trace what it does in the whole test.
+        place: the place of the effect; for a family, everywhere.
+        acts_on: channels of which a place must have logged one for the effect to change anything; () for any channel.
+        of_a_channel: its place is one of these channels, of a test or of one trace, not a whole test.
+        like: parameter of the throttle whose change in one trace has the same action as this effect there; required of
+            a family that is found `in_traces` and does not delay, because the tangent of this parameter screens all
+            traces. A family `of_a_channel` needs none: its action in one trace is that in the whole test.
     """
 
     kind: ClassVar[str]
@@ -95,29 +95,29 @@ class AbstractRigEffect(AbstractEffect):
     of_a_channel: ClassVar[bool] = False
     like: ClassVar[str] = ""
     scope = "test"
-    inexact = 0.0  # gains and resistances are what they are
+    inexact = 0.0  # gains and resistances have exact formulas
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
-        """Nothing: the throttle itself is as it was."""
+        """No contribution: the throttle itself does not change."""
         return Contribution()
 
     @classmethod
     @abc.abstractmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Where it could be told from the throttle, by what each test logged."""
+        """Places where it could be distinguished from the throttle, by the channels of each test."""
 
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
-        """Traces that could show it one by one, by what each file logged."""
+        """Single traces that could show it, by the channels of each file."""
         return ()
 
     @classmethod
     def everywhere(cls, logged: Logged, traces: Logged) -> tuple[Place, ...]:
-        """Every place where it changes something, whether or not these data tell it there: its size may be known.
+        """Every place where it changes something, even if these data do not determine it there: its size may be known.
 
         Args:
-            logged: by test.
-            traces: by file.
+            logged: channels by test.
+            traces: channels by file.
         """
         if cls.of_a_channel:
             named = {Place.named(name): seen for name, seen in {**logged, **traces}.items()}
@@ -129,27 +129,27 @@ class AbstractRigEffect(AbstractEffect):
 
     @classmethod
     def mend(cls, value: float) -> str:
-        """The line of rig.toml that takes it into account.
+        """The line of rig.toml that corrects it.
 
         Args:
-            value: of its first parameter, SI.
+            value: value of its first parameter, SI.
         """
         return f"[model] effects = [{json.dumps(cls.name, ensure_ascii=False)}]"  # TOML quotes a text as JSON does
 
     @classmethod
     def cured(cls, config: Any, value: float) -> Any | None:
-        """The rig (a `RigConfig`) whose rig.toml holds the right number in place of one that is off by `value`, its
-        first parameter, SI; None where no number of rig.toml is wrong."""
+        """The rig (a `RigConfig`) with the right number in rig.toml instead of one that is off by `value`, the first
+        parameter, SI; None if no number of rig.toml is wrong."""
         return None
 
     @classmethod
     def compounded(cls, cured: float, left: float) -> float:
-        """Its first parameter, SI, in the rig as given, where it is `left` in the rig cured of `cured`."""
+        """Its first parameter, SI, in the rig as given, if it is `left` in the rig cured of `cured`."""
         return cured + left
 
     @classmethod
     def called(cls, value: float) -> str:
-        """Kind of mistake that a value of its first parameter (SI) is: a gain of -1 is a wrong sign, say."""
+        """Kind of mistake for a value of its first parameter (SI): for example, a gain of -1 is a wrong sign."""
         return cls.kind
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
@@ -171,24 +171,24 @@ class AbstractRigEffect(AbstractEffect):
         return resets
 
     def read(self, seen: dict[str, Scalar], test_of: Scalar, trace: Scalar | None) -> dict[str, Scalar]:
-        """What is logged, from what the sensors show.
+        """The logged values, from the sensors' readings.
 
         Args:
-            seen: by channel, SI.
+            seen: readings by channel, SI.
             test_of, trace: `number_of` the rig test and of the file of each entry; see `here`.
         """
         return seen
 
     def lateness(self, steps: Any, test_of: Scalar) -> dict[str, Scalar]:
-        """How late channels are logged, s; negative where they are early. {}: none is."""
+        """Lateness of channels, s; negative if they are early. {}: none is late."""
         return {}
 
     def here(self, test_of: Scalar, trace: Scalar | None) -> Scalar:
-        """1 at entries of the test, or of the one trace, where it is at work, else 0.
+        """1 at entries of its test, or of its trace, else 0.
 
         Args:
             test_of: `number_of` the rig test of each entry.
-            trace: of its file; None where no batch was made of traces, for then none of them is meant.
+            trace: `number_of` its file; None if the batch was not made of traces, so that no trace is meant.
         """
         if self.place.file:
             return 0.0 if trace is None else jnp.where(trace == number_of(self.place.file), 1.0, 0.0)
@@ -202,7 +202,7 @@ class AbstractRigEffect(AbstractEffect):
 
     @classmethod
     def at(cls, place: Place) -> type[AbstractRigEffect]:
-        """The effect of this family at one place: one class for each, however often it is asked for."""
+        """The effect of this family at one place; one class per place."""
         return _placed(cls, place)
 
 
@@ -213,7 +213,7 @@ def _placed(family: Any, place: Place) -> Any:
     if place.file:
         words["scope"] = "trace"
     if place.file and place.channel:
-        words["told_by"] = "that trace taken once more"
+        words["told_by"] = "that trace measured again"
     placed = type(family)(family.__name__, (family,), words)
     placed.off = {p.symbol: family.off[field] for field, p in declared(placed).items() if field in family.off}
     return placed
@@ -227,13 +227,13 @@ def channels_of_traces(
 ) -> tuple[Place, ...]:
     """Places of channels in single traces.
 
-    A trace must have logged another signal beside the channel, and another trace, of whatever test, that channel too.
-    A test of one trace has none where the test itself is a place: both would be the same, and the test is simpler.
+    The trace must have logged another signal too, and another trace, of any test, must have logged the channel. A test
+    with one trace has no such place if the test itself is a place: both would be the same, and the test is simpler.
 
     Args:
-        traces: what each file logged.
-        channels: those that are meant.
-        places: of whole tests, by what each of them logged.
+        traces: channels that each file logged.
+        channels: the channels to consider.
+        places: gives the places of whole tests, by the channels of each.
     """
     tests = places(_by_test(traces))
     logged = Counter(channel for seen in traces.values() for channel in seen)
@@ -241,8 +241,10 @@ def channels_of_traces(
     found = []
     for file, seen in traces.items():
         place = Place.named(file)
-        told = [c for c in channels if c in seen and logged[c] > 1 and len(seen & _SIGNALS) > 1]
-        found += [place._replace(channel=c) for c in told if files[place.test] > 1 or Place(place.test, c) not in tests]
+        usable = [c for c in channels if c in seen and logged[c] > 1 and len(seen & _SIGNALS) > 1]
+        found += [
+            place._replace(channel=c) for c in usable if files[place.test] > 1 or Place(place.test, c) not in tests
+        ]
     return tuple(found)
 
 

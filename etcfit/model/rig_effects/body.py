@@ -1,4 +1,4 @@
-"""Errors of what rig.toml says of the body and of its sensor."""
+"""Errors in rig.toml's data of the body and of its sensor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .base import APART, AbstractRigEffect, Logged, Place, number_of
 
 # A gear ratio other than the one in rig.toml
 class GearRatio(AbstractRigEffect):
-    """N = (1 + n) N_given. It shows where motor and plate are both seen: the motor alone, and geared.
+    """N = (1 + n) N_given. It shows if there are traces of both the motor alone and the geared motor.
 
     Source: the paper's Eq. 2. Differs from source: N is given there.
     """
@@ -29,7 +29,7 @@ class GearRatio(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """The rig, where a motor's speed and a plate's angle were logged."""
+        """The rig, if a motor's speed and a plate's angle were logged."""
         channels = set().union(*logged.values())
         return (Place(),) if {"motor_speed", "position"} <= channels else ()
 
@@ -49,7 +49,7 @@ class GearRatio(AbstractRigEffect):
         return steps._replace(gear_ratio=(1.0 + self.gear_error) * steps.gear_ratio)
 
     def begun(self, resets: Any, test_of: Scalar, trace: Scalar | None) -> Any:
-        """A motor that runs alone began with its speed over the ratio given."""
+        """The initial speed of a motor that runs alone, corrected for the given ratio."""
         factor = jnp.where(test_of == number_of(APART), 1.0 + self.gear_error, 1.0)
         return resets._replace(omega=resets.omega / factor)
 
@@ -72,14 +72,14 @@ class SensorEndPoints(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """The rig, where an angle is logged beside what goes with a speed by the motor's own constant.
+        """The rig, if an angle is logged together with a signal that is tied to the speed by the motor's own constant.
 
-        By a torque alone a scale of the angle is one of inertia, friction and spring.
+        With a torque alone, a scale of the angle equals a scale of inertia, friction and spring.
         """
-        told = any(
+        tied_to_speed = any(
             "position" in channels and channels & {"voltage", "emf", "motor_speed"} for channels in logged.values()
         )
-        return (Place(),) if told else ()
+        return (Place(),) if tied_to_speed else ()
 
     @classmethod
     def mend(cls, value: float) -> str:
@@ -102,17 +102,17 @@ class SensorEndPoints(AbstractRigEffect):
 class OtherRig(AbstractRigEffect):
     """One trace, or one test, is of a body with parameters of its own: it is not fitted with the others.
 
-    It changes nothing in the model; where rig.toml names it, those traces are set aside (`RigConfig.sets_aside`).
+    It changes nothing in the model; if rig.toml names it, those traces are set aside (`RigConfig.sets_aside`).
 
     Source: mixed-up files. Differs from source: no.
     """
 
     kind = "other_rig"
     scope = "trace"
-    told_by = "the serial number on the body, or that trace taken again"
+    told_by = "the serial number on the body, or that trace measured again"
     off: ClassVar[Mapping[str, float] | None] = {}
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """None: what it explains is asked in another way than of effects, see `diagnosis.other_rig`."""
+        """No places: `diagnosis.other_rig` tests it in another way than effects."""
         return ()

@@ -1,4 +1,4 @@
-"""Errors of what one channel reads."""
+"""Errors of one channel's readings."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Any, ClassVar
 from ..parameters import Parameter, Real, Scalar, parameter
 from .base import DRIVING, OBSERVED, AbstractRigEffect, Logged, Place, channels_of_traces
 
-_SIGN = 0.3  # a gain that near to -2, which is a factor of -1, is a sign
-_UNIT = 8.0  # a factor above this, or below its inverse, is a unit
+_SIGN = 0.3  # a gain so near to -2, which is a factor of -1, is a wrong sign
+_UNIT = 8.0  # a factor above this, or below its inverse, is a wrong unit
 
 
 # A channel that reads too much or too little, in one test or in one trace
 class ChannelGain(AbstractRigEffect):
-    """logged = (1 + g) true, in the traces of one test, or in one of them; of the terminal voltage, what was
-    applied is logged / (1 + g).
+    """logged = (1 + g) true, in the traces of one test, or in one of them; the applied terminal voltage is
+    logged / (1 + g).
 
-    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a scale. Differs from source: one test, or one trace, alone
+    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a scale. Differs from source: only one test, or one trace,
     has it.
     """
 
@@ -32,12 +32,12 @@ class ChannelGain(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each channel of each test, where another test logged it too."""
+        """Each channel of each test, if another test logged it too."""
         return tuple(Place(test, channel) for test, channel in shared(logged))
 
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each channel but a torque, which nobody measures."""
+        """Each channel except a torque, which is not measured."""
         return channels_of_traces(logged, (*OBSERVED, "voltage"), cls.places)
 
     @classmethod
@@ -75,18 +75,18 @@ def shared(logged: Logged) -> list[tuple[str, str]]:
     return [(test, channel) for channel, found in tests.items() if len(found) > 1 for test in found]
 
 
-# of each channel that may have one: SI unit and a usual size
+# SI unit and usual size of the offset, by channel
 _USUAL = {"current": ("A", 0.05), "position": ("rad", 0.02), "voltage": ("V", 0.1), "emf": ("V", 0.05),
           "motor_speed": ("rad/s", 2.0)}  # fmt: skip
 
 
 # A channel whose zero is off, in one test or in one trace
 class ChannelOffset(AbstractRigEffect):
-    """logged = true + d, in the traces of one test, or in one of them; of the terminal voltage, what was applied is
-    logged - d.
+    """logged = true + d, in the traces of one test, or in one of them; the applied terminal voltage is logged - d.
 
-    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a zero. Differs from source: one test, or one
-    trace, alone has it.
+    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a zero. Differs from source: only one test, or one trace,
+        has
+    it.
     """
 
     kind = "channel_offset"
@@ -94,18 +94,18 @@ class ChannelOffset(AbstractRigEffect):
     acts_on: ClassVar[tuple[str, ...]] = (*_USUAL,)
     told_by = "a log of that test with nothing connected"
     off: ClassVar[Mapping[str, float] | None] = {"offset": 0.0}
-    # the size is in the unit of the log; what is read is linear in an offset, so that any start leads to it
+    # the size is in the unit of the log; the reading is linear in an offset, so any start leads to it
     stated: ClassVar[Mapping[str, Callable[[float], float]]] = {"channel_offset": lambda size: 0.0}
     offset: Scalar = parameter("", Real(1.0), 0.0, "zero of a channel", "JCGM 100:2008, 4.3")
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each channel of each test, where another test logged it too."""
+        """Each channel of each test, if another test logged it too."""
         return tuple(Place(test, channel) for test, channel in shared(logged) if channel in _USUAL)
 
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each channel that may have one."""
+        """Each channel that may have an offset."""
         return channels_of_traces(logged, tuple(_USUAL), cls.places)
 
     @classmethod
@@ -133,10 +133,10 @@ class ChannelOffset(AbstractRigEffect):
 
 # A drive whose zero wanders away from what was commanded, in one test
 class ChannelDrift(AbstractRigEffect):
-    """logged = true + r t, t since the trace began: what acted was logged - r t, in the traces of one test.
+    """logged = true + r t, t since the trace began: the true input was logged - r t, in the traces of one test.
 
-    For a torque that was commanded and not measured: the zero of the amplifier that makes it moves as it warms, and a
-    plant without a spring integrates that. A constant zero is the preload T_PL.
+    It applies to a torque that was commanded and not measured: the zero of the amplifier moves as it warms, and a
+    plant without a spring integrates this error. A constant zero is the preload T_PL.
 
     Source: GUM (JCGM 100:2008), F.1.1.3: a drift as a systematic error that changes with time. Differs from source:
     the same rate in every trace of the test.
@@ -151,7 +151,8 @@ class ChannelDrift(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """The torque of each test that it drove: a voltage is measured at the terminals, drift and all."""
+        """The torque of each test with a torque as input; a voltage is measured at the terminals, including any
+        drift."""
         return tuple(Place(test, "torque") for test, found in logged.items() if "torque" in found)
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:

@@ -15,7 +15,7 @@ from .base import DRIVING, OBSERVED, STATIC, AbstractRigEffect, Logged, Place, c
 class TimeScale(AbstractRigEffect):
     """dt = (1 + s) dt_logged, in the traces of one test.
 
-    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a scale. Differs from source: one test alone has it.
+    Source: GUM (JCGM 100:2008), 4.3: a systematic error of a scale. Differs from source: only one test has it.
     """
 
     kind = "time_scale"
@@ -26,7 +26,7 @@ class TimeScale(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each test, where there is another."""
+        """Each test, if there is another."""
         tests = [test for test in logged if test != STATIC]
         return tuple(Place(test) for test in tests) if len(tests) > 1 else ()
 
@@ -42,12 +42,12 @@ _WITHIN = (0.0, 1.0)
 class EdgePhase(AbstractRigEffect):
     """t_edge = t_k + s (t_(k+1) - t_k),    s = edge_phase + turn, in the traces of one test.
 
-    The turn, 0 or 1, is each edge's own: where edges come with the samples, a clock that jitters shows some of them one
+    Each edge has its own turn, 0 or 1: if edges coincide with the samples, a clock with jitter shows some of them one
     sample later than others. s stays within its interval: beyond it a step would run backwards, and meet stops that
-    were never hit. Whether it lies at an end is decided apart (`estimation.edges`). A habit, no mistake: the
-    fit finds it (`estimation.edges`), no diagnosis tries it.
+    were never hit. `estimation.edges` decides whether s is at an end of the interval. It is a habit, not a mistake: the
+    fit finds it (`estimation.edges`), and no diagnosis tries it.
 
-    Source: GUM (JCGM 100:2008), 4.3, for an instant that is systematic and not drawn anew at each edge.
+    Source: GUM (JCGM 100:2008), 4.3, for an instant that is systematic, not random at each edge.
     """
 
     kind = "edge_phase"
@@ -60,7 +60,7 @@ class EdgePhase(AbstractRigEffect):
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """None: edges that are not in step have no phase to be tried."""
+        """No places: edges that are not in step have no phase to try."""
         return ()
 
     def driven(self, steps: Any, test_of: Scalar) -> Any:
@@ -75,12 +75,12 @@ class EdgePhase(AbstractRigEffect):
 class ChannelLate(AbstractRigEffect):
     """y_logged(t) = y(t - late), in the traces of one test, or in one of them.
 
-    A late voltage makes every other channel early by as much. It is read off the simulated path itself, so it holds for
-    any number of samples and for either sign. Between the ends of integration steps h the path is a cubic: exact to the
-    third order in h where it is smooth, off by up to 0.074 h times the jump of its slope where it bends within a step
-    of that instant. Before a trace begins and after it ends its first and last values stand.
+    A late voltage makes every other channel early by the same time. The reading comes from the simulated path itself,
+    so any number of samples and either sign are possible. Between the ends of integration steps h the path is a cubic:
+    exact to the third order in h if it is smooth, off by up to 0.074 h times the jump of its slope if it bends within a
+    step of that instant. Before a trace begins and after it ends, its first and last values apply.
 
-    Source: Kester 2005 (multiplexed acquisition; group delay of a filter). Differs from source: a dead time alone, no
+    Source: Kester 2005 (multiplexed acquisition; group delay of a filter). Differs from source: only a dead time, no
     change of shape.
     """
 
@@ -90,12 +90,12 @@ class ChannelLate(AbstractRigEffect):
     told_by = "a step, with that channel and another on one trigger"
     off: ClassVar[Mapping[str, float] | None] = {"late": 0.0}
     delays: ClassVar[bool] = True
-    late: Scalar = parameter("s", Real(1e-3), 0.0, "by how much a channel is logged late", "Kester 2005")
+    late: Scalar = parameter("s", Real(1e-3), 0.0, "lateness of a channel in the log", "Kester 2005")
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each channel of each test that logged two signals at least, where there is another test. What drives it only
-        where two channels answer: with one, either of the two may be called late."""
+        """Each channel of each test that logged at least two signals, if there is another test. An input channel counts
+        only if two channels respond: with one, either of the two may be the late one."""
         if len(logged) < 2:
             return ()
         found = []
@@ -108,8 +108,8 @@ class ChannelLate(AbstractRigEffect):
 
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each measured channel of a trace that measured two; of one that measured a single channel that is a trace
-        that is late."""
+        """Each measured channel of a trace with at least two; in a trace with a single channel the whole trace is
+        late."""
         timed = {
             file: seen
             for file, seen in logged.items()
@@ -125,12 +125,12 @@ class ChannelLate(AbstractRigEffect):
 
 # One trace whose measured channels are all late against what drove it: started late, or by another logger
 class TraceLate(AbstractRigEffect):
-    """y_logged(t) = y(t - late), of every measured channel of one trace.
+    """y_logged(t) = y(t - late), for every measured channel of one trace.
 
-    It holds as far as `channel_late` does: for either sign and any number of samples, the path a cubic within
-    integration steps, its first and last values before it begins and after it ends.
+    The interpolation is that of `channel_late`: either sign and any number of samples, a cubic path within integration
+    steps, and the first and last values before and after the trace.
 
-    Source: Kester 2005 (acquisition on two clocks). Differs from source: a dead time alone.
+    Source: Kester 2005 (acquisition on two clocks). Differs from source: only a dead time.
     """
 
     kind = "trace_late"
@@ -138,16 +138,16 @@ class TraceLate(AbstractRigEffect):
     told_by = "a mark that both loggers record"
     off: ClassVar[Mapping[str, float] | None] = {"late": 0.0}
     delays: ClassVar[bool] = True
-    late: Scalar = parameter("s", Real(0.01), 0.0, "by how much a trace is logged late", "Kester 2005")
+    late: Scalar = parameter("s", Real(0.01), 0.0, "lateness of a trace in the log", "Kester 2005")
 
     @classmethod
     def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """None: no test as a whole."""
+        """No places: it does not concern whole tests."""
         return ()
 
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
-        """Each trace that something drove, where there are others."""
+        """Each trace with an input, if there are others."""
         driven = [Place.named(file) for file, channels in logged.items() if channels & {*DRIVING}]
         timed = tuple(place for place in driven if place.test != STATIC)
         return timed if len(timed) > 1 else ()

@@ -1,4 +1,4 @@
-"""Smooth effects without a name, for what no effect of the catalogue explains; they are not in it."""
+"""Smooth effects of unknown causes, for residuals that no effect of the catalogue explains; they are not in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Over what a smooth effect varies, and where its knots lie."""
+"""Effects of unknown causes, which vary smoothly over one axis along a curve that the data determine; axes and
+knots."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ import numpy as np
 from ..effects import AbstractEffect, Contribution, Inputs, State, fraction
 from ..parameters import Real, Scalar, parameter
 
-K = 10  # knots of every axis
+K = 10  # number of knots of every axis
 
 
 @dataclass(frozen=True)
@@ -23,11 +24,11 @@ class Axis:
     """K knots of a curve, equally spaced in the value a, or in asinh(a / bend): then closer together about zero.
 
     Args:
-        name: of the quantity along it.
-        unit: of its values, SI.
+        name: name of the quantity along it.
+        unit: unit of its values, SI.
         value: a as a function of state and inputs.
         low, high: first and last knot, in that unit.
-        bend: where the spacing turns from even to logarithmic, in that unit; None for even spacing.
+        bend: value at which the spacing turns from even to logarithmic, in that unit; None for even spacing.
     """
 
     name: str
@@ -66,7 +67,7 @@ CURRENT = Axis("current", "A", lambda x, u: x.i, -10.0, 10.0, 0.2)
 TIME = Axis("time", "s", lambda x, u: u.time, 0.0, 60.0, 0.5)
 
 
-# what a contribution enters -> (its unit, a typical size)
+# part of the contribution -> (its unit, a typical size)
 ENTERS: Mapping[str, tuple[str, float]] = {
     "torque": ("N*m", 0.05),
     "friction": ("N*m", 0.05),
@@ -83,9 +84,9 @@ class AbstractSmooth(AbstractEffect):
     Source: de Boor 1978, A practical guide to splines, B-splines of order 2. Differs from source: no.
 
     Attributes:
-        enters: which part of `Contribution` it adds to.
+        enters: the part of `Contribution` that it adds to.
         along: its axis; `axis` and `axis_unit` are the name and unit, `knots` the values at its knots.
-        unit: of the contribution and of the amplitudes c_k, its fields.
+        unit: unit of the contribution and of the amplitudes c_k, its fields.
     """
 
     enters: ClassVar[str]
@@ -100,7 +101,7 @@ class AbstractSmooth(AbstractEffect):
         """The contribution at a value of the axis, in `unit`; element by element for an array of any shape."""
         place = self.along.place(value)
         c = [getattr(self, symbol) for symbol in self.symbols]
-        # a sum of ramps rather than of hats: its slope at a knot is the mean of the slopes beside it
+        # a sum of ramps instead of hats: its slope at a knot is the mean of the slopes on both sides
         rises = ((after - before) * jnp.clip(place - k, 0.0, 1.0) for k, (before, after) in enumerate(pairwise(c)))
         return sum(rises, start=c[0])
 

@@ -1,4 +1,4 @@
-"""Every smooth effect: what it enters, and over which axis."""
+"""All smooth effects: the part of the contribution and the axis of each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import ClassVar, final
 from .base import ANGLE, CURRENT, DIRECTED_SPEED, LOAD, SPEED, TIME, smooth
 
 
-# Torque on the plate from a cause that nobody has named
+# Torque on the plate from an unknown cause
 @final
 class TorqueOverAngle(smooth("u_TA", "torque", ANGLE)):
     """torque(theta), theta as a share of the travel. A constant is the preload T_PL, a straight line K_s.
@@ -29,9 +29,9 @@ class TorqueOverSpeed(smooth("u_TS", "torque", DIRECTED_SPEED)):
     name = "unknown_torque_over_speed"
 
 
-# Dry friction of the plate from a cause that nobody has named. A budget of friction cannot be negative, but what is
-# added to one may be: these contributions take either sign, as long as the friction of all effects together stays at
-# or above zero. A constant is the Coulomb friction T_f
+# Dry friction of the plate from an unknown cause. A budget of friction cannot be negative, but a contribution to it may
+# be: these contributions have either sign, as long as the friction of all effects together stays at or above zero. A
+# constant is the Coulomb friction T_f
 @final
 class FrictionOverAngle(smooth("u_FA", "friction", ANGLE)):
     """friction(theta), theta as a share of the travel; of either sign as long as the total stays >= 0.
@@ -73,7 +73,7 @@ class FrictionOverTime(smooth("u_FT", "friction", TIME)):
     name = "unknown_friction_over_time"
 
 
-# Voltage in the armature loop from a cause that nobody has named
+# Voltage in the armature loop from an unknown cause
 @final
 class VoltageOverCurrent(smooth("u_VC", "voltage", CURRENT)):
     """voltage(i), each direction by itself, the motor alone included. A straight line is the resistance R_a.
@@ -85,10 +85,10 @@ class VoltageOverCurrent(smooth("u_VC", "voltage", CURRENT)):
     needs: ClassVar[tuple[str, ...]] = ("circuit",)
 
 
-# Error of the position sensor from a cause that nobody has named
+# Error of the position sensor from an unknown cause
 @final
 class PositionOverAngle(smooth("u_PA", "position", ANGLE)):
-    """position(theta): what the sensor reads besides the truth, theta as a share of the travel.
+    """position(theta): error of the reading, theta as a share of the travel.
 
     A constant is an error of the sensor's zero, a straight line one of its gain.
 
