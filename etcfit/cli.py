@@ -954,9 +954,16 @@ def _give_memory_back() -> None:
                     set_option(number, value)
 
 
+def _one_thread_a_product() -> None:
+    """Have NumPy, which is not loaded yet, compute products in the thread that asks for them: the cores are busy with
+    our own threads, and those of OpenBLAS wait for each other, spinning. What the user has set stands."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def main() -> None:
     """The console script."""
     _give_memory_back()
+    _one_thread_a_product()
     gc.set_threshold(100_000, 50, 50)  # tracing a model makes many objects and no garbage: 1.5 s of a fit
     try:
         app()

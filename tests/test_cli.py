@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -514,3 +515,22 @@ print(*most, resident())
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     before, most, after = map(float, done.stdout.split())
     assert after - before < 0.2 * (most - before)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux lists the threads of a process so")
+@pytest.mark.parametrize(("given", "threads"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "2"}, "2")])
+def test_a_product_has_one_thread_unless_the_user_wants_more(given: dict[str, str], threads: str) -> None:
+    program = """
+import os
+from etcfit.cli import _one_thread_a_product
+_one_thread_a_product()
+import numpy as np
+x = np.ones((2000, 500))
+x.T @ x
+print(os.environ["OPENBLAS_NUM_THREADS"], len(os.listdir("/proc/self/task")))
+"""
+    bare = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=bare | given)
+    told, running = done.stdout.split()
+    assert told == threads
+    assert int(running) <= int(threads)

@@ -56,11 +56,7 @@ def acts_as_input(effect: type[AbstractEffect]) -> bool:
     or a reading at that instant, and is not one of the effects without any action at small amplitudes."""
     if effect.delays or effect.commands or set(effect.off or {}) & set(effect.scan) or (effect.loaded and effect.z0):
         return False
-    here = State(1.0, 0.1, 1.0)
-    inputs = Inputs(1.0, 0.0, 1.0, 1.0, 0.0, 16.0, 0.0, 1.5, motor=1.0, external=1.0)
-    values = {field: p.nominal for field, p in declared(effect).items()}
-    added, nothing = effect(**values)(here, effect.z0, inputs), Contribution()
-    return all(name in _KNOWN or getattr(added, name) is getattr(nothing, name) for name in Contribution._fields)
+    return _contributes(effect, {field: p.nominal for field, p in declared(effect).items()}) <= {*_KNOWN}
 
 
 @cache
@@ -68,15 +64,25 @@ def only_delays(effect: type[AbstractEffect]) -> bool:
     """Whether an effect only delays input or channels, by amplitudes without scan values."""
     if not effect.delays or effect.commands or effect.z0 or set(effect.off or {}) & set(effect.scan):
         return False
-    values = {field: p.domain.scale for field, p in declared(effect).items()}
-    here, u = State(1.0, 0.1, 1.0), Inputs(1.0, 0.0, 1.0, 1.0, 0.0, 16.0, 0.0, 1.5, motor=1.0, external=1.0)
     try:
-        added, nothing = effect(**values)(here, effect.z0, u), Contribution()
+        found = _contributes(effect, {field: p.domain.scale for field, p in declared(effect).items()})
     except TypeError:  # the throttle does not evaluate an effect of the rig
         return False
-    return all(
-        name.endswith("_delay") or getattr(added, name) is getattr(nothing, name) for name in Contribution._fields
-    )
+    return all(name.endswith("_delay") for name in found)
+
+
+def _contributes(effect: type[AbstractEffect], values: Mapping[str, float]) -> set[str]:
+    """Names of what an effect contributes. It is traced: if it were computed, JAX would compile each operation of it by
+    itself."""
+    here, u = State(1.0, 0.1, 1.0), Inputs(1.0, 0.0, 1.0, 1.0, 0.0, 16.0, 0.0, 1.5, motor=1.0, external=1.0)
+    found = set[str]()
+
+    def contribute(here: State, u: Inputs) -> None:
+        added, nothing = effect(**values)(here, effect.z0, u), Contribution()
+        found.update(name for name in Contribution._fields if getattr(added, name) is not getattr(nothing, name))
+
+    jax.eval_shape(contribute, here, u)
+    return found
 
 
 def step_inputs(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StepInputs:
