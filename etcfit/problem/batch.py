@@ -1,7 +1,7 @@
 """Traces in a batch: rectangular arrays of integration steps for the stepper and the whitening.
 
-Short traces lie one after the other in a lane and long ones have a lane to themselves, so that one compiled model
-serves every folder of a like size and little of it is padding.
+Short traces share a lane in sequence and long ones have a lane of their own, so that one compiled model serves all
+folders of similar size with little padding.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from .packing import pack
 from .ticks import broken, commands
 from .trace import Trace
 
-KINDS = ("current", "position", "emf", "motor_speed")  # what a slot may observe
+KINDS = ("current", "position", "emf", "motor_speed")  # channels of a slot
 
 
 class SampleSlots(NamedTuple):
     """Measured samples at the end of each step, shape (T, L, M) each.
 
     Args:
-        value: sample, SI unit of its channel; 0 where there is none.
-        weight: 1 where there is a sample to fit, else 0.
-        sigma: standard deviation of its noise, unit of the value; 1 where there is none.
-        kind: index into `KINDS`: which channel it is of.
+        value: sample, SI unit of its channel; 0 without a sample.
+        weight: 1 if there is a sample to fit, else 0.
+        sigma: standard deviation of its noise, unit of the value; 1 without a sample.
+        kind: its channel, an index into `KINDS`.
     """
 
     value: Float[AnyArray, "T L M"]
@@ -45,25 +45,25 @@ class SampleSlots(NamedTuple):
 
 
 class Disturbance(NamedTuple):
-    """What is uncertain about input and start, shape (T, L) each; start_* are 0 but at the first entry of a trace.
+    """Uncertainty of input and initial state, shape (T, L) each; start_* are 0 except at the first entry of a trace.
 
-    The error e of the input (V, or N m where torque drives) goes from step to step as
+    The error e of the input (V, or N m if a torque is the input) changes from step to step as
 
         e_k = keep_k e_{k-1} + w_k,    var w_k = fresh_k
 
     Args:
         keep: share of the input's error kept from the step before, dimensionless.
-        fresh: variance of what is added to it, V^2 or (N m)^2.
-        edge: at the last entry of an interval in which the input jumps, how many steps that interval has; else 0.
+        fresh: variance added to it, V^2 or (N m)^2.
+        edge: number of steps of an interval in which the input jumps, at its last entry; else 0.
         edge_from, edge_to: input before and after that jump, V or N m.
         edge_span: length of that interval, s.
         spacing: time since the sample before, s.
         start_i, start_theta, start_omega: variance of the initial state, A^2, rad^2 and (rad/s)^2.
         release: variance of the release instant, s^2, at the entry of the step that follows it; else 0.
-        seen: variance of the instant at which an ECU in the model saw its setpoint jump, s^2, at the entry before
+        seen: variance of the instant at which an ECU in the model read its setpoint's jump, s^2, at the entry before
             the step that ends there; else 0.
-        follows: d dt / d instant of each step's length, for the ECU's ticks are in step with it: > 0 before the jump
-            and before a tick, < 0 after one, 0 where it moves none.
+        follows: d dt / d instant of each step's length, because the ECU's ticks are in step with that instant: > 0
+            before the jump and before a tick, < 0 after one, 0 if the step does not depend on it.
     """
 
     keep: Float[AnyArray, "T L"]
@@ -82,7 +82,7 @@ class Disturbance(NamedTuple):
 
 
 class BatchArrays(NamedTuple):
-    """The arrays of a `TraceBatch` alone, as compiled functions take them; axes T, L and M.
+    """The arrays of a `TraceBatch`, for compiled functions; axes T, L and M.
 
     Args:
         steps, resets, slots, disturbance, test_of: see `TraceBatch`.
@@ -101,12 +101,12 @@ class TraceBatch:
 
     Args:
         steps: integration steps: length, inputs, boundary conditions; (T, L).
-        resets: where a trace begins, and in which state; (T, L).
+        resets: begins of traces and their initial states; (T, L).
         slots: samples; (T, L, M).
-        disturbance: what is uncertain about inputs and starts; (T, L).
-        guidable: 1 where an angle was logged that a guide could draw the plate to, shape (T, L).
-        test_of: `number_of` the rig test of each entry's trace, shape (T, L); 0 where there is none.
-        traces: in the order given.
+        disturbance: uncertainty of inputs and initial states; (T, L).
+        guidable: 1 where a logged angle exists for a guide, shape (T, L).
+        test_of: `number_of` the rig test of each entry's trace, shape (T, L); 0 in blank entries.
+        traces: the traces in the order given.
         places: for each trace its lane, its first entry, and the entry of each of its n instants.
     """
 
@@ -120,16 +120,16 @@ class TraceBatch:
     places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
 
     def stretches(self, count: int) -> Iterator[tuple[int, np.ndarray]]:
-        """Lane and entries of each of so many equal parts of every trace."""
+        """Lane and entries of each of `count` equal parts of every trace."""
         for lane, _, marks in self.places:
             for stretch in np.array_split(marks, count):
                 yield lane, stretch
 
     def holding(self, volts: Float[np.ndarray, " traces"]) -> TraceBatch:
-        """The batch with other voltages in the integrals of ECUs that are part of the model, where their traces begin.
+        """The batch with other initial voltages in the integrals of ECUs that are part of the model.
 
         Args:
-            volts: for each trace, V; of no effect where no such ECU drives it.
+            volts: voltage for each trace, V; without effect if no such ECU drives it.
         """
         traces = tuple(t.holding(float(v)) for t, v in zip(self.traces, volts, strict=True))
         level = np.array(self.steps.voltage0)
@@ -141,11 +141,11 @@ class TraceBatch:
         return replace(self, steps=steps, traces=traces)
 
     def with_times_of(self, traces: Sequence[Trace], config: RigConfig, substeps: Sequence[np.ndarray]) -> TraceBatch:
-        """The batch with other instants at which held plates were let go, or at which an ECU in the model saw its
-        setpoint jump; arrays that are the same are the same ones, unless a trace has now another number of steps.
+        """The batch with other instants of releases, or other instants at which an ECU in the model read its setpoint's
+        jump. Arrays that do not change are the same objects, unless a trace now has another number of steps.
 
         Args:
-            traces: those of the batch, some of them with another such instant.
+            traces: the traces of the batch, some with another such instant.
             config, substeps: as of `batch_of`.
         """
         parts: dict[str, Any] = {"steps": self.steps, "resets": self.resets, "slots": self.slots}
@@ -178,10 +178,10 @@ class TraceBatch:
         return replace(self, **renewed, traces=tuple(traces), places=tuple(places))
 
     def jumping(self, share: float) -> TraceBatch:
-        """The batch with every edge of the voltage at one share of its interval, 0 at its begin to 1 at its end.
+        """The batch with every edge of the voltage at one share of its interval: 0 at its begin, 1 at its end.
 
-        Steps have an input linear in time, so a jump inside a step is approximated: the step keeps mean and first
-        moment of the voltage that acts in it.
+        Steps have an input linear in time, so a jump within a step is approximated by a line with the same mean and
+        first moment.
         """
         early, late = np.array(self.steps.voltage0), np.array(self.steps.voltage1)
         for trace, (lane, _, marks) in zip(self.traces, self.places, strict=True):
@@ -196,10 +196,10 @@ class TraceBatch:
         return replace(self, steps=self.steps._replace(voltage0=early, voltage1=late))
 
     def guided(self, guide_stiffness: float) -> Step:
-        """The steps with a guide that draws the plate along the measured angle where one was logged.
+        """The steps with a guide that pulls the plate along the measured angle where one was logged.
 
         Args:
-            guide_stiffness: V/rad, or N m/rad where torque drives; 0 for a free run.
+            guide_stiffness: V/rad, or N m/rad if a torque is the input; 0 for a free run.
         """
         kept = _GUIDES.setdefault(self, WeakValueDictionary())
         along = kept.get(guide_stiffness)
@@ -208,7 +208,7 @@ class TraceBatch:
         return self.steps._replace(guide_stiffness=along)
 
 
-# the same array for the same stiffness as long as somebody has it: of the same arrays a kernel's are packed once
+# the same array for the same stiffness as long as it is in use, so that it is packed for a kernel only once
 _GUIDES: WeakKeyDictionary[TraceBatch, WeakValueDictionary[float, np.ndarray]] = WeakKeyDictionary()
 
 
@@ -218,20 +218,20 @@ def batch_of(
     substeps: Sequence[Int[np.ndarray, " _"]],
     least: tuple[int, ...] = (0, 0, 0),
 ) -> TraceBatch:
-    """Put traces into a batch: long ones in lanes of their own, short ones behind each other.
+    """Put traces into a batch: long ones in lanes of their own, short ones in sequence.
 
     Args:
-        traces: ready traces.
+        traces: prepared traces.
         config: their rig, for gear ratio and stops.
         substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
-        least: steps T, lanes L and slots M that the batch has at least, so that what was compiled for another batch
-            serves again.
+        least: least steps T, lanes L and slots M of the batch, so that programs compiled for another batch can be used
+            again.
     """
     steps = [_under_ecu(t, n, config) for t, n in zip(traces, substeps, strict=True)]
     sizes = [breaks.ends.size for breaks, _ in steps]
     lanes, length = pack(sizes, least[0])
     lanes += [[] for _ in range(least[1] - len(lanes))]
-    if available():  # a kernel serves any length and any number of lanes
+    if available():  # a kernel works for any length and any number of lanes
         lanes = [lane for lane in lanes if lane]
         length = max(sum(sizes[k] for k in lane) for lane in lanes)
     slots = max(least[2], *(len(t.channels) for t in traces))
@@ -249,7 +249,7 @@ def batch_of(
 
 
 def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[np.ndarray, " rows"]]:
-    """How the input's error carries over into each step (share kept, variance added)."""
+    """Share of the input's error kept in each step, and variance added."""
     keep, fresh = np.ones(interval.size), np.zeros(interval.size)
     signal = trace.input
     if signal is not None:
@@ -264,7 +264,7 @@ def _error(trace: Trace, interval: Int[np.ndarray, " rows"]) -> dict[str, Float[
 
 
 def _strip(trace: Trace, breaks: Breaks, command: Mapping[str, np.ndarray], config: RigConfig) -> dict[str, np.ndarray]:
-    """All columns of one trace, by its steps and what an ECU is asked in them."""
+    """All columns of one trace, by its steps and the commands to an ECU in them."""
     ends, interval, marks = breaks
     n = ends.size
     zeros, ones = np.broadcast_to(0.0, n), np.broadcast_to(1.0, n)
@@ -312,8 +312,8 @@ def _strip(trace: Trace, breaks: Breaks, command: Mapping[str, np.ndarray], conf
 def _under_ecu(
     trace: Trace, substeps: Int[np.ndarray, " intervals"], config: RigConfig
 ) -> tuple[Breaks, dict[str, np.ndarray]]:
-    """The steps, and what is asked of an ECU that is part of the model (`Command`): nothing where it does not drive the
-    trace."""
+    """The steps, and the inputs of an ECU that is part of the model (`Command`), which are zero if it does not drive
+    the trace."""
     if config.ecu is None or trace.setpoint is None:
         return breaks_of(trace, edges.halved(trace, substeps)), {}
     breaks, ticks = broken(trace, trace.setpoint, substeps, config.ecu)
@@ -341,10 +341,10 @@ def _samples(trace: Trace, rows: int, marks: Int[np.ndarray, " n"]) -> dict[str,
 
 
 class _Table:
-    """Columns of a batch, at first with nothing on it: steps of no length, nothing moves, nothing observed.
+    """Columns of a batch, at first blank: steps of length 0, without motion and observation.
 
-    A column takes memory from its first other value on. In memory the entries of a lane lie one after the other, as
-    traces are written and packed.
+    A column takes memory only when a value differs. In memory the entries of a lane are contiguous, as traces are
+    written and packed.
 
     Args:
         shape: T and L.
@@ -358,7 +358,7 @@ class _Table:
         self._blank = {"sigma": 1.0, "gear_ratio": config.gear_ratio, "lower": lower, "upper": upper}
 
     def write(self, name: str, row: int, lane: int, column: Float[np.ndarray, "_ ..."]) -> None:
-        """Put a column of a trace into a lane from an entry on; it may observe fewer channels than there are slots."""
+        """Write a column of a trace into a lane from an entry on; it may have fewer channels than there are slots."""
         if name not in self._columns:
             if np.all(column == self._blank.get(name, 0.0)):
                 return
@@ -371,7 +371,7 @@ class _Table:
         return name in self._columns
 
     def column(self, name: str) -> Float[np.ndarray, "T L *M"]:
-        """A column; as a number repeated, which takes no memory, where it is the same everywhere."""
+        """A column; if it is constant, a repeated number, which takes no memory."""
         shape = (*self._shape, self._slots) if name in SampleSlots._fields else self._shape
         column = self._columns.get(name)
         if column is None:

@@ -1,4 +1,4 @@
-"""Where the integration steps of a trace end."""
+"""Ends of the integration steps of a trace."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .trace import Trace
 
 
 class Breaks(NamedTuple):
-    """Where the steps of a trace end.
+    """Ends of the steps of a trace.
 
     Args:
-        ends: of all steps, s; the first is the trace's first instant.
+        ends: ends of all steps, s; the first is the trace's first instant.
         interval: the interval between instants in which each step lies.
-        marks: the step that ends at each instant, n of them.
+        marks: the step that ends at each of the n instants.
     """
 
     ends: Float[np.ndarray, " rows"]
@@ -33,7 +33,7 @@ def breaks_of(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Breaks:
     marks = np.concatenate(([0], np.cumsum(substeps)))
     ends = np.concatenate((t[:1], ends))
     interval = np.concatenate(([0], interval))
-    if trace.release is not None:  # the release always splits exactly one step, so shapes never depend on where
+    if trace.release is not None:  # the release always splits one step, so that shapes do not depend on it
         at = int(np.clip(np.searchsorted(ends, trace.release[0]), 1, ends.size - 1))
         ends = np.insert(ends, at, np.clip(trace.release[0], ends[at - 1], ends[at]))
         interval = np.insert(interval, at, interval[at])

@@ -1,8 +1,8 @@
 """chi2 of many points at once: the residual of many parameter vectors, simulated, whitened and squared in one pass.
 
-The residual of one point is a few arrays along the whole batch; those of an ensemble would go through memory many
-times. Here all points take each entry of the batch together, points innermost, so that they share its data and the
-processor's vectors are full.
+The residual of one point is a few arrays along the whole batch; for an ensemble they would be read from memory many
+times. Here all points are computed for one entry of the batch at a time, points innermost, so that they share its data
+and fill the processor's vectors.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .one_pass import advance, entries, has_single_pass, start
 from .problem import EstimationProblem
 from .residual import WeightedData, prior_residual, prior_residual_here, residual
 
-_MOST = 64  # points in one pass; more fall out of the processor's caches
-_LEAST = 32  # the same where there are points enough for every core: fewer cost more each
-_FEW = 8  # points below which each is simulated by itself
-_AT_ONCE = 16  # the same where whole paths must be kept
+_MOST = 64  # largest number of points in one pass; more do not fit into the processor's caches
+_LEAST = 32  # the same if there are enough points for every core: fewer take longer per point
+_FEW = 8  # number of points below which each is simulated separately
+_AT_ONCE = 16  # largest number of points in one pass if whole paths must be kept
 
 
 def chi2_of(
@@ -39,16 +39,16 @@ def chi2_of(
         points: coordinates, shape (K, P).
         weighted: data, whitening and priors, see `EstimationProblem.weighted`.
     Returns:
-        shape (K,), dimensionless; inf where the simulation fails.
+        Shape (K,), dimensionless; inf if the simulation fails.
     """
     form = problem.layout.form
     if available():
-        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that run away
+        with np.errstate(over="ignore", invalid="ignore"):  # simulations that diverge
             padded = problem.layout.padded(points)
             prior = np.sum(prior_residual_here(padded, weighted) ** 2, axis=-1)
             chi2 = prior + residual_kernels.chi2_of_points(form, form.full(padded, weighted.pick), weighted)
             return np.where(np.isfinite(chi2), chi2, np.inf)
-    if len(points) < _FEW:  # what is compiled for one residual serves, whatever their number
+    if len(points) < _FEW:  # the program for one residual is used, for any number of points
         return np.array([_of_one(problem, x, weighted) for x in points])
     passes = max(-(-len(points) // _MOST), min(CORES, len(points) // _LEAST))
     size = -(-len(points) // passes)

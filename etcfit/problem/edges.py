@@ -1,9 +1,9 @@
 """Edges: intervals in which the input of a trace jumps, as columns over its integration steps.
 
-Either nobody knows at which instant (then its uncertainty goes to the whitening), or the edges of a rig test are in
-step with the samples and all come at one share s of their intervals, a parameter of the fit (`rig_effects.edge_phase`).
-Steps of the latter are laid out for s = 1/2: half of them before the jump and half after it; `model.stepper.Edge` says
-how they follow s.
+Either the instant is unknown, and the whitening includes its uncertainty; or the edges of a rig test are in step with
+the samples, all at one share s of their intervals, which is a parameter of the fit (`rig_effects.EdgePhase`). Steps of
+the latter are made for s = 1/2: half of them before the jump and half after it; `model.stepper.Edge` holds their
+dependence on s.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from jaxtyping import Float, Int
 
 from .trace import Trace
 
-_MIDDLE = 0.5 + 1e-9  # of an interval, rounding allowed for
+_MIDDLE = 0.5 + 1e-9  # middle of an interval, with a margin for rounding
 
 
 def halved(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Int[np.ndarray, " intervals"]:
-    """Integration steps in each interval, an even number of them where an edge is in step with the samples."""
+    """Integration steps in each interval, an even number if an edge is in step with the samples."""
     if trace.input is None or trace.input.turn is None:
         return substeps
     return np.where(trace.input.in_step, 2 * ((substeps + 1) // 2), substeps)
@@ -26,12 +26,12 @@ def halved(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Int[np.ndar
 def levels(
     trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
 ) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-    """The input at the begin and the end of each step, V, or N m where torque drives; 0 without one.
+    """The input at the begin and the end of each step, V, or N m for a torque; 0 without an input.
 
     Args:
-        trace: whose input.
-        ends: of its steps, s.
-        interval: in which each step lies.
+        trace: the trace.
+        ends: ends of its steps, s.
+        interval: interval of each step.
     """
     if trace.input is None:
         return np.zeros(ends.size), np.zeros(ends.size)
@@ -50,12 +50,12 @@ def levels(
 def in_step(
     trace: Trace, ends: Float[np.ndarray, " rows"], interval: Int[np.ndarray, " rows"]
 ) -> dict[str, Float[np.ndarray, " rows"]]:
-    """Columns of `Edge` for the edges in step with the samples; none where the trace has no such edge.
+    """Columns of `Edge` for the edges in step with the samples; {} if the trace has no such edge.
 
     Args:
-        trace: whose input.
-        ends: of its steps, s.
-        interval: in which each step lies.
+        trace: the trace.
+        ends: ends of its steps, s.
+        interval: interval of each step.
     """
     if trace.input is None or trace.input.turn is None:
         return {}
@@ -69,12 +69,12 @@ def in_step(
 
 
 def unplaced(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[str, Float[np.ndarray, " {entries}"]]:
-    """Columns of `Disturbance` for the jumps at instants nobody knows, each at the last entry of its interval.
+    """Columns of `Disturbance` for the jumps at unknown instants, each at the last entry of its interval.
 
     Args:
-        trace: whose input.
+        trace: the trace.
         marks: entry of each of its instants.
-        entries: that the trace has.
+        entries: number of entries of the trace.
     """
     out = {name: np.zeros(entries) for name in ("edge", "edge_from", "edge_to", "edge_span")}
     if trace.input is not None:

@@ -1,8 +1,8 @@
 """The whitening filter, the variance of a free run and the error of integration by machine code.
 
-A first pass simulates and finds impacts and, where the input jumps within an interval, the states that it jumps from. A
-second simulates again, with what those events are uncertain by, and carries the covariance along. The formulas are
-those of `process_noise`, `innovations` and `substeps`, traced.
+A first pass simulates and finds impacts and, where the input jumps within an interval, the states before the jumps. A
+second pass simulates again, with the uncertainty of these events, and propagates the covariance. The formulas are those
+of `process_noise`, `innovations` and `substeps`, traced.
 """
 
 from __future__ import annotations
@@ -40,18 +40,18 @@ from .residual import equipped
 from .substeps import step_error, worst
 from .traced_entry import Column
 
-_JITTER = "jitter of instants"  # no symbol of a parameter
+_JITTER = "jitter of instants"  # a name that is no symbol of a parameter
 
 
 def filter_and_timing(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> tuple[InnovationsFilter, Float[np.ndarray, "T L M"]]:
-    """What `innovations.kalman` returns, of the free run.
+    """The result of `innovations.kalman` for the free run.
 
     Args:
         form: the model.
         full: value of every parameter, SI, shape (Q,).
-        batch: as it was logged, arrays of NumPy.
+        batch: the logged batch, arrays of NumPy.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     """
     batch = _acting(form, full, batch)
@@ -62,27 +62,27 @@ def filter_and_timing(
 def free_run_variance(
     form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays, jitter: float
 ) -> Float[np.ndarray, "T L M"]:
-    """What `process_noise.free_run_variance` returns; arguments as of `filter_and_timing`."""
+    """The result of `process_noise.free_run_variance`; arguments as of `filter_and_timing`."""
     batch = _acting(form, full, batch)
     return np.asarray(along(_SPREAD, form, full, batch, (_events(form, full, batch),), (jitter,)))
 
 
 def local_error(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Float[np.ndarray, "T L"]:
-    """What `substeps.local_error` returns; arguments as of `filter_and_timing`."""
+    """The result of `substeps.local_error`; arguments as of `filter_and_timing`."""
     lost, error = map(np.asarray, along(_STEPPED, form, full, batch))
     weight = np.asarray(batch.slots.weight)
     return worst(error, weight, impacts_nearby_here(lost, weight), np)
 
 
 def _acting(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> BatchArrays:
-    """The batch with what acts in it where the input is late."""
+    """The batch with the acting input if the input is late."""
     if batch.steps.acting is not None:
         return batch
     return batch._replace(steps=acting_late(form, full, Simulated(batch.steps, batch.resets, batch.test_of)))
 
 
 class Given(NamedTuple):
-    """One entry as it acts on the model: states and memories before and after it, and its part of the batch."""
+    """One entry of a simulated batch: states and memories before and after it, and its part of the batch."""
 
     throttle: Throttle
     before: StatePath
@@ -131,7 +131,7 @@ def _passed(given: Given) -> Any:
 
 
 def _jumped(form: Form, values: Any, carried: Any, entry: Any) -> Any:
-    """The covariance by a jump, each entry by itself: what is carried is not read."""
+    """The covariance by a jump, each entry by itself; the carry is not used."""
     steps, resets, disturbance, test_of, (x, z), end = entry
     throttle = Throttle.build(form.types, values)
     steps, _ = equipped(throttle, steps, resets, test_of, values)
@@ -139,7 +139,7 @@ def _jumped(form: Form, values: Any, carried: Any, entry: Any) -> Any:
 
 
 def _path(form: Form) -> StatePath:
-    """Numbers like those that are carried from step to step."""
+    """Example numbers of the carry from step to step."""
     memories = len(Throttle.build(form.types, dict.fromkeys(form.index, 0.5)).z0)
     return State(0.0, 0.0, 0.0), (0.0,) * memories
 
@@ -163,8 +163,8 @@ def along(
         which: see `along_path`.
         form: the model.
         full: value of every parameter, SI, shape (Q,).
-        batch: as it was logged, arrays of NumPy.
-        events, jitter: one of each where a covariance is carried.
+        batch: the logged batch, arrays of NumPy.
+        events, jitter: given if a covariance is carried.
     """
     tree = *_acting(form, full, batch), *events
     steps, _, slots, _, _, *late = numbered(tree)
@@ -175,7 +175,7 @@ def along(
 
 
 def _simulated(function: Callable[..., Any], *known: Any, covariance: bool = False) -> Along:
-    """A function of (form, values, what is carried, entry); what it is `known` by as of `Along`."""
+    """A function of (form, values, carry, entry); `known`: its key, see `Along`."""
 
     def function_of(form: Form) -> Any:
         carried = _with_covariance(form) if covariance else _path(form)
@@ -185,7 +185,7 @@ def _simulated(function: Callable[..., Any], *known: Any, covariance: bool = Fal
 
 
 def along_path(function: Callable[[Given], Any]) -> Along:
-    """Results of a function of each entry of a simulated batch, for `along`; the function stands in a module."""
+    """Results of a function of each entry of a simulated batch, for `along`; the function is defined in a module."""
 
     def one(form: Form, values: Any, path: StatePath, entry: Any) -> Any:
         given = _taken(form, values, path, entry)
@@ -214,7 +214,7 @@ def _events(form: Form, full: Float[np.ndarray, " Q"], batch: BatchArrays) -> Ev
         logged = jax.tree.map(gathered, (batch.steps, batch.resets, batch.disturbance, batch.test_of))
         path = jax.tree.map(partial(gathered, at=began), before), jax.tree.map(gathered, after)
         entry = (*logged, *path)
-        # few entries, which would be alike by chance: nothing is taken as the same at all of them
+        # few entries may be equal by chance, so no column is treated as constant
         every = frozenset(range(len(jax.tree.leaves(entry))))
         count = np.full(LANES, logged[-1].shape[0])
         found = np.asarray(_JUMPED.run((form,), full, Entries(entry, count, every, lasting=False)))

@@ -1,4 +1,4 @@
-"""Which parameters are free, fixed or tied, and the vector of coordinates that the fit moves."""
+"""Free, fixed and tied parameters, and the vector of coordinates that the fit moves."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ..model.throttle import catalogue
 from ..rig.base import Fixed, Knowledge, Prior, RigConfig, Start, Tied
 from ..rig.toml import closest
 
-_FARTHEST = 1e9  # of a known value from the usual size, either way
+_FARTHEST = 1e9  # largest ratio of a given value to the usual size, and of the usual size to it
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
 class Pick(NamedTuple):
-    """Which parameters the coordinates stand for, and the values of all others; an argument of compiled programs.
+    """The parameters of the coordinates, and the values of all others; an argument of compiled programs.
 
     Args:
         full: value of every parameter of the form, SI, shape (Q,).
-        where: for each coordinate the place of its parameter in `full`, shape (P,); Q for one that only pads.
+        where: index in `full` of each coordinate's parameter, shape (P,); Q for padding.
     """
 
     full: Float[AnyArray, " Q"]
@@ -38,12 +38,12 @@ class Pick(NamedTuple):
 
 @dataclass(frozen=True)
 class Form:
-    """The part of a model that a program is compiled for; hashable. Which parameters are free is a `Pick`: data, so
-    that another choice needs no compilation.
+    """The part of a model for which a program is compiled; hashable. The choice of free parameters is data (`Pick`), so
+    another choice needs no compilation.
 
     Args:
         types: effects of the model.
-        parameters: every parameter, those of the tests' circuits included; Q.
+        parameters: every parameter, including those of the tests' circuits; Q.
         ties: (symbol, the symbol it equals).
     """
 
@@ -55,15 +55,15 @@ class Form:
         return self._hash
 
     @cached_property
-    def _hash(self) -> int:  # asked for at every evaluation of a residual
+    def _hash(self) -> int:  # needed at every evaluation of a residual
         return hash((self.types, self.parameters, self.ties))
 
-    def __getstate__(self) -> dict[str, object]:  # another process hashes otherwise
+    def __getstate__(self) -> dict[str, object]:  # hashes differ in another process
         return {"types": self.types, "parameters": self.parameters, "ties": self.ties}
 
     @cached_property
     def index(self) -> dict[str, int]:
-        """Place of each symbol among the parameters."""
+        """Index of each symbol among the parameters."""
         return {p.symbol: k for k, p in enumerate(self.parameters)}
 
     @cached_property
@@ -81,7 +81,7 @@ class Form:
         return jnp.asarray(self.scales)[pick.where] * curves(jnp.asarray(self.kinds)[pick.where], x)
 
     def live(self, pick: Pick) -> Bool[AnyArray, " P"]:
-        """False for the coordinates that only pad, shape (P,)."""
+        """False for coordinates of the padding, shape (P,)."""
         return pick.where < len(self.parameters)
 
     def values(self, x: Float[AnyArray, " P"], pick: Pick) -> dict[str, Scalar]:
@@ -89,18 +89,18 @@ class Form:
 
         Args:
             x: coordinates, shape (P,), dimensionless.
-            pick: which parameters they stand for, and the values of the others.
+            pick: the parameters of the coordinates, and the values of the others.
         """
         full = jnp.append(pick.full, 0.0).at[pick.where].set(self.mapped(x, pick))
         values = {symbol: full[k] for symbol, k in self.index.items()}
         return values | {s: values[other] for s, other in self.ties}
 
     def full(self, x: Float[np.ndarray, "*K P"], pick: Pick) -> Float[np.ndarray, "*K Q"]:
-        """Values in SI of every parameter, shape (..., Q), by NumPy; a tied one has none of its own.
+        """Values in SI of every parameter, shape (..., Q), by NumPy; a tied parameter has no value of its own.
 
         Args:
             x: coordinates, shape (..., P), dimensionless.
-            pick: which parameters they stand for, and the values of the others.
+            pick: the parameters of the coordinates, and the values of the others.
         """
         where = np.asarray(pick.where)
         out = np.empty((*x.shape[:-1], len(self.parameters) + 1))
@@ -109,7 +109,7 @@ class Form:
         return out[..., :-1]
 
     def slopes(self, x: Float[np.ndarray, " P"], pick: Pick) -> Float[np.ndarray, " P"]:
-        """Derivatives of the values of the free parameters, SI, in their coordinates, shape (P,), by NumPy."""
+        """Derivatives of the free parameters' values, SI, in their coordinates, shape (P,), by NumPy."""
         where = np.asarray(pick.where)
         return self.scales[where] * slopes(self.kinds[where], x)
 
@@ -120,11 +120,12 @@ class Layout:
 
     Args:
         types: effects of the model.
-        parameters: every parameter, those of the tests' circuits included.
+        parameters: every parameter, including those of the tests' circuits.
         free: symbols that are fitted, in the order of x; P of them.
         held: symbols with a fixed value, in the order of the vector of held values; H of them.
         ties: (symbol, the free or held symbol it equals).
-        room: length to which x is padded for compiled programs, so that models with a few parameters more use the same.
+        room: length to which x is padded for compiled programs, so that models with a few more parameters use the same
+            programs.
     """
 
     types: tuple[type[AbstractEffect], ...]
@@ -136,12 +137,12 @@ class Layout:
 
     @cached_property
     def form(self) -> Form:
-        """What compiled programs depend on."""
+        """The part on which compiled programs depend."""
         return Form(self.types, self.parameters, self.ties)
 
     @property
     def spare(self) -> int:
-        """Coordinates that only pad: room - P."""
+        """Number of coordinates of the padding: room - P."""
         return max(0, self.room - len(self.free))
 
     def pick(self, held: Float[np.ndarray, " H"]) -> Pick:
@@ -155,14 +156,14 @@ class Layout:
 
         Args:
             x: shape (..., P).
-            filler: value of what is added.
+            filler: value of the padding.
         Returns:
-            shape (..., room).
+            Shape (..., room).
         """
         return np.concatenate((x, np.full((*x.shape[:-1], self.spare), filler)), axis=-1)
 
     def parameter(self, symbol: str) -> Parameter:
-        """Unit, domain and meaning of a symbol. KeyError where the model has none of that name."""
+        """Unit, domain and meaning of a symbol. KeyError if the model has no such symbol."""
         return self.parameters[self.form.index[symbol]]
 
     def values(self, x: Float[np.ndarray, " P"], held: Float[np.ndarray, " H"]) -> dict[str, Scalar]:
@@ -170,7 +171,7 @@ class Layout:
 
         Args:
             x: coordinates, shape (P,), dimensionless.
-            held: values of what is not free, SI, shape (H,).
+            held: values of the held parameters, SI, shape (H,).
         """
         values = {s: held[k] for k, s in enumerate(self.held)} | dict(zip(self.free, self.numbers(x)[0], strict=True))
         return values | {s: values[other] for s, other in self.ties}
@@ -186,27 +187,27 @@ class Layout:
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
 
     def reach(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """By how much a coordinate changes where its value changes by about 100 %: 1 for a logarithm, else max(|x|, 1).
+        """The change of a coordinate for a change of its value by about 100 %: 1 for a logarithm, else max(|x|, 1).
 
         Args:
             x: coordinates, shape (P,).
         Returns:
-            shape (P,), dimensionless.
+            Shape (P,), dimensionless.
         """
         return np.where(self._straight, np.maximum(1.0, np.abs(x)), 1.0)
 
     def relative_size(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """Values over the changes that `reach` stands for, at most 1: |x| / reach, and 1 for a logarithm; arguments as
-        of `reach`."""
+        """Values over the changes of `reach`, at most 1: |x| / reach, and 1 for a logarithm; arguments as of
+        `reach`."""
         return np.where(self._straight, np.abs(x) / self.reach(x), 1.0)
 
     @property
     def _straight(self) -> list[bool]:
-        """Which free parameters have a coordinate in proportion to their value."""
+        """Whether each free parameter has a coordinate in proportion to its value."""
         return [not isinstance(self.parameter(s).domain, Positive) for s in self.free]
 
     def off_bounds(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """Coordinates, shape (P,), with those on a bound moved to where a change of them changes the value again."""
+        """Coordinates, shape (P,), with those on a bound moved to a place where the value depends on them again."""
         out = np.array(x, dtype=float)
         for k, (symbol, value) in enumerate(zip(self.free, self.numbers(out)[0].tolist(), strict=True)):
             domain = self.parameter(symbol).domain
@@ -223,11 +224,11 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class FreeParameters:
-    """Which parameters of a rig are free, and what rig.toml says of the values of all of them.
+    """The free parameters of a rig, and the values in rig.toml of all parameters.
 
     Args:
-        layout: which are free.
-        held: values of those that are not, SI, shape (H,).
+        layout: the free parameters.
+        held: values of the held parameters, SI, shape (H,).
         priors: symbol -> (mean, standard deviation) of a Gaussian prior, SI.
         start: symbol -> value from which the fit starts, SI.
     """
@@ -248,7 +249,7 @@ class FreeParameters:
             mean_x = x(mean),    sd_x = sd / (dvalue/dx)
 
         Returns:
-            mean and standard deviation, shape (P,) each, dimensionless; the latter inf where rig.toml gives no prior.
+            Mean and standard deviation, shape (P,) each, dimensionless; the latter inf if rig.toml gives no prior.
         """
         free = self.layout.free
         mean, sd = np.zeros(len(free)), np.full(len(free), np.inf)
@@ -262,14 +263,14 @@ class FreeParameters:
 
 
 def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...] = ()) -> FreeParameters:
-    """Read off rig.toml what is free.
+    """The free parameters according to rig.toml.
 
     Args:
         config: rig.toml.
-        further: effects besides those of Eqs. 1-2 and those that it names.
+        further: effects in addition to those of Eqs. 1-2 and those in rig.toml.
     Raises:
-        MeasurementError: an effect or a symbol that nobody knows, an effect named twice, a tie to nothing, a value that
-            no such parameter can have, or nothing left to fit.
+        MeasurementError: an unknown effect or symbol, an effect named twice, a tie to an unknown symbol, a value out of
+            range, or nothing left to fit.
     """
     _each_once(config.effects)
     named = (effect_named(name) for name in config.effects if EFFECT_BY_NAME.get(name) not in PAPER)
@@ -297,7 +298,7 @@ def free_parameters(config: RigConfig, further: tuple[type[AbstractEffect], ...]
     if not free:
         raise MeasurementError("rig.toml: [parameters]", "nothing is left to fit: every parameter is fixed or tied.",
                                "At least one must be free.",
-                               "Take out the line of one, or write it as { value = 1.0, sd = 0.1 }.")  # fmt: skip
+                               "Remove the line of one, or write it as { value = 1.0, sd = 0.1 }.")  # fmt: skip
     priors = {s: (k.value, k.sd) for s, k in known.items() if isinstance(k, Prior)}
     start = {s: k.value for s, k in known.items() if isinstance(k, (Prior, Start, Fixed))}
     layout = Layout(types, tuple(parameters.values()), free, tuple(fixed), tuple(ties.items()))
@@ -312,10 +313,10 @@ def _each_once(names: Sequence[str]) -> None:
 
 
 def effect_named(name: str) -> type[AbstractEffect]:
-    """The effect that rig.toml and diagnosis.json call so, one of the rig included.
+    """The effect with this name in rig.toml and diagnosis.json, rig effects included.
 
     Raises:
-        MeasurementError: there is none.
+        MeasurementError: there is no such effect.
     """
     found = EFFECT_BY_NAME.get(name) or rig_effect(name)
     if found is None:
@@ -334,7 +335,7 @@ def _must_exist(symbol: str, parameters: Mapping[str, Parameter]) -> None:
 
 
 def _must_lie(parameter: Parameter, value: float) -> None:
-    """Of the sign that it has, and of no size that only a slip of units explains."""
+    """Refuse a value of the wrong sign, or of a size that only a mistake in the unit explains."""
     domain, most = parameter.domain, _FARTHEST * parameter.domain.scale
     least = most / _FARTHEST**2 if isinstance(domain, Positive) else 0.0 if isinstance(domain, NonNegative) else -most
     if not least <= value <= most:

@@ -1,17 +1,17 @@
-"""The frozen whitening filter: turns measured - simulated into independent standard normal residuals.
+"""The frozen whitening filter, which turns measured - simulated into independent standard normal residuals.
 
 The simulation's error is correlated: a linear Gaussian process along its path (`process_noise`). The Kalman filter of
 that process gives the innovations nu_k and their variances S_k:
 
     dx_k <- A_k dx_{k-1},    nu_k = y_k - y_hat_k - C_k dx_k,    dx_k <- dx_k + K_k nu_k,    r_k = nu_k / sqrt(S_k)
 
-and the r_k are independent standard normal where the model is right. Weights and gains are frozen while the parameters
+and the r_k are independent standard normal if the model is right. Weights and gains are frozen while the parameters
 move (so the residual stays a plain function of the simulation, and no log-determinant is needed) and renewed between
-rounds of the fit: the generalised least squares estimate, in which a noisy input costs width of the intervals and not
-bias.
+rounds of the fit: this is the generalised least squares estimate, in which a noisy input widens the intervals but gives
+no bias.
 
 Source: Kailath 1968, An innovations approach to least-squares estimation. Differs from source: samples of one instant
-are taken up one after the other.
+are processed one after the other.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from .process_noise import ORDER, ErrorProcess, error_process
 
 
 class Moved(NamedTuple):
-    """Where in the batch samples belong that the rig logs late: at the instants that they show, shape (T, L, M) each.
+    """Places in the batch of samples that the rig logs late, at the instants that they show, shape (T, L, M) each.
 
     Args:
-        forth: entry whose sample belongs at this one; T where there is none.
-        back: entry at which this one's sample belongs; T where that is not in its trace.
+        forth: entry whose sample belongs at this one; T if there is none.
+        back: entry at which this one's sample belongs; T if that is outside its trace.
     """
 
     forth: Int[AnyArray, "T L M"]
@@ -46,7 +46,7 @@ class Moved(NamedTuple):
 
 
 def shifted_samples_jax(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
-    """What an array has at other entries, shape (T, L, M); 0 at entry T."""
+    """An array with the values of other entries, shape (T, L, M); 0 for entry T."""
     array = jnp.asarray(array)
     padded = jnp.concatenate((array, jnp.zeros_like(array[:1])))
     return jnp.take_along_axis(padded, rows, axis=0)
@@ -55,7 +55,7 @@ def shifted_samples_jax(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T 
 def shifted_samples(
     arrays: Float[np.ndarray, "*K T L M"], rows: Int[np.ndarray, "T L M"]
 ) -> Float[np.ndarray, "*K T L M"]:
-    """`shifted_samples_jax` of many arrays, by NumPy: few samples move."""
+    """`shifted_samples_jax` for many arrays, by NumPy, because few samples move."""
     length, out = rows.shape[0], np.array(arrays)
     t, lane, m = np.nonzero(rows != np.arange(length)[:, None, None])
     where = rows[t, lane, m]
@@ -71,8 +71,8 @@ class InnovationsFilter(NamedTuple):
         transition: A, shape (..., n, n); 0 at the first entry of a trace.
         sense: C, shape (..., M, n).
         gain: K, shape (..., M, n).
-        weight: 1 / sqrt(S), shape (..., M), 1 over the unit of the sample; 0 where there is no sample.
-        moved: None where samples are filtered where they were logged.
+        weight: 1 / sqrt(S), shape (..., M), 1 over the unit of the sample; 0 without a sample.
+        moved: places of late samples; None if no sample moves.
     """
 
     transition: Float[AnyArray, "*batch n n"]
@@ -84,12 +84,12 @@ class InnovationsFilter(NamedTuple):
 
 def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
     """The filter r = (y - y_hat) / sigma, which treats samples as independent: for starts far from the truth, where
-    errors of the model are larger than all that the Kalman filter knows of.
+    errors of the model are larger than all errors in the Kalman filter.
 
     Args:
         slots: samples, shape (T, L, M).
-        order: number n of error states, all of them 0 here; that of the model's Kalman filter lets one compiled program
-            serve both.
+        order: number n of error states, all 0 here; with the order of the model's Kalman filter both use one compiled
+            program.
     """
     steps, lanes, count = slots.value.shape
     empty = _nothing((steps, lanes, count, order))
@@ -98,7 +98,8 @@ def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:
 
 
 def _nothing(shape: tuple[int, ...]) -> Float[np.ndarray, ...]:
-    """Zeros that take no memory, the same array as long as somebody has it, so that a kernel's are packed once."""
+    """Zeros that take no memory; the same array as long as it is in use, so that it is packed for a kernel only
+    once."""
     kept = _NOTHING.get(shape)
     if kept is None:
         kept = _NOTHING[shape] = np.broadcast_to(0.0, shape)
@@ -113,15 +114,15 @@ def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float
 
     Args:
         filter_: the frozen filter.
-        error: measured - simulated, SI, 0 where there is no sample, shape (T, L, M).
+        error: measured - simulated, SI, 0 without a sample, shape (T, L, M).
     Returns:
-        shape (T, L, M), dimensionless; standard normal where the model is right.
+        Shape (T, L, M), dimensionless; standard normal if the model is right.
     """
     if filter_.moved is not None:
         forth, back = filter_.moved
         there = shifted_samples_jax(error, forth)
         return shifted_samples_jax(whiten(filter_._replace(moved=None), there), back)
-    filter_ = jax.tree.map(jnp.asarray, filter_)  # as kernels keep it, JAX does not take it
+    filter_ = jax.tree.map(jnp.asarray, filter_)  # JAX does not accept the arrays of kernels
     start = tuple(jnp.zeros(error.shape[1]) for _ in range(filter_.transition.shape[-1]))
     return jax.lax.scan(lambda state, entry: innovate(state, *entry), start, (filter_, error))[1]
 
@@ -129,14 +130,14 @@ def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float
 def innovate(
     state: tuple[Float[AnyArray, "*lanes"], ...], filter_: InnovationsFilter, error: Float[Array, "*lanes M"]
 ) -> tuple[tuple[Float[AnyArray, "*lanes"], ...], Float[Array, "*lanes M"]]:
-    """One entry of the batch through the filter.
+    """Filter one entry of the batch.
 
     Args:
-        state: the n error states before it, SI, each of any one shape, (L,) say.
+        state: the n error states before it, SI, all of one shape, such as (L,).
         filter_: the filter's matrices at that entry; leading axes as those of the state.
         error: measured - simulated, SI, shape (..., M).
     Returns:
-        the error states after it, and r, shape (..., M), dimensionless.
+        The error states after it, and r, shape (..., M), dimensionless.
     """
     transition, sense, gain, weight, _ = filter_
     order = range(len(state))
@@ -158,11 +159,11 @@ def kalman(
     Args:
         throttle: the model at the parameters to linearise about.
         path: its states and memories at the end of each step, shape (T, L) each.
-        batch: as the rig drives it and with the guide's lever, see `residual.run`.
+        batch: the batch with the rig's effects and the guide's lever, see `residual.run`.
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
     Returns:
-        the filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the variance that a jitter of 1 would add to
-        it, over the variance S that its innovation has.
+        The filter, and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the variance that a jitter of 1 would add,
+        over the variance S of its innovation.
     """
     process = error_process(throttle, path, batch)
 
@@ -181,11 +182,11 @@ def renewed(
 
     Args:
         covariance: of the error after the entry before, P, shape (n, n).
-        process: of this entry.
-        present: 1 where a slot has a sample, shape (M,).
+        process: error process of this entry.
+        present: 1 if a slot has a sample, shape (M,).
         jitter: see `kalman`.
     Returns:
-        P after this entry, and what `kalman` returns of it.
+        P after this entry, and the entry's part of the result of `kalman`.
     """
     a, sense, variance = process.transition, process.sense, process.sample_variance(jitter)
     covariance = a @ covariance @ a.T + process.noise

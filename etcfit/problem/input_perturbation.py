@@ -1,9 +1,9 @@
-"""What effects that are not in a model would do to its residual, to first order; compiled.
+"""First-order changes of a model's residual by effects that are not in the model; compiled.
 
-The formulas stand in `etcfit.model.input_perturbation`.
+The formulas are in `etcfit.model.input_perturbation`.
 
-The model is simulated once; what each effect would add to each step is evaluated, which takes no simulation; and the
-residual is differentiated along that. What is compiled for an effect serves every model.
+The model is simulated once; the contribution of each effect to each step is evaluated, without a simulation; and the
+residual is differentiated along it. The program of an effect works for every model.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .residual import WeightedData, equipped, residual, run
 
 
 class Where(NamedTuple):
-    """Where the steps of a batch evaluate the effects, and the batch as it was simulated; entries of shape (T, L)."""
+    """Points at which the steps of a batch evaluate the effects, and the simulated batch; entries of shape (T, L)."""
 
     inputs: StepInputs
     steps: Step
@@ -42,7 +42,7 @@ class Where(NamedTuple):
 
 @partial(jax.jit, static_argnums=0)
 def _evaluation_points(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Where:
-    """Where the steps of a model evaluate the effects; arguments as of `residual`."""
+    """Points at which the steps of a model evaluate the effects; arguments as of `residual`."""
     throttle, path, steps, resets = run(form, x, weighted.pick, weighted)
     return Where(step_inputs_along(throttle, path, steps, resets), steps, resets)
 
@@ -51,7 +51,8 @@ def _evaluation_points(form: Form, x: Float[Array, " P"], weighted: WeightedData
 def _added_by(
     effect: type[AbstractEffect], values: Mapping[str, Scalar], ways: Mapping[str, Scalar], where: Where
 ) -> StepBesides:
-    """What an effect adds to each step along a direction of its parameters, see `model.input_perturbation.added`."""
+    """The contribution of an effect to each step along a direction of its parameters, see
+    `model.input_perturbation.added`."""
     return added(effect, values, ways, *where)
 
 
@@ -62,14 +63,14 @@ def _responses(
     ways: Any = jax.tree.map(lambda *leaves: jnp.stack(leaves), *besides)
     nothing = jax.tree.map(jnp.zeros_like, besides[0])
 
-    def of(acts: StepBesides) -> Float[Array, "T L M"]:
+    def residual_with(acts: StepBesides) -> Float[Array, "T L M"]:
         return residual(form, x, weighted._replace(steps=weighted.steps._replace(besides=acts)))
 
-    return jax.vmap(lambda way: jax.jvp(of, (nothing,), (way,))[1])(ways)
+    return jax.vmap(lambda way: jax.jvp(residual_with, (nothing,), (way,))[1])(ways)
 
 
 def evaluation_points(form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Where:
-    """Where the steps of a model evaluate the effects; arguments as of `residual`."""
+    """Points at which the steps of a model evaluate the effects; arguments as of `residual`."""
     if not available():
         return _evaluation_points(form, x, weighted)
     full = form.full(x, weighted.pick)
@@ -77,13 +78,14 @@ def evaluation_points(form: Form, x: Float[np.ndarray, " P"], weighted: Weighted
     tree = tree._replace(steps=acting_late(form, full, tree))
     changing = numbered(tree)[0]
     renewed = frozenset({changing.guide_stiffness, *jax.tree.leaves(changing.acting)})
-    return _ASKED.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), renewed))
+    return _POINTS.run((form,), full, Entries(tree, one_pass_kernels.rows_of(weighted), renewed))
 
 
 def added_by(
     effect: type[AbstractEffect], values: Mapping[str, float], ways: Mapping[str, float], where: Where
 ) -> StepBesides:
-    """What an effect adds to each step along a direction of its parameters, see `model.input_perturbation.added`."""
+    """The contribution of an effect to each step along a direction of its parameters, see
+    `model.input_perturbation.added`."""
     if not available():
         return _added_by(effect, values, ways, where)
     batch = Entries(where, used_rows(where.steps, where.resets))
@@ -93,13 +95,13 @@ def added_by(
 def added_late(
     effect: type[AbstractEffect], values: Mapping[str, float], ways: Mapping[str, float], where: Where
 ) -> StepBesides:
-    """What an effect that only delays (`only_delays`) adds to each step, along a direction of its parameters from no
-    delay:
+    """The contribution to each step of an effect that only delays (`only_delays`), along a direction of its parameters
+    from no delay:
 
-        dv/dt_a = what the input was a moment before, less what it is;    dy/dt_c = -dy/dt
+        dv/dt_a = input a moment before minus present input;    dy/dt_c = -dy/dt
 
-    Each step keeps the mean of what acts in it, jumps included (`model.delay.late_inputs`); a channel is a straight
-    line between entries (`model.delay.delayed`).
+    Each step has the mean of its input, jumps included (`model.delay.late_inputs`); a channel is a straight line
+    between entries (`model.delay.delayed`).
     """
 
     def delays(values: Mapping[str, Scalar]) -> tuple[Scalar, ...]:
@@ -118,7 +120,7 @@ def added_late(
         return np.where(moves & (span > 0.0), change / np.where(span > 0.0, span, 1.0), 0.0)
 
     def acting(begin: Any, end: Any) -> tuple[np.ndarray, np.ndarray]:
-        """At begin and end of each step; before a trace began its first level acted."""
+        """Values at begin and end of each step; before a trace begins its first level acts."""
         begin, end = np.asarray(begin), np.asarray(end)
         mean = over(np.where(first, begin, before(end)) - end, dt)
         start = np.where(first, 0.0, over(before(begin) - before(end), before(dt)))
@@ -141,13 +143,13 @@ def added_late(
 def responses(
     form: Form, x: Float[np.ndarray, " P"], weighted: WeightedData, besides: tuple[StepBesides, ...]
 ) -> Float[AnyArray, "K T L M"]:
-    """What the residual does to first order where something acts besides all effects.
+    """First-order changes of the residual by contributions in addition to all effects.
 
     Args:
         form, x, weighted: as of `residual`.
-        besides: K of them, entries of shape (T, L).
+        besides: K contributions, entries of shape (T, L).
     Returns:
-        shape (K, T, L, M), dimensionless.
+        Shape (K, T, L, M), dimensionless.
     """
     if not available():
         return _responses(form, x, weighted, besides)
@@ -193,13 +195,13 @@ def _responds(form: Form, order: int) -> Any:
     def one(values: Any, carried: Any, entry: Any) -> Any:
         (s, *data), way = entry
 
-        def of(before: Any, acts: StepBesides) -> Any:
+        def response(before: Any, acts: StepBesides) -> Any:
             after, (_, r) = advance(form, values, before, (s._replace(besides=acts), *data))
             return after, r
 
-        return pushed(of, carried, way)
+        return pushed(response, carried, way)
 
     return one, tuple(form.index), (carried_like(form, order),) * 2, form.ties
 
 
-_ASKED, _ADDED, _RESPONSES = Along(_asks, _asks), Along(_adds, _adds), Along(_responds, _responds)
+_POINTS, _ADDED, _RESPONSES = Along(_asks, _asks), Along(_adds, _adds), Along(_responds, _responds)

@@ -1,9 +1,9 @@
-"""What drove the plate: the logged input, freed of its measurement noise as far as the log itself allows.
+"""The input of the plate: the logged input with its measurement noise reduced as far as the log allows.
 
-The logged voltage is a measurement of the true input, and the model's dry friction would feel its noise. Between
-edges it is replaced by straight lines where long stretches of it are straight within the noise, and elsewhere by a
-local parabola over the widest window that the noise permits (intersection of confidence intervals; Katkovnik 1999).
-What error then remains is handed on to the whitening: the input stays a noisy one, only less so.
+The logged voltage is a measurement of the true input, and its noise would act on the model's dry friction. Between
+edges it is replaced by straight lines where long stretches are straight within the noise, and elsewhere by a local
+parabola over the widest window that the noise permits (intersection of confidence intervals; Katkovnik 1999). The
+whitening includes the remaining error: the input is still noisy, but less so.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from ..rig.base import Channel, Measurement, RigConfig
 
 _EDGE = 6.0  # a jump of so many standard deviations of a difference may be an edge
 _LEVEL = 8  # samples of one slope that count as a stretch
-_FEW = 64  # one sample in so many tells that a long stretch is plainly curved
-_STRETCH = 200  # samples of a curve in which to look for two
+_FEW = 64  # one sample in so many is enough to show that a long stretch is clearly curved
+_STRETCH = 200  # samples of a curve above which it may be two stretches
 _DRIFT = 1.0  # bound on max |cumulative residual| / (sigma sqrt n) of a straight stretch; its 1 % point
 _WINDOWS = (2, 3, 5, 8, 12, 18, 27, 40, 60, 90)  # half widths of the local parabola, samples
-_AT_ONCE = 8192  # samples of curves that are worked out together
-_GAMMA = 1.0  # width of its confidence intervals; wider ones let bias pass that friction would feel
+_AT_ONCE = 8192  # samples of curves that are computed together
+_GAMMA = 1.0  # width of its confidence intervals; wider ones would permit a bias that acts on friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,13 +34,13 @@ class InputSignal:
     """The input of a trace at its instants; linear in between, or constant where `held`.
 
     Args:
-        value: V, or N m where torque drives, shape (n,).
-        error: standard deviation of what is left of the measurement noise, unit of the value, shape (n,).
+        value: V, or N m for a torque, shape (n,).
+        error: standard deviation of the remaining measurement noise, unit of the value, shape (n,).
         memory: correlation of that error from one instant to the next, 0 to 1, shape (n,).
-        edge: True for an interval in which the input jumps, at an instant nobody logged, shape (n - 1,).
+        edge: True for an interval in which the input jumps, at an instant that was not logged, shape (n - 1,).
         held: True for a duty, which an ECU holds from sample to sample.
-        turn: of edges that are in step with the samples, see `Measurement.edge_turn`, shape (n - 1,); NaN elsewhere.
-            None where there are none.
+        turn: turns of edges in step with the samples, see `Measurement.edge_turn`, shape (n - 1,); NaN elsewhere.
+            None if there are none.
     """
 
     value: Float[np.ndarray, " n"]
@@ -52,12 +52,12 @@ class InputSignal:
 
     @property
     def in_step(self) -> Bool[np.ndarray, " _"]:
-        """True for an interval in which an edge came in step with the samples, shape (n - 1,)."""
+        """True for an interval with an edge in step with the samples, shape (n - 1,)."""
         return np.zeros(self.edge.size, dtype=bool) if self.turn is None else np.isfinite(self.turn)
 
 
 def edges_of(value: Float[np.ndarray, " n"], sigma: float) -> Bool[np.ndarray, " n-1"]:
-    """Intervals in which the input jumps: far above the noise and above what goes on around them."""
+    """Intervals in which the input jumps: by far more than the noise and than its changes nearby."""
     jump = np.abs(np.diff(value))
     edge = jump > _EDGE * np.sqrt(2.0) * sigma
     if jump.size < 3 or not edge.any():
@@ -81,15 +81,15 @@ _CENTRE, _CURVED = _savitzky_golay(np.arange(_WINDOWS[-1] + 1))  # a and b, by r
 
 
 class _Curves(NamedTuple):
-    """Edge-free stretches that are not straight, side by side: N samples of K stretches.
+    """Edge-free stretches that are not straight, concatenated: N samples of K stretches.
 
     Args:
-        value: as logged.
+        value: logged values.
         first: the first sample of the own stretch.
-        place: where a sample stands in `sums`.
-        inside: samples of the own stretch before or after it, whichever are fewer.
+        place: index of a sample in `sums`.
+        inside: number of samples of the own stretch before or after it, whichever is smaller.
         centre: place in the own stretch, from its middle.
-        sums: of the samples before, times place^0, place^1, place^2; from 0 for each stretch.
+        sums: sums of the samples before, times place^0, place^1, place^2; from 0 for each stretch.
     """
 
     value: Float[np.ndarray, " N"]
@@ -101,7 +101,7 @@ class _Curves(NamedTuple):
 
     @classmethod
     def of_stretches(cls, stretches: Sequence[Float[np.ndarray, " _"]]) -> _Curves:
-        """Many at once: most stretches are so short that a call costs more than its numbers."""
+        """Many stretches at once: most are so short that a call takes longer than its arithmetic."""
         size = np.array([stretch.size for stretch in stretches])
         begin = np.cumsum(size) - size
         value, n = np.concatenate(stretches), np.repeat(size, size)
@@ -121,7 +121,7 @@ class _Curves(NamedTuple):
         return _Curves(value, first, place, inside, centre, self.sums)
 
     def centres(self, reach: Int[np.ndarray, " N"]) -> Float[np.ndarray, " N"]:
-        """Of the parabolas through so many samples on either side."""
+        """Centres of the parabolas through `reach` samples on either side."""
         s0, s1, s2 = self.sums[:, self.place + reach + 1] - self.sums[:, self.place - reach]
         c = self.centre
         return self.first + _CENTRE[reach] * s0 + _CURVED[reach] * (s2 - 2.0 * c * s1 + c**2 * s0)
@@ -130,7 +130,7 @@ class _Curves(NamedTuple):
 def _parabolas(curves: _Curves, sigma: float) -> tuple[Float[np.ndarray, " N"], Float[np.ndarray, " N"]]:
     """Estimate and effective number of samples averaged."""
     best, count = curves.value.astype(float), np.ones(curves.value.size)
-    rows = np.flatnonzero(curves.inside >= _WINDOWS[0])  # those whose window still grows
+    rows = np.flatnonzero(curves.inside >= _WINDOWS[0])  # samples whose window still grows
     here, low, high = curves.at(rows), best[rows] - _GAMMA * sigma, best[rows] + _GAMMA * sigma
     for half in _WINDOWS:
         reach = np.minimum(half, here.inside)
@@ -144,9 +144,9 @@ def _parabolas(curves: _Curves, sigma: float) -> tuple[Float[np.ndarray, " N"], 
 
 
 def _line(value: Float[np.ndarray, " n"], sigma: float) -> Float[np.ndarray, " n"] | None:
-    """The straight line through a stretch, also where it is level; None where the stretch is not straight.
+    """The straight line through a stretch, also if it is level; None if the stretch is not straight.
 
-    A mean, taken wherever the slope is not seen, has a bias that its error does not state.
+    A mean in place of an insignificant slope would have a bias that its error does not include.
     """
     if value.size < _LEVEL or _is_plainly_curved(value, sigma):
         return None
@@ -155,7 +155,7 @@ def _line(value: Float[np.ndarray, " n"], sigma: float) -> Float[np.ndarray, " n
 
 
 def _is_plainly_curved(value: Float[np.ndarray, " n"], sigma: float) -> bool:
-    """True where the best line through a few samples of a long stretch misses these by more than it may miss all."""
+    """Whether the best line through a few samples of a long stretch has a larger error than is allowed for all."""
     few = value[::_FEW]
     if few.size < _LEVEL:
         return False
@@ -180,12 +180,12 @@ def _is_white(rest: Float[np.ndarray, " n"], sigma: float) -> bool:
 
 
 def _error_of_a_line(n: int, sigma: float) -> float:
-    """The largest sum of squares that a straight stretch may leave."""
+    """The largest sum of squared residuals of a straight stretch."""
     return n * (1.5 * sigma) ** 2
 
 
 def _corner(value: Float[np.ndarray, " n"]) -> int:
-    """Where a stretch that is not straight departs most from its chord, away from its ends."""
+    """The sample, away from the ends, at which a curved stretch is farthest from its chord."""
     n = value.size
     width = max(1, n // 50)
     sums = np.concatenate(([0.0], np.cumsum(value - value[0])))
@@ -195,7 +195,7 @@ def _corner(value: Float[np.ndarray, " n"]) -> int:
 
 
 class _Stretch(NamedTuple):
-    """An edge-free stretch, samples a to b; its line where it is straight within the noise, None where it is curved."""
+    """An edge-free stretch, samples a to b; its line if it is straight within the noise, None if it is curved."""
 
     a: int
     b: int
@@ -203,7 +203,7 @@ class _Stretch(NamedTuple):
 
 
 def _stretches(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarray, " n-1"]) -> Iterator[_Stretch]:
-    """All of a trace, in no order; a long one that is not straight is cut in two and tried again."""
+    """All stretches of a trace, in any order; a long one that is not straight is cut in two and tried again."""
     waiting = list(pairwise([0, *(np.flatnonzero(edge) + 1).tolist(), value.size]))
     while waiting:
         a, b = waiting.pop()
@@ -216,19 +216,19 @@ def _stretches(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarr
 
 
 def _batches(stretches: Sequence[_Stretch]) -> Iterator[list[_Stretch]]:
-    """As many at once as stay in the processor's cache."""
+    """Batches of stretches that fit into the processor's cache."""
     number = iter(np.cumsum([each.b - each.a for each in stretches]) // _AT_ONCE)
     for _, batch in groupby(stretches, key=lambda _: next(number)):
         yield list(batch)
 
 
 class _Estimate(NamedTuple):
-    """What is known of every sample.
+    """The estimate of every sample.
 
     Args:
         value: V or N m.
-        variance: of its error, over sigma^2.
-        shared: how many samples in a row have nearly one and the same error.
+        variance: variance of its error, over sigma^2.
+        shared: number of consecutive samples with nearly the same error.
     """
 
     value: Float[np.ndarray, " n"]
@@ -237,7 +237,7 @@ class _Estimate(NamedTuple):
 
 
 def _estimated(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarray, " n-1"]) -> _Estimate:
-    """Every stretch: by a line where it is straight within the noise, by parabolas elsewhere."""
+    """Estimate every stretch: by a line if it is straight within the noise, by parabolas otherwise."""
     known, curved = _Estimate(*np.empty((3, value.size))), list[_Stretch]()
     for each in _stretches(value, sigma, edge):
         if each.line is None:
@@ -247,13 +247,13 @@ def _estimated(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarr
             _keep(known, [each], each.line, (1.0 + 3.0 * t**2) / n, np.full(n, float(n)))
     for batch in _batches(curved):
         estimate, count = _parabolas(_Curves.of_stretches([value[each.a : each.b] for each in batch]), sigma)
-        # what the choice of windows adds, measured on multisines, chirps and trapezoids (test_input_signal.py)
+        # variance due to the choice of windows, measured on multisines, chirps and trapezoids (test_input_signal.py)
         _keep(known, batch, estimate, np.where(count > 1.0, 1.6, 1.0) / count, np.maximum(1.0, count / 1.5))
     return known
 
 
 def _keep(known: _Estimate, stretches: Sequence[_Stretch], *found: Float[np.ndarray, " _"]) -> None:
-    """What was found of these stretches, side by side, goes where they lie in the trace."""
+    """Write the concatenated results of these stretches to their places in the trace."""
     stops = np.cumsum([each.b - each.a for each in stretches])[:-1]
     for whole, part in zip(known, found, strict=True):
         for each, own in zip(stretches, np.split(part, stops), strict=True):
@@ -261,13 +261,13 @@ def _keep(known: _Estimate, stretches: Sequence[_Stretch], *found: Float[np.ndar
 
 
 def denoise(value: Float[np.ndarray, " n"], sigma: float) -> InputSignal:
-    """A logged input averaged over what lies between its edges, where it is straight or smooth; see the module's head.
+    """A logged input averaged between its edges, where it is straight or smooth; see the module's head.
 
     Args:
         value: logged input, V or N m, shape (n,).
         sigma: standard deviation of its noise, unit of the value.
     Returns:
-        the signal, its remaining error and its edges.
+        The signal, its remaining error and its edges.
     """
     edge = edges_of(value, sigma)
     estimate, variance, count = _estimated(value, sigma, edge)
@@ -283,7 +283,7 @@ def _duty(measurement: Measurement, config: RigConfig, instants: Float[np.ndarra
     duty = measurement.channels["duty"]
     supply = measurement.channels.get("supply")
     level = np.full(instants.size, config.supply_V)
-    if supply is not None:  # read with noise, which a battery does not have: the duty would turn it into volts
+    if supply is not None:  # smooth the reading's noise, which the battery does not have and the duty would multiply
         level = denoise(_on(instants, supply), supply.sigma).value
     latest = np.clip(np.searchsorted(duty.time, instants, side="right") - 1, 0, None)
     zero = np.zeros(instants.size)
@@ -291,9 +291,9 @@ def _duty(measurement: Measurement, config: RigConfig, instants: Float[np.ndarra
 
 
 def commanded(instants: Float[np.ndarray, " n"], supply: float) -> InputSignal:
-    """What an ECU that is part of the model adds its terms to: the voltage in its integral where the trace began.
+    """The initial voltage in the integral of an ECU that is part of the model, to which it adds its terms.
 
-    It is one number for the whole trace, which nobody logged: taken as 0 until the model shows it, with a standard
+    It is one number for the whole trace, which was not logged: assumed 0 until the model shows it, with a standard
     deviation of a quarter of the supply.
 
     Args:
@@ -305,12 +305,12 @@ def commanded(instants: Float[np.ndarray, " n"], supply: float) -> InputSignal:
 
 
 def input_of(measurement: Measurement, config: RigConfig, instants: Float[np.ndarray, " n"]) -> InputSignal | None:
-    """The input of a trace: voltage, or duty times supply, or torque; None where it logged none of them.
+    """The input of a trace: voltage, or duty times supply, or torque; None if it logged none of them.
 
     Args:
         measurement: the trace.
         config: its rig, for supply and effects.
-        instants: at which it is wanted, s, shape (n,).
+        instants: instants of the result, s, shape (n,).
     """
     for name in ("voltage", "torque"):
         if name in measurement.channels:
@@ -322,7 +322,8 @@ def input_of(measurement: Measurement, config: RigConfig, instants: Float[np.nda
 
 
 def _in_step(signal: InputSignal, measurement: Measurement, config: RigConfig) -> InputSignal:
-    """Its edges in step with the samples where the config says so of the rig test; all of them if nobody looked."""
+    """The signal with its edges in step with the samples, if the config says so of the rig test; all edges if they were
+    not examined."""
     if EdgePhase.at(Place(measurement.test)).name not in config.effects or not signal.edge.any():
         return signal
     turn = np.zeros(signal.edge.size) if measurement.edge_turn is None else measurement.edge_turn

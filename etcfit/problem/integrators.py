@@ -1,9 +1,9 @@
-"""The voltage in the integral of each ECU in the model where its trace begins: searched for by halves of an interval.
+"""The initial voltage in the integral of each ECU in the model: a search that halves its steps.
 
-A plate that rests does not answer to a small change, and one that slips jumps: there is no slope to follow.
+A resting plate does not respond to a small change, and a plate that slips jumps: there is no gradient to follow. Only
 
-Nothing after a trace's beginning is simulated, nor any trace that no such ECU drives; the voltages of one halving lie
-side by side as lanes of one batch.
+the beginning of a trace is simulated, and only traces that such an ECU drives; the voltages of one halving are parallel
+lanes of one batch.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from .batch import TraceBatch
 from .residual import WeightedData
 from .trace import Trace
 
-_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # V, of the search
-_SIDES = (-1.0, 1.0)  # of them, that are tried: what was best before is kept where neither is better
-_FORGOTTEN = 1.0  # s after which a loop has forgotten with what it began
-_MOTION_SIGMAS = 8.0  # standard deviations of a sample that are a motion
+_SPANS = (3.0, 1.5, 0.7, 0.3, 0.15, 0.07, 0.03, 0.015, 0.007, 0.003)  # steps of the search, V
+_SIDES = (-1.0, 1.0)  # signs of the steps; the best voltage so far is kept if neither is better
+_FORGOTTEN = 1.0  # s after which a loop no longer depends on its initial state
+_MOTION_SIGMAS = 8.0  # standard deviations of a sample that count as a motion
 
-Simulate = Callable[[WeightedData], Float[AnyArray, "T L M"]]  # what each slot ought to show
+Simulate = Callable[[WeightedData], Float[AnyArray, "T L M"]]  # simulated value of each slot
 
 
 @dataclass(frozen=True, eq=False)
 class _Beginning:
-    """What tells the voltage with which the integral of a trace began.
+    """The samples that determine the initial voltage in the integral of a trace.
 
     Args:
-        lane, rows: where its samples are, of the lanes that are simulated; shape (k,).
-        data: they themselves, SI, shape (k, M).
-        weight: 1 / sigma; 0 where there is no sample; shape (k, M).
+        lane, rows: places of the samples in the simulated lanes; shape (k,).
+        data: the samples, SI, shape (k, M).
+        weight: 1 / sigma; 0 without a sample; shape (k, M).
     """
 
     lane: int
@@ -45,31 +45,31 @@ class _Beginning:
     weight: Float[np.ndarray, "k M"]
 
     def misfit(self, seen: Float[np.ndarray, "T L M"]) -> float:
-        """Sum of squared errors, each over its noise; infinite where the simulation fails."""
+        """Sum of squared errors, each over its noise; infinite if the simulation fails."""
         model = seen[self.rows, self.lane, : self.data.shape[1]]
         return float(np.nan_to_num(np.sum(((self.data - model) * self.weight) ** 2), nan=np.inf))
 
 
 def fitted_integrals(batch: TraceBatch, weighted: WeightedData, simulate: Simulate) -> Float[np.ndarray, " traces"]:
-    """The voltage with which each integral begins where that fits the samples up to a second after the plate first
-    moves, V; 0 for traces that no ECU in the model drives.
+    """The initial voltage of each integral that best fits the samples up to a second after the plate first moves, V; 0
+    for traces that no ECU in the model drives.
 
     Args:
-        batch: some of whose traces one drives.
-        weighted: its data, of a free run.
+        batch: a batch with traces that an ECU drives.
+        weighted: its data, for a free run.
         simulate: computes the samples of any batch of these traces.
     """
     driven = [k for k, trace in enumerate(batch.traces) if trace.controlled]
     lanes = sorted({batch.places[k][0] for k in driven})
     begun = [_beginning(batch.traces[k], lanes.index(batch.places[k][0]), batch.places[k][2]) for k in driven]
     length = 1 + max(int(each.rows[-1]) for each in begun)
-    owner = np.full((length, len(lanes)), -1)  # the trace in whose integral a change would act at each entry
+    owner = np.full((length, len(lanes)), -1)  # the trace to whose integral each entry belongs
     for n, (k, each) in enumerate(zip(driven, begun, strict=True)):
         owner[batch.places[k][1] : batch.places[k][2][-1] + 1, each.lane] = n
     early = _side_by_side(weighted, length, np.tile(lanes, len(_SIDES)))
 
     def misfits(tried: list[np.ndarray]) -> Float[np.ndarray, "sides driven"]:
-        """Of each trace with each voltage."""
+        """Misfit of each trace with each voltage."""
         level = np.concatenate([volts[owner] for volts in tried], axis=1)
         acts, steps = np.tile(owner >= 0, len(tried)), early.steps
         columns = (np.where(acts, level, old) for old in (steps.voltage0, steps.voltage1))
@@ -91,7 +91,7 @@ def fitted_integrals(batch: TraceBatch, weighted: WeightedData, simulate: Simula
 
 
 def _side_by_side(weighted: WeightedData, length: int, lanes: Int[np.ndarray, " l"]) -> WeightedData:
-    """The first entries of some lanes; a number that is repeated, which takes no memory, stays one."""
+    """The first entries of some lanes; a repeated number, which takes no memory, stays repeated."""
 
     def cut(leaf: AnyArray) -> np.ndarray:
         leaf = np.asarray(leaf)

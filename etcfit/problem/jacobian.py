@@ -1,6 +1,6 @@
-"""The Jacobian by forward mode, some columns at a time: the padded columns of a model are skipped.
+"""The Jacobian by forward mode, some columns at a time, without the padded columns of a model.
 
-    J = df/dx,    eight columns side by side, which stay in the processor's cache
+    J = df/dx,    eight columns at a time, which stay in the processor's cache
 
 Source: Griewank and Walther 2008, ch. 3 (vector forward mode). Differs from source: no.
 """
@@ -25,11 +25,11 @@ def jacobian(
     """Value and Jacobian of a function of coordinates.
 
     Args:
-        function: of x, an array of any shape.
-        x: shape (P,); where P is a multiple of AT_ONCE, so many columns are computed together.
-        live: False for coordinates that the function does not depend on, shape (P,): their columns are 0 at no cost.
+        function: function of x; returns an array of any shape.
+        x: shape (P,); if P is a multiple of AT_ONCE, so many columns are computed together.
+        live: False for coordinates that the function does not depend on, shape (P,): their columns are 0.
     Returns:
-        the value, and the Jacobian, whose last axis is P.
+        The value, and the Jacobian, whose last axis is P.
     """
     width = AT_ONCE if x.size % AT_ONCE == 0 else x.size
     ways = jnp.eye(x.size).reshape(-1, width, x.size)

@@ -1,4 +1,4 @@
-"""Kernels run over the lanes of a batch, or over many points at each lane, the cores at work side by side."""
+"""Kernels run over the lanes of a batch, or over many points at each lane, on all cores in parallel."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .records import MAKING, Entries, Grouped, Records, put, records_of
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 Known = TypeVar("Known", bound=Callable[..., Any])
-_NOTHING = np.zeros(1)  # is stored
-_ENTRIES = 256  # kernels of traced functions that are remembered
+_NOTHING = np.zeros(1)  # output array of a kernel that stores nothing
+_ENTRIES = 256  # number of remembered kernels of traced functions
 
 
 def remembered(most: int, *known: Any) -> Callable[[Known], Known]:
-    """Remember so many results of a function that makes graphs or kernels; one thread makes at a time.
+    """Remember the results of a function that makes graphs or kernels; only one thread makes at a time.
 
     Args:
-        most: so many.
-        known: what tells the function from all others: given, its results are `kept` on disk, too.
+        most: largest number of remembered results.
+        known: key of the function; if given, its results are also `kept` on disk.
     """
 
     def decorate(function: Known) -> Known:
@@ -55,40 +55,39 @@ class Along:
     """A function of each entry along a batch, its results as arrays.
 
     Args:
-        function_of: of hashable arguments; it returns what `TracedEntry` takes besides the shape: function, names of
-            the values, what is carried, and ties.
-        known: what tells it from all others on disk, `function_of` where it stands in a module by its name; nothing is
-            kept there where it is left out.
+        function_of: a function of hashable arguments; it returns the arguments of `TracedEntry` except the shape:
+            function, names of the values, carry, and ties.
+        known: its key on disk, `function_of` itself if a module defines it; without a key nothing is kept on disk.
     """
 
     def __init__(self, function_of: Callable[..., Any], *known: Any) -> None:
-        def made(shape: Shape, *asked: Any) -> tuple[tuple[int, ...], tuple[Stored, Kernel]]:
-            function, names, carried, ties = function_of(*asked)
+        def made(shape: Shape, *arguments: Any) -> tuple[tuple[int, ...], tuple[Stored, Kernel]]:
+            function, names, carried, ties = function_of(*arguments)
             entry = TracedEntry(function, names, shape, carried, ties)
             return entry.leaves, stored(entry, entry.results)
 
         self._made = remembered(_ENTRIES, *known)(made)
 
-    def run(self, asked: tuple[Any, ...], values: Float[np.ndarray, " Q"], batch: Entries) -> Any:
-        """The tree of results, axes T and L first; 0 where a lane is blank. They are `Grouped`: as other kernels read
-        them, `np.asarray` makes arrays of them.
+    def run(self, arguments: tuple[Any, ...], values: Float[np.ndarray, " Q"], batch: Entries) -> Any:
+        """The tree of results, axes T and L first; 0 where a lane is blank. They are `Grouped`, the form that other
+        kernels read; `np.asarray` converts them to arrays.
 
         Args:
-            asked: arguments of `function_of`.
-            values: in the order of their names.
+            arguments: arguments of `function_of`.
+            values: values in the order of their names.
             batch: arrays of NumPy.
         """
-        records, (results, kernel) = records_of(batch, lambda shape: self._made(shape, *asked))
+        records, (results, kernel) = records_of(batch, lambda shape: self._made(shape, *arguments))
         return results.over(kernel, records, values)
 
 
 class Stored(NamedTuple):
-    """A tree as a kernel stores it.
+    """The layout of a tree that a kernel stores.
 
     Args:
         tree: its structure.
-        shapes: of its leaves, at one entry.
-        blocks: of each leaf that is stored, by its number, the first and the last but one of what is stored.
+        shapes: shapes of its leaves, at one entry.
+        blocks: range of stored numbers of each stored leaf, by the leaf's number; the end is exclusive.
     """
 
     tree: Any
@@ -113,11 +112,11 @@ class Stored(NamedTuple):
 
 
 def stored(entry: TracedEntry, tree: Any) -> tuple[Stored, Kernel]:
-    """The kernel that stores a tree of nodes at each entry, a block for each leaf: leaves that are 0 at every entry are
-    left out, and take no memory.
+    """The kernel that stores a tree of nodes at each entry, one block per leaf; leaves that are 0 at every entry are
+    left out and take no memory.
 
     Args:
-        entry: whose graph it is.
+        entry: the entry with the graph.
         tree: a node or an array of nodes for each leaf.
     """
     leaves, structure = jax.tree.flatten(tree)
@@ -141,12 +140,12 @@ def over_lanes(
     """Run over all lanes.
 
     Args:
-        kernel: of a loop across lanes.
+        kernel: kernel of a loop across lanes.
         records: the batch.
         fixed: parameters and further numbers, in the order of `TracedEntry.fixed`, without the uniform columns.
-        keep: called with the number of each group and what was stored of it, see `Kernel.run`.
+        keep: called with the number of each group and its stored numbers, see `Kernel.run`.
     Returns:
-        the sums.
+        The sums.
     """
     given = np.concatenate((fixed, records.uniform))
     first = np.zeros((kernel.carried, LANES))
@@ -166,7 +165,8 @@ def over_lanes(
 def stored_over_lanes(
     kernel: Kernel, records: Records, fixed: Sequence[float] | np.ndarray
 ) -> Float[np.ndarray, "T L stored"]:
-    """What a kernel stores of each entry, in one block; 0 where a lane is blank. Arguments as of `over_lanes`."""
+    """The numbers that a kernel stores of each entry, in one block; 0 where a lane is blank. Arguments:
+    `over_lanes`."""
     out = np.zeros((*records.shape, kernel.stored))
 
     def keep(group: int, stored: np.ndarray) -> None:
@@ -180,7 +180,7 @@ def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"
     """Run over all lanes at many points: the sums of each.
 
     Args:
-        kernel: of a loop across points.
+        kernel: kernel of a loop across points.
         records: the batch.
         fixed: parameters of each point, shape (K, Q).
     """
@@ -206,12 +206,12 @@ def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"
 
 
 def shared_out(run: Callable[[Any], Any], tasks: Sequence[Any], length: Callable[[Any], int]) -> list[Any]:
-    """Results of tasks in their order, which the cores share, longest first.
+    """Results of tasks in their order; the cores take the longest tasks first.
 
     Args:
-        run: a task.
-        tasks: each by itself.
-        length: how long one takes, in any unit.
+        run: runs a task.
+        tasks: independent tasks.
+        length: duration of a task, in any unit.
     """
     shares: list[list[int]] = [[] for _ in range(min(CORES, len(tasks)))]
     loads = [0] * len(shares)

@@ -1,12 +1,12 @@
-"""Models that delay a signal, by machine code: what is read late needs the path, so each of these is a pass of its own.
+"""Models that delay a signal, by machine code. A late reading needs the path, so there are several passes:
 
-    1. how late everything is, and where the input is late what the rig drives       machine code
+    1. all delays, and the rig's input if the input is late                          machine code
     2. the input shifted                                                               NumPy
     3. the model simulated and observed                                                machine code
-    4. channels shifted, compared with the samples, samples moved to where they belong NumPy
+    4. channels shifted, compared with the samples, late samples moved                 NumPy
     5. the error whitened                                                              machine code
 
-Every pass is linear in what it takes from the pass before but for the lateness itself, so tangents go the same way. The
+Every pass is linear in the result of the pass before, except for the delays, so tangents use the same passes. The
 formulas are those of `residual`.
 """
 
@@ -35,19 +35,19 @@ from .residual import Compared, WeightedData, equipped, shown
 from .residual_entry import SimulatedEntry
 from .traced_entry import Shape, nodes_of
 
-_GRAPHS, _KERNELS = 32, 256  # that a process remembers
+_GRAPHS, _KERNELS = 32, 256  # largest numbers that a process remembers
 
 
 # ---- the simulation
 
 
 class _Observed(NamedTuple):
-    """What sensors show after a step.
+    """The sensors' readings after a step.
 
     Args:
-        prompt: what each slot shows that is not late, shape (M,).
-        signals: late channels, as they are at that instant.
-        acting, ways: as given.
+        prompt: values of the slots that are not late, shape (M,).
+        signals: values of late channels at that instant.
+        acting, ways: the given ones.
     """
 
     prompt: Any
@@ -76,7 +76,7 @@ class _ObservedEntry(SimulatedEntry):
         self.ways = {symbol: nodes_of(way) for symbol, way in found.ways.items()}
 
 
-_Asked = tuple[Form, Shape, tuple[str, ...]]  # arguments of `_ObservedEntry`
+_EntryArguments = tuple[Form, Shape, tuple[str, ...]]  # arguments of `_ObservedEntry`
 
 
 @remembered(_GRAPHS)
@@ -85,25 +85,25 @@ def _observed_entry(form: Form, shape: Shape, late: tuple[str, ...]) -> _Observe
 
 
 @remembered(_KERNELS, __name__, "leaves")
-def _leaves(*asked: Any) -> tuple[int, ...]:
-    return _observed_entry(*asked).traced.leaves
+def _leaves(*arguments: Any) -> tuple[int, ...]:
+    return _observed_entry(*arguments).traced.leaves
 
 
 @remembered(_KERNELS, __name__, "kernel")
-def _observed_kernel(asked: _Asked, free: tuple[str, ...]) -> Kernel:
-    entry = _observed_entry(*asked)
+def _observed_kernel(arguments: _EntryArguments, free: tuple[str, ...]) -> Kernel:
+    entry = _observed_entry(*arguments)
     return compiled(entry.loop(Across.LANES, free, stored=entry.results))
 
 
 class _Laid(NamedTuple):
-    """A batch as `_observed` takes it.
+    """A batch in the form for `_observed`.
 
     Args:
-        late: all that is late in it.
+        late: all delays in it.
         tree: its entries.
-        rows: entries of each lane that are used, shape (L,).
+        rows: number of used entries of each lane, shape (L,).
         renewed: leaves that change with the guide, and with the parameters.
-        places: entries, lanes and slots that show each channel that may be late, if any does.
+        places: entries, lanes and slots of each channel that may be late.
     """
 
     late: Shifts
@@ -115,7 +115,7 @@ class _Laid(NamedTuple):
     def shown(
         self, prompt: Float[np.ndarray, "*K T L M"], read: Mapping[str, Float[np.ndarray, "*K T L"]]
     ) -> Float[np.ndarray, "*K T L M"]:
-        """What each slot shows, by what it shows of prompt channels and by the late ones."""
+        """The value of each slot, from the prompt channels and the late ones."""
         for name, column in read.items():
             rows, lanes, slots = self.places[name]
             prompt[..., rows, lanes, slots] = column[..., rows, lanes]
@@ -126,7 +126,7 @@ _PLACES, _PACKED = Remembered(), Remembered()
 
 
 def _places_of(kind: Float[np.ndarray, "T L M"]) -> dict[str, tuple[np.ndarray, ...]]:
-    """Entries, lanes and slots that show each channel; one that none shows is left out."""
+    """Entries, lanes and slots of each channel; channels without slots are left out."""
     every = ((name, np.nonzero(kind == k)) for k, name in enumerate(KINDS))
     return {name: places for name, places in every if places[0].size}
 
@@ -148,8 +148,8 @@ def _simulated(
 ) -> Float[np.ndarray, "K T L M"]:
     """The simulated value of each slot, and its derivatives in the free parameters, K = 1 + P."""
     laid = _laid(form, full, weighted, bool(free))
-    records, asked = _packed(form, laid)
-    out = stored_over_lanes(_observed_kernel(asked, free), records, full)
+    records, arguments = _packed(form, laid)
+    out = stored_over_lanes(_observed_kernel(arguments, free), records, full)
     parts = np.moveaxis(out.reshape(*records.shape, 1 + len(free), -1), 2, 0)
     count, late = weighted.slots.kind.shape[-1], laid.late
     shown = {name: parts[..., count + late.channels.index(name)] for name in laid.places}
@@ -160,14 +160,14 @@ def _simulated(
     return seen
 
 
-def _packed(form: Form, laid: _Laid) -> tuple[Records, _Asked]:
-    """The batch as a kernel reads it; once, unless what acts in it changes with the parameters."""
+def _packed(form: Form, laid: _Laid) -> tuple[Records, _EntryArguments]:
+    """The batch in the form for a kernel; packed once, unless its input depends on the parameters."""
 
-    def made_of(shape: Shape) -> tuple[tuple[int, ...], _Asked]:
-        asked = form, shape, laid.late.channels
-        return _leaves(*asked), asked
+    def made_of(shape: Shape) -> tuple[tuple[int, ...], _EntryArguments]:
+        arguments = form, shape, laid.late.channels
+        return _leaves(*arguments), arguments
 
-    def packed() -> tuple[Records, _Asked]:
+    def packed() -> tuple[Records, _EntryArguments]:
         return records_of(Entries(laid.tree, laid.rows, laid.renewed), made_of)
 
     changes = laid.late.acting is not None
@@ -178,12 +178,12 @@ def _responds(form: Form, late: tuple[str, ...]) -> Any:
     def one(values: Any, carried: Any, entry: Any) -> Any:
         (batch, kind, _), way = entry
 
-        def of(before: Carried, acts: StepBesides) -> Any:
+        def response(before: Carried, acts: StepBesides) -> Any:
             within = batch._replace(steps=batch.steps._replace(besides=acts))
             after, seen = _observed(late, form, values, before, (within, kind, {}))
             return after, (seen.prompt, seen.signals)
 
-        return pushed(of, carried, way)
+        return pushed(response, carried, way)
 
     return one, tuple(form.index), (carried_like(form, 0),) * 2, form.ties
 
@@ -194,7 +194,7 @@ _RESPONSES = Along(_responds, _responds)
 def responses(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, besides: Sequence[StepBesides]
 ) -> Float[np.ndarray, "K T L M"]:
-    """What `besides.responses` returns."""
+    """The result of `input_perturbation.responses`."""
     laid = _laid(form, full, weighted)
 
     def along(way: StepBesides) -> np.ndarray:
@@ -226,12 +226,12 @@ _WHITENED = Along(_whitens, _whitens)
 def whitened(
     filter_: InnovationsFilter, errors: Float[np.ndarray, "K T L M"], rows: Any
 ) -> Float[np.ndarray, "K T L M"]:
-    """`innovations.whiten` of K errors.
+    """`innovations.whiten` for K errors.
 
     Args:
         filter_: the frozen filter, arrays of NumPy.
-        errors: measured - simulated, SI, 0 where there is no sample.
-        rows: entries of each lane that are used, shape (L,).
+        errors: measured - simulated, SI, 0 without a sample.
+        rows: number of used entries of each lane, shape (L,).
     """
     if filter_.moved is not None:
         forth, back = filter_.moved
@@ -251,7 +251,7 @@ def whitened(
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """The simulated value of each slot, and the whitened residual."""
-    with np.errstate(all="ignore"):  # of simulations that run away
+    with np.errstate(all="ignore"):  # simulations that diverge
         seen = _simulated(form, full, weighted, ())
         error = weighted.slots.weight * (weighted.slots.value - seen)
         return Compared(seen[0], whitened(weighted.whitening, error, rows_of(weighted))[0])
@@ -268,7 +268,7 @@ def linearised(
 def linearised_at(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
 ) -> list[LinearisedTrace]:
-    """As `linearised`, at some places alone."""
+    """As `linearised`, only at some places."""
     r, slopes = linearised(form, full, weighted, free)
     return [(r[rows, lane], np.moveaxis(slopes[rows, lane], 1, 0)) for lane, rows in places]
 
@@ -289,7 +289,7 @@ def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> f
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """`chi2` of many points, which the cores share."""
+    """`chi2` of many points, in parallel."""
     return np.array(shared_out(lambda full: chi2(form, full, weighted), list(fulls), lambda _: 1))
 
 

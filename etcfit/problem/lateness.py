@@ -1,5 +1,5 @@
-"""How late the signals of a model are in a batch, and how each is shifted, with derivatives in the parameters; samples
-that the rig logs late, brought to the instants that they show: there whitening knows what is uncertain.
+"""Delays of the signals of a model in a batch, and the shifted signals, with derivatives in the parameters; late
+samples moved to the instants that they show, where the whitening has their uncertainty.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from .records import Entries, Latest, Records, Remembered, numbered, records_of,
 from .residual import equipped
 from .traced_entry import Shape, TracedEntry, nodes_of
 
-_REMEMBERED = 256  # kernels
-_AT_ONCE = 65_536  # numbers of tangents that are shifted at a time: more fall out of the caches
-_WARP = 2e-5  # of a step's length, by which it is changed to see what that does to a shift
+_REMEMBERED = 256  # number of remembered kernels
+_AT_ONCE = 65_536  # numbers of tangents that are shifted at a time: more do not fit into the caches
+_WARP = 2e-5  # relative change of a step's length for the numerical derivative of a shift
 
 Signal = Float[np.ndarray, "T L"]
 
 
 class Simulated(NamedTuple):
-    """What is simulated, arrays of NumPy with axes T and L: see `TraceBatch`."""
+    """The simulated batch, arrays of NumPy with axes T and L: see `TraceBatch`."""
 
     steps: Step
     resets: Reset
@@ -47,14 +47,14 @@ class Simulated(NamedTuple):
 
 
 class Lags(NamedTuple):
-    """How late signals are. What no parameter changes, or is never late, is None or left out.
+    """Delays of signals. Quantities that depend on no parameter, or are never late, are None or left out.
 
     Args:
-        acting: voltage and torque as the rig drives them, before they are late.
+        acting: voltage and torque of the rig, before their delay.
         input: delay of the input, s.
         dt: length of each step, s.
         channels: delay of each channel, s.
-        logged: how late the rig logs channels, s.
+        logged: lateness of the rig's channels, s.
     """
 
     acting: Any
@@ -77,8 +77,8 @@ class _LagsEntry:
     Attributes:
         traced: the graph.
         late: nodes of `Lags`.
-        ways: of each parameter that changes it, nodes of its derivative.
-        depends: numbers of the parameters that it is computed from.
+        ways: nodes of its derivative in each parameter that changes it.
+        depends: numbers of the parameters on which it depends.
     """
 
     def __init__(self, form: Form, shape: Shape) -> None:
@@ -108,7 +108,7 @@ class _LagsEntry:
 
 
 class _LagsKernel(NamedTuple):
-    """`Lags` and their derivatives as a kernel stores them, and the numbers of the parameters that they depend on."""
+    """The kernel of `Lags` and their derivatives, and the numbers of the parameters that they depend on."""
 
     results: Stored
     kernel: Kernel
@@ -135,12 +135,12 @@ def _packed(form: Form, batch: Simulated) -> tuple[Records, _LagsKernel]:
 
 
 class _Reading(NamedTuple):
-    """Where a channel is read: as late as the throttle is, and then as late as the rig logs it.
+    """The shift of a channel: first the delay of the throttle, then the lateness of the rig.
 
     Args:
-        delay: None without.
+        delay: None without a delay.
         logged: a `Between` of some lanes.
-        lanes: those in which the rig may log it late.
+        lanes: lanes in which the rig may log it late.
     """
 
     delay: Earlier | None
@@ -154,7 +154,7 @@ class _Reading(NamedTuple):
     def tangents(
         self, ways: Float[np.ndarray, "K T L"], signal: Signal, moves: Sequence[tuple[Any, Any]]
     ) -> Float[np.ndarray, "K T L"]:
-        """Derivatives of `read`, by those of the signal and, in pairs, those of its delay and of its lateness."""
+        """Derivatives of `read`, from those of the signal and, in pairs, those of its delay and of its lateness."""
         if self.delay is not None:
             rate = self.delay.rate(signal)
             ways = self.delay.delayed(ways)
@@ -176,7 +176,7 @@ class _Reading(NamedTuple):
 
 
 class _Shifted(NamedTuple):
-    """The input and the channels as shifted where steps are so long."""
+    """The shifts of the input and the channels for given lengths of the steps."""
 
     input: LateInput | None
     channels: Mapping[str, _Reading]
@@ -195,7 +195,7 @@ def _shifted(
     names: Collection[str],
     near: _Shifted | None = None,
 ) -> _Shifted:
-    """`names`: of the channels that are read. `near`: read between the same entries as there."""
+    """`names`: names of the channels. `near`: shifts whose entries are used again."""
     channels, still = {}, np.zeros(np.shape(steps.dt))
     for name in names:
         delay, logged = _delay(late.channels.get(name, 0.0)), late.logged.get(name, still)
@@ -214,34 +214,34 @@ def _shifted(
 
 
 def _clock_of(steps: Step, resets: Reset, lanes: Int[np.ndarray, " l"]) -> Clock:
-    """Of some lanes."""
+    """Clock of some lanes."""
     own = steps._replace(dt=steps.dt[:, lanes]), resets._replace(begins=resets.begins[:, lanes])
     return Clock.of_batch(*own, np)
 
 
 def _anywhere(signal: Signal) -> Bool[np.ndarray, " L"]:
-    """Lanes in which a signal is not 0 at every entry; a number repeated (`lanes.Stored`) is looked at once."""
+    """Lanes in which a signal is not 0 at every entry; a repeated number (`lanes.Stored`) is tested once."""
     return np.any(signal if signal.strides[0] else signal[:1], axis=0)
 
 
 def _delay(each: Any) -> float:
-    """The one delay of all entries; blank ones have 0."""
+    """The common delay of all entries; blank ones have 0."""
     return float(np.max(each))
 
 
 class Shifts:
-    """All that is late at some values of the parameters.
+    """All shifts at some values of the parameters.
 
     Args:
         form: the model.
         full: value of every parameter, SI, shape (Q,).
-        batch: what is simulated.
-        differentiated: whether `ways` are asked for.
-        shown: channels that are read; all that may be late where None.
+        batch: the simulated batch.
+        differentiated: whether `ways` are needed.
+        shown: channels that are read; if None, all that may be late.
     Attributes:
-        acting: what acts in each step; None where the input is never late.
-        ways: of each parameter that changes it, the derivative.
-        channels: that may be late.
+        acting: the acting input of each step; None if the input is never late.
+        ways: its derivative in each parameter that changes it.
+        channels: channels that may be late.
     """
 
     def __init__(
@@ -261,8 +261,8 @@ class Shifts:
         self._as_is = self._with(late.dt)
         self._warped: dict[str, tuple[_Shifted, _Shifted, float]] = {}
         self.acting = None if late.acting is None else self._as_is.acting(late.acting)
-        asked = self._ways if differentiated and late.acting is not None else ()
-        self.ways = {symbol: self._acting_way(symbol) for symbol in asked}
+        symbols = self._ways if differentiated and late.acting is not None else ()
+        self.ways = {symbol: self._acting_way(symbol) for symbol in symbols}
 
     def _with(self, dt: Signal | None, near: _Shifted | None = None) -> _Shifted:
         steps = self._batch.steps if dt is None else self._batch.steps._replace(dt=dt)
@@ -277,8 +277,8 @@ class Shifts:
         differentiated: bool = False,
         shown: Collection[str] | None = None,
     ) -> Shifts:
-        """The same, made anew only where a parameter has changed that something late depends on: most searches hold
-        every delay. Arguments as of the class."""
+        """The same, computed again only if a parameter has changed on which a delay depends: in most searches all
+        delays are constant. Arguments as of the class."""
         depends = full[list(_packed(form, batch)[1].depends)].tobytes()
         further = form, differentiated, None if shown is None else frozenset(shown), depends
         made = partial(cls, form, full, batch, differentiated, shown)
@@ -286,20 +286,20 @@ class Shifts:
 
     @property
     def lanes(self) -> Int[np.ndarray, " l"]:
-        """Lanes in which something may be late."""
+        """Lanes in which a signal may be late."""
         if self._late.acting is not None or self._late.channels:
             return np.arange(np.shape(self._batch.steps.dt)[1])
         of_channels = (reading.lanes for reading in self._as_is.channels.values())
         return np.unique(np.concatenate([np.zeros(0, dtype=int), *of_channels]))
 
     def read(self, channel: str, signal: Signal) -> Signal:
-        """A signal of a channel as it is logged."""
+        """The logged signal of a channel."""
         return self._as_is.channels[channel].read(signal)
 
     def tangents(
         self, symbols: Sequence[str], channel: str, ways: Float[np.ndarray, "K T L"], signal: Signal
     ) -> Float[np.ndarray, "K T L"]:
-        """Derivatives of `read` in parameters, where those of the signal are `ways`."""
+        """Derivatives of `read` in parameters, given those of the signal, `ways`."""
         reading, out = self._as_is.channels[channel], np.empty(ways.shape)
         some = max(1, _AT_ONCE // signal.size)
         for k in range(0, len(symbols), some):
@@ -315,8 +315,8 @@ class Shifts:
         return (0.0, 0.0) if moves is None else (moves.channels.get(channel, 0.0), moves.logged.get(channel, 0.0))
 
     def _by_warp(self, symbol: str, read: Callable[[_Shifted], Any]) -> Any:
-        """What a shift does since a parameter changes the lengths of steps, by a central difference: rare, and exact to
-        rounding where steps are stretched all alike."""
+        """Derivative of a shift in a parameter that changes the lengths of steps, by a central difference: rarely
+        needed, and exact to rounding if all steps are stretched equally."""
         way = None if symbol not in self._ways else self._ways[symbol].dt
         if way is None or not np.any(way):
             return 0.0
@@ -331,7 +331,7 @@ class Shifts:
     def _acting_way(self, symbol: str) -> Acting:
         way, driven, by = self._ways[symbol], self._late.acting, self._as_is.input
         moved = self._as_is.acting(way.acting)
-        if by is None:  # no delay: nothing is shifted
+        if by is None:  # no delay, no shift
             return moved
         rates = np.array([*by.rates(*driven[:2]), *by.rates(*driven[2:])])
         warp = self._by_warp(symbol, lambda shifted: np.array(shifted.acting(driven)))
@@ -348,7 +348,7 @@ def _acts_late(form: Form) -> bool:
 
 
 def acting_late(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> Step:
-    """The steps with what acts in them where the input is late; arguments as of `Shifts`."""
+    """The steps with the acting input if the input is late; arguments as of `Shifts`."""
     if not any(effect.delays for effect in form.types) or not _acts_late(form):
         return batch.steps
     return batch.steps._replace(acting=Shifts.latest(form, full, batch).acting)
@@ -357,15 +357,15 @@ def acting_late(form: Form, full: Float[np.ndarray, " Q"], batch: Simulated) -> 
 def moved_samples(
     batch: TraceBatch, types: tuple[type[AbstractEffect], ...], values: Mapping[str, Scalar]
 ) -> Moved | None:
-    """Where they belong: earlier or later by as many samples as their lateness has intervals; None where none is late.
+    """Places of late samples: earlier or later by the number of intervals in their lateness; None if none is late.
 
-    Those that would lie before the first sample of their trace, or after its last, belong nowhere. What is left of a
-    lateness, half an interval at most, is that of the reading.
+    Samples that would be before the first sample of their trace, or after its last, have no place. The rest of a
+    lateness, at most half an interval, remains in the reading.
 
     Args:
         batch: the traces.
         types: effects of the model.
-        values: of its parameters, SI by symbol.
+        values: values of its parameters, SI by symbol.
     """
     late = tuple(effect for effect in types if issubclass(effect, AbstractRigEffect) and effect.delays)
     if not late:

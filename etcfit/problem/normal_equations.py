@@ -1,7 +1,7 @@
-"""The residual and its Jacobian, and what a least-squares step needs of them: J^T J and J^T r.
+"""The residual and its Jacobian, and the normal equations for a least-squares step: J^T J and J^T r.
 
-A tangent for each parameter is carried along the batch beside the simulation it belongs to, through observation and
-whitening; nothing of the simulation is computed twice, and no path is kept. Lanes are shared out over the cores.
+A tangent for each parameter is carried along the batch together with the simulation, through observation and whitening;
+no part of the simulation is computed twice, and no path is kept. Lanes are distributed over the cores.
 
 Source: Griewank and Walther 2008, ch. 3 (vector forward mode). Differs from source: no.
 """
@@ -26,12 +26,12 @@ from .jacobian import jacobian
 from .one_pass import Carried, advance, entries, has_single_pass, start
 from .residual import WeightedData, residual
 
-LEAST_LANES = 4  # in one piece: fewer do not fill the processor's vectors
-MOST_BYTES = 64 << 20  # of a piece's Jacobian
+LEAST_LANES = 4  # least number of lanes in one piece: fewer do not fill the processor's vectors
+MOST_BYTES = 64 << 20  # largest size of a piece's Jacobian
 
 
 class NormalEquations(NamedTuple):
-    """What a least-squares step needs of a residual r and its Jacobian J at a point: (J^T J) d = -J^T r. Dimensionless.
+    """Normal equations of a residual r and its Jacobian J at a point: (J^T J) d = -J^T r. Dimensionless.
 
     Args:
         chi2: r^T r.
@@ -45,7 +45,7 @@ class NormalEquations(NamedTuple):
 
     @property
     def finite(self) -> bool:
-        """False where a simulation failed, so that residual or Jacobian is not finite."""
+        """Whether residual and Jacobian are finite; False if a simulation failed."""
         return bool(np.isfinite(self.chi2) and np.isfinite(self.information).all() and np.isfinite(self.gradient).all())
 
 
@@ -70,16 +70,16 @@ def shared_out(
     least_lanes: int = LEAST_LANES,
     most_bytes: int = MOST_BYTES,
 ) -> tuple[WeightedData, ...]:
-    """The data in pieces of some lanes each, all of one shape, for the cores to work on side by side.
+    """The data in pieces of some lanes each, all of one shape, for the cores to process in parallel.
 
     Args:
         weighted: data, whitening and priors of the whole batch.
-        size: number of coordinates P, by which the Jacobian grows.
-        cores: that work side by side.
-        least_lanes: of a piece.
-        most_bytes: of its Jacobian.
+        size: number of coordinates P; the Jacobian grows with it.
+        cores: number of cores.
+        least_lanes: least number of lanes of a piece.
+        most_bytes: largest size of its Jacobian.
     Returns:
-        at least one piece; lanes that only fill up the last one have weight 0.
+        At least one piece; lanes that only fill the last one have weight 0.
     """
     steps, lanes, slots = weighted.slots.value.shape
     fill = -(-lanes // least_lanes)
@@ -87,14 +87,14 @@ def shared_out(
     width = -(-lanes // min(count, lanes))
 
     def lanes_of(leaf: Any, first: int) -> Any:
-        if np.ndim(leaf) < 2:  # a prior or a choice of parameters: the same for all
+        if np.ndim(leaf) < 2:  # a prior or a choice of parameters: the same for all pieces
             return leaf
         part = np.asarray(leaf)[:, first : first + width]
         return np.pad(part, [(0, 0), (0, width - part.shape[1])] + [(0, 0)] * (part.ndim - 2), mode="edge")
 
     def piece(first: int) -> WeightedData:
         part = jax.tree.map(partial(lanes_of, first=first), weighted)
-        if first + width > lanes:  # lanes that only fill up count for nothing
+        if first + width > lanes:  # lanes that only fill the piece have weight 0
             part.whitening.weight[:, lanes - first :] = 0.0
         return jax.device_put(part)
 
@@ -106,7 +106,7 @@ def shared_out(
 def normal_equations(
     form: Form, weighted: WeightedData, size: int
 ) -> Callable[[Float[np.ndarray, " P"]], NormalEquations]:
-    """What computes r^T r, J^T r and J^T J of the samples at coordinates x, shape (P,); priors are not in them.
+    """A function that computes r^T r, J^T r and J^T J of the samples at coordinates x, shape (P,), without priors.
 
     Args:
         form: the model.
@@ -130,7 +130,7 @@ def _by_kernel(form: Form, weighted: WeightedData, x: Float[np.ndarray, " P"]) -
     found, slope = residual_kernels.sums(form, form.full(x, weighted.pick), weighted), form.slopes(x, weighted.pick)
     gradient, information = np.zeros(x.size), np.zeros((x.size, x.size))
     live = np.flatnonzero(form.live(weighted.pick))
-    with np.errstate(over="ignore", invalid="ignore"):  # of a runaway: endless, or NaN, as by JAX
+    with np.errstate(over="ignore", invalid="ignore"):  # a divergence gives inf or NaN, as by JAX
         gradient[live] = slope[live] * found.gradient
         information[np.ix_(live, live)] = np.outer(slope[live], slope[live]) * found.information
     return NormalEquations(found.chi2, gradient, information)
@@ -146,14 +146,14 @@ def linearised(
         x: coordinates, shape (P,).
         weighted: data, whitening and priors of the whole batch.
     Returns:
-        r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
+        The residual r, shape (T, L, M), and dr/dx, shape (T, L, M, P), dimensionless.
     """
     if available():
         r, slopes = residual_kernels.linearised(form, form.full(x, weighted.pick), weighted)
         live = np.flatnonzero(form.live(weighted.pick))
         with np.errstate(over="ignore", invalid="ignore"):  # as above
             slopes *= form.slopes(x, weighted.pick)[live]
-        if live.size == x.size:  # as large as all samples times parameters: no second one
+        if live.size == x.size:  # it has the size of all samples times parameters: avoid a copy
             return r, slopes
         columns = np.zeros((*r.shape, x.size))
         columns[..., : live.size] = slopes

@@ -1,8 +1,8 @@
-"""A batch in one pass: each entry simulated, observed and whitened before the next, so that no path is kept.
+"""A batch in one pass: each entry is simulated, observed and whitened before the next, so that no path is kept.
 
-What is carried from entry to entry of a lane are the plate's state, the memories of effects and the error states of the
-whitening filter. The formulas are those of `residual`. A signal that acts or is logged late needs the path before it:
-models with such an effect have no single pass.
+The carry from entry to entry of a lane is the plate's state, the memories of effects and the error states of the
+whitening filter. The formulas are those of `residual`. A late signal needs the path before it: models with such an
+effect have no single pass.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .residual import Compared, WeightedData, equipped, shown
 
 
 class Carried(NamedTuple):
-    """What one entry of a lane hands to the next.
+    """The carry from one entry of a lane to the next.
 
     Args:
         x: state of the plate.
@@ -37,23 +37,23 @@ class Carried(NamedTuple):
 
 
 def has_single_pass(form: Form, weighted: WeightedData) -> bool:
-    """True where no effect of the model delays a signal, and every sample is filtered where it was logged: only then is
-    the path before an entry not needed."""
+    """Whether no effect of the model delays a signal and no sample moves: only then the path before an entry is not
+    needed."""
     return weighted.whitening.moved is None and not any(effect.delays for effect in form.types)
 
 
 def entries(weighted: WeightedData) -> tuple[Any, ...]:
-    """The data as `advance` takes them, a tuple whose leaves have the axes T and L first."""
+    """The data in the form for `advance`, a tuple whose leaves have the axes T and L first."""
     return weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
 
 
 def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], order: int) -> Carried:
-    """What is carried into the first entry: zeros, and the effects' own first memories.
+    """The carry into the first entry: zeros, and the effects' initial memories.
 
     Args:
         form: the model.
-        values: of its parameters, SI by symbol.
-        shape: of every entry of the state, (L,) say.
+        values: values of its parameters, SI by symbol.
+        shape: shape of every entry of the state, such as (L,).
         order: number n of error states.
     """
     zero = jnp.zeros(shape)
@@ -62,21 +62,21 @@ def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], orde
 
 
 def carried_like(form: Form, order: int) -> Carried:
-    """Numbers like those that one lane carries, for whoever traces an entry; arguments as of `start`."""
+    """Example numbers of the carry of one lane, to trace an entry; arguments as of `start`."""
     return jax.eval_shape(lambda: start(form, dict.fromkeys(form.index, 0.5), (), order))
 
 
 def pushed(
     step_of: Callable[[Carried, StepBesides], tuple[Carried, Any]], carried: tuple[Carried, Carried], way: StepBesides
 ) -> tuple[tuple[Carried, Carried], Any]:
-    """A step and its tangent along what acts besides all effects.
+    """A step and its tangent along a contribution in addition to all effects.
 
     Args:
-        step_of: of what is carried into the step and what acts besides: what is carried on, and results.
-        carried: from the step before, and its tangent.
+        step_of: function of the carry into the step and the contribution; returns the new carry and results.
+        carried: the carry from the step before, and its tangent.
         way: the direction.
     Returns:
-        both carried on, and the tangent of the results.
+        The new carry and its tangent, and the tangent of the results.
     """
     before, moved = carried
     (after, _), (moved, results) = jax.jvp(step_of, (before, StepBesides.nothing()), (moved, way))
@@ -90,11 +90,11 @@ def advance(
 
     Args:
         form: the model.
-        values: of its parameters, SI by symbol.
-        carried: from the entry before.
-        entry: steps, resets, slots, rig test and filter of this one, see `entries`.
+        values: values of its parameters, SI by symbol.
+        carried: the carry from the entry before.
+        entry: steps, resets, slots, rig test and filter of this entry, see `entries`.
     Returns:
-        what is carried on, and what its slots ought to show beside the data, shape (M,) each.
+        The new carry, and the simulated values of its slots with the residual, shape (M,) each.
     """
     s, reset, slots, test_of, filter_ = entry
     throttle = Throttle.build(form.types, values)

@@ -21,7 +21,7 @@ from .residual import Compared, WeightedData
 from .residual_entry import ResidualEntry
 from .traced_entry import Column, Shape
 
-_GRAPHS, _KERNELS = 32, 1024  # that a process remembers; some MB and some 50 kB each
+_GRAPHS, _KERNELS = 32, 1024  # largest numbers that a process remembers; some MB and some 50 kB each
 
 
 Place = tuple[int, Int[np.ndarray, " _"]]  # a lane, and n entries of it
@@ -47,62 +47,62 @@ def free_of(form: Form, pick: Pick) -> tuple[str, ...]:
     return tuple(form.parameters[k].symbol for k in np.asarray(pick.where) if k < len(form.parameters))
 
 
-Asked = tuple[Form, Shape, int]  # arguments of `ResidualEntry`
+EntryArguments = tuple[Form, Shape, int]  # arguments of `ResidualEntry`
 
 
 @remembered(_GRAPHS)
 def entry(form: Form, shape: Shape, order: int) -> ResidualEntry:
-    """One entry as a graph; traced again where it is asked for after it was forgotten."""
+    """One entry as a graph; traced again if it is no longer remembered."""
     return ResidualEntry(form, shape, order)
 
 
 @remembered(_KERNELS, __name__, "leaves")
-def _leaves(*asked: Any) -> tuple[int, ...]:
-    return entry(*asked).traced.leaves
+def _leaves(*arguments: Any) -> tuple[int, ...]:
+    return entry(*arguments).traced.leaves
 
 
 @remembered(_KERNELS, __name__, "kernel")
 def kernel(
-    asked: Asked, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
+    arguments: EntryArguments, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
 ) -> Kernel:
     """The loop of `ResidualEntry.residual_loop` as machine code, made once."""
-    return compiled(entry(*asked).residual_loop(across, free, summed, stored))
+    return compiled(entry(*arguments).residual_loop(across, free, summed, stored))
 
 
 _PACKED, _ROWS = Remembered(), Remembered()
 
 
 def data_of(weighted: WeightedData) -> tuple[Any, ...]:
-    """The data as `one_pass.advance` takes them, without the noise of samples: the filter's weights have it."""
+    """The data in the form for `one_pass.advance`, without the noise of samples, which is in the filter's weights."""
     return entries(weighted._replace(slots=weighted.slots._replace(sigma=None)))
 
 
 def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
-    """Entries of each lane that are used, shape (L,)."""
+    """Number of used entries of each lane, shape (L,)."""
     steps, resets = weighted.steps, weighted.resets
     return _ROWS.made_once([steps.dt, resets.begins], None, lambda: used_rows(steps, resets))
 
 
 def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:
-    """Of `data_of`, given by the numbers of its leaves: those that change with the filter, and those among them that
-    are 0 where nothing counts."""
+    """Numbers of the leaves of `data_of` that change with the filter, and of those among them that are 0 in blank
+    entries."""
     steps, _, slots, _, filter_ = numbers
     weights = frozenset({slots.weight, filter_.weight})
     return weights | {steps.guide_stiffness, slots.value, *filter_[:3]}, weights
 
 
-def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:
-    """The samples as a kernel reads them, packed once, and what `entry` is asked for it."""
+def packed_records(form: Form, weighted: WeightedData) -> tuple[Records, EntryArguments]:
+    """The samples in the form for a kernel, packed once, and the arguments of `entry` for them."""
     return _PACKED.made_once(jax.tree.leaves(data_of(weighted)), form, lambda: _packed(form, weighted))
 
 
-def _packed(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:
+def _packed(form: Form, weighted: WeightedData) -> tuple[Records, EntryArguments]:
     tree = as_numpy(data_of(weighted))
     numbers, order = numbered(tree), weighted.whitening.transition.shape[-1]
     renewed, muted = renewed_and_muted(numbers)
     batch = Entries(tree, rows_of(weighted), renewed, muted, never_in(weighted.whitening, numbers[-1]))
 
-    def made_of(shape: Shape) -> tuple[tuple[int, ...], Asked]:
+    def made_of(shape: Shape) -> tuple[tuple[int, ...], EntryArguments]:
         return _leaves(form, shape, order), (form, shape, order)
 
     return records_of(batch, made_of)
@@ -110,7 +110,7 @@ def _packed(form: Form, weighted: WeightedData) -> tuple[Records, Asked]:
 
 def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Column, ...]:
     """Columns of a filter that may be 0 everywhere, by the numbers of its leaves: no state acts on the input's error,
-    and no sensor reads that. Where samples are independent (`innovations.plain`) all of it is 0."""
+    and no sensor reads that. If samples are independent (`innovations.plain`) all columns are 0."""
     matrices = list(zip(filter_[:3], numbers[:3], strict=True))
     if all(isinstance(matrix, np.ndarray) and not np.any(matrix) for matrix, _ in matrices):
         return tuple(Column(int(leaf), place) for m, leaf in matrices for place in np.ndindex(m.shape[2:]))
@@ -121,12 +121,12 @@ def never_in(filter_: InnovationsFilter, numbers: InnovationsFilter) -> tuple[Co
 
 
 def compile_ahead(form: Form, weighted: WeightedData) -> None:
-    """Begin to compile, in the background, the kernels that a descent runs."""
+    """Start compiling, in the background, the kernels of a descent."""
 
     def make() -> None:
-        asked = packed_records(form, weighted)[1]
-        kernel(asked, Across.LANES, free_of(form, weighted.pick), True)
-        kernel(asked, Across.LANES, (), True)
+        arguments = packed_records(form, weighted)[1]
+        kernel(arguments, Across.LANES, free_of(form, weighted.pick), True)
+        kernel(arguments, Across.LANES, (), True)
 
     in_background(make)
 
@@ -140,8 +140,8 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
         weighted: data and whitening, arrays of NumPy.
     """
     free = free_of(form, weighted.pick)
-    records, asked = packed_records(form, weighted)
-    total = over_lanes(kernel(asked, Across.LANES, free, True), records, full)
+    records, arguments = packed_records(form, weighted)
+    total = over_lanes(kernel(arguments, Across.LANES, free, True), records, full)
     size = len(free)
     lower = np.zeros((size, size))
     lower[np.tril_indices(size)] = total[1 + size :]
@@ -150,20 +150,20 @@ def sums(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> S
 
 def chi2(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> float:
     """Sum of squares of the whitened residual; arguments as of `sums`."""
-    records, asked = packed_records(form, weighted)
-    return float(over_lanes(kernel(asked, Across.LANES, (), True), records, full)[0])
+    records, arguments = packed_records(form, weighted)
+    return float(over_lanes(kernel(arguments, Across.LANES, (), True), records, full)[0])
 
 
 def chi2_of_points(form: Form, fulls: Float[np.ndarray, "K Q"], weighted: WeightedData) -> Float[np.ndarray, " K"]:
-    """`chi2` of many points at once, shape (K, Q) -> (K,): each vector holds points."""
-    records, asked = packed_records(form, weighted)
-    return over_points(kernel(asked, Across.POINTS, (), True), records, fulls)[0]
+    """`chi2` of many points at once, shape (K, Q) -> (K,); each vector holds several points."""
+    records, arguments = packed_records(form, weighted)
+    return over_points(kernel(arguments, Across.POINTS, (), True), records, fulls)[0]
 
 
 def compared(form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData) -> Compared:
     """The simulated value of each slot, and the whitened residual; arguments as of `sums`."""
-    records, asked = packed_records(form, weighted)
-    out = stored_over_lanes(kernel(asked, Across.LANES, (), False, True), records, full)
+    records, arguments = packed_records(form, weighted)
+    out = stored_over_lanes(kernel(arguments, Across.LANES, (), False, True), records, full)
     count = weighted.slots.value.shape[-1]
     return Compared(out[..., :count], out[..., count:])
 
@@ -175,10 +175,10 @@ def linearised(
 
     Args:
         form, full, weighted: as of `sums`.
-        free: their symbols.
+        free: symbols of these parameters.
     """
-    records, asked = packed_records(form, weighted)
-    out = stored_over_lanes(kernel(asked, Across.LANES, free, False, True), records, full)
+    records, arguments = packed_records(form, weighted)
+    out = stored_over_lanes(kernel(arguments, Across.LANES, free, False, True), records, full)
     count = weighted.slots.value.shape[-1]
     slopes = out[..., 2 * count :].reshape(*records.shape, len(free), count)
     return out[..., count : 2 * count], np.swapaxes(slopes, 2, 3)
@@ -187,9 +187,9 @@ def linearised(
 def linearised_at(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, free: tuple[str, ...], places: Sequence[Place]
 ) -> list[LinearisedTrace]:
-    """`linearised` at some places alone: what is computed of the others is not kept. Arguments as of `linearised`."""
-    records, asked = packed_records(form, weighted)
-    storing, count = kernel(asked, Across.LANES, free, False, True), weighted.slots.value.shape[-1]
+    """`linearised` only at some places; the results of the others are not kept. Arguments as of `linearised`."""
+    records, arguments = packed_records(form, weighted)
+    storing, count = kernel(arguments, Across.LANES, free, False, True), weighted.slots.value.shape[-1]
     out: list[Any] = [None] * len(places)
 
     def keep(group: int, numbers: np.ndarray) -> None:

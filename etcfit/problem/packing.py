@@ -1,4 +1,4 @@
-"""Which trace lies in which lane of a batch: little padding, and few different shapes to compile for."""
+"""Distribution of traces over the lanes of a batch, with little padding and few different shapes to compile."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ class Packing(NamedTuple):
     """Traces in lanes.
 
     Args:
-        lanes: in each the places of its traces, one after the other.
-        length: entries of every lane.
+        lanes: for each lane, the numbers of its traces in sequence.
+        length: number of entries of every lane.
     """
 
     lanes: list[list[int]]
@@ -20,11 +20,12 @@ class Packing(NamedTuple):
 
 
 def pack(lengths: Sequence[int], least: int = 0) -> Packing:
-    """Longest first, each into the first lane with room; lanes are as long as the longest trace, rounded up.
+    """The longest trace first, each into the first lane with enough space; lanes are as long as the longest trace,
+    rounded up.
 
     Args:
-        lengths: entries of each trace.
-        least: entries that a lane has at least.
+        lengths: number of entries of each trace.
+        least: least number of entries of a lane.
     """
     length = max(least, rounded(max(lengths)))
     lanes: list[list[int]] = []
@@ -42,6 +43,6 @@ def pack(lengths: Sequence[int], least: int = 0) -> Packing:
 
 
 def rounded(n: int) -> int:
-    """Up to a number of at most four significant bits, so that like folders share one compiled shape."""
+    """Round up to a number of at most four significant bits, so that similar folders share one compiled shape."""
     unit = max(1, 2 ** max(0, math.floor(math.log2(max(n, 1))) - 3))
     return unit * math.ceil(n / unit)

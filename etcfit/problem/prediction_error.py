@@ -18,9 +18,9 @@ class PredictionError:
     """Error of a free run, measured - simulated, in one channel of one trace.
 
     Args:
-        file, test, channel: where.
-        unit: of rms and sigma, as logged.
-        n: samples.
+        file, test, channel: the channel.
+        unit: unit of rms and sigma, as logged.
+        n: number of samples.
         rms: root mean square error.
         sigma: standard deviation of the noise of one sample.
     """
@@ -35,7 +35,7 @@ class PredictionError:
 
 
 def pooled(every: Sequence[PredictionError]) -> float:
-    """sqrt(sum n (rms/sigma)^2 / sum n): error over noise of many channels, dimensionless; 1 where it is noise."""
+    """sqrt(sum n (rms/sigma)^2 / sum n): error over noise of many channels, dimensionless; 1 if it is noise."""
     n = np.array([row.n for row in every], dtype=float)
     ratio = np.array([row.rms / row.sigma for row in every])
     return float(np.sqrt(np.sum(n * ratio**2) / n.sum()))
@@ -43,11 +43,11 @@ def pooled(every: Sequence[PredictionError]) -> float:
 
 @runtime_checkable
 class Placed(Protocol):
-    """What `columns` needs of a batch, see `TraceBatch`."""
+    """The part of a batch that `columns` needs, see `TraceBatch`."""
 
     @property
     def traces(self) -> tuple[Trace, ...]:
-        """In the order given."""
+        """The traces in the order given."""
         ...
 
     @property
@@ -57,13 +57,13 @@ class Placed(Protocol):
 
 
 def columns(batch: Placed, array: Float[AnyArray, "T L M"]) -> list[Float[np.ndarray, "_ _"]]:
-    """What belongs to each trace in an array over the batch.
+    """The part of each trace in an array over the batch.
 
     Args:
         batch: its traces and their places.
         array: shape (T, L, M).
     Returns:
-        for each trace shape (n, M) with its own instants n and channels M.
+        For each trace shape (n, M) with its own instants n and channels M.
     """
     array = np.asarray(array)
     return [
@@ -83,7 +83,7 @@ def rows(traces: Sequence[Trace], predicted: Sequence[Float[np.ndarray, "_ _"]])
     """Errors of free runs, one row for each channel of each trace; samples that were not logged do not count.
 
     Args:
-        traces: as measured.
+        traces: the measured traces.
         predicted: free run of each, shape (n, M), SI.
     """
     out = []

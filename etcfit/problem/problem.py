@@ -1,4 +1,4 @@
-"""The estimation problem: a rig's traces in a batch, its free parameters, and all that the model computes of them."""
+"""The estimation problem: a rig's traces in a batch, its free parameters, and the model's computations with them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .residual import Compared, WeightedData, compared, prior_residual_here, run
 from .substeps import local_error, substeps_needed
 from .trace import Trace, prepare
 
-_PADDED = 1.25  # of the steps of a batch; more to simulate costs more than programs compiled twice
+_PADDED = 1.25  # largest factor on the steps of a batch; above it two compilations are faster than longer simulations
 
 
 @partial(jax.jit, static_argnums=0)
@@ -82,17 +82,17 @@ class Linearisation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EstimationProblem:
-    """Data and free parameters of a rig, and all that is computed of both. Frozen: methods return something new.
+    """Data and free parameters of a rig, and computations with both. Frozen: methods return new problems.
 
     Args:
         config: the rig.
-        free_parameters: which of its parameters are free, and what is known of all.
+        free_parameters: its free parameters, and the given values of all.
         batch: its traces as arrays.
         substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
-        sigma: noise of each sample, unit of the sample, raised for outliers; shape (T, L, M).
+        sigma: noise of each sample, unit of the sample, increased for outliers; shape (T, L, M).
         jitter: standard deviation of the sampling instants, as a share of the time between samples.
-        guide_stiffness: of the guide under which the residual is simulated, V/rad, or N m/rad where torque drives; 0
-            for a free run.
+        guide_stiffness: stiffness of the guide in the simulation of the residual, V/rad, or N m/rad if a torque is the
+            input; 0 for a free run.
     """
 
     config: RigConfig
@@ -116,10 +116,10 @@ class EstimationProblem:
 
         Args:
             config: the rig.
-            free_parameters: which of its parameters are free.
-            traces: made ready, see `trace.prepare`.
-            substeps: integration steps in each interval, shape (n - 1,) for each trace; one where None.
-            least: steps T, lanes L and slots M that the batch has at least.
+            free_parameters: its free parameters.
+            traces: prepared traces, see `trace.prepare`.
+            substeps: integration steps in each interval, shape (n - 1,) for each trace; one each if None.
+            least: least steps T, lanes L and slots M of the batch.
         """
         substeps = substeps or tuple(np.ones(t.instants.size - 1, dtype=int) for t in traces)
         batch = batch_of(traces, config, substeps, least)
@@ -127,37 +127,37 @@ class EstimationProblem:
 
     @property
     def layout(self) -> Layout:
-        """Which parameters x stands for, and in which order."""
+        """The parameters of x and their order."""
         return self.free_parameters.layout
 
     @property
     def slots(self) -> SampleSlots:
-        """The samples with `sigma` for their noise."""
+        """The samples with `sigma` as their noise."""
         return self.batch.slots._replace(sigma=self.sigma)
 
     @property
     def pick(self) -> Pick:
-        """Which parameters x stands for, and the values of the others."""
+        """The parameters of x, and the values of the others."""
         return self.layout.pick(self.free_parameters.held)
 
     def at(self, x: Float[np.ndarray, " P"]) -> tuple[Form, Float[np.ndarray, " room"], Pick]:
-        """The arguments that compiled functions have in common: model, padded coordinates, choice of free ones."""
+        """The common arguments of compiled functions: model, padded coordinates, choice of free parameters."""
         return self.layout.form, self.layout.padded(x), self.pick
 
     def compile_ahead(self) -> None:
-        """Begin to make, in the background, the kernels of a fit."""
+        """Start making, in the background, the kernels of a fit."""
         if available():
             weighted = self.weighted(plain(self.slots, order_of(self.layout.types)))
             residual_kernels.compile_ahead(self.layout.form, weighted)
 
     def free_run(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
-        """Simulated samples y_hat of each trace, shape (n, M), SI, at coordinates x, shape (P,): from the logged input
+        """Simulated samples y_hat of each trace, shape (n, M), SI, at coordinates x, shape (P,), from the logged input
         alone."""
         return columns(self.batch, self.simulated(x, 0.0))
 
     def free_run_variance(self, x: Float[np.ndarray, " P"]) -> list[Float[np.ndarray, "_ _"]]:
-        """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, instants not
-        known."""
+        """Variance of measured - free run of each trace, shape (n, M), SI^2: sensor noise, noisy input, unknown
+        instants."""
         arrays, where = self._where_they_belong(x)
         if available():
             variance = filter_kernels.free_run_variance(*self.here(x, arrays), self.jitter)
@@ -170,15 +170,15 @@ class EstimationProblem:
 
         Args:
             x: coordinates, shape (P,).
-            guide_stiffness: of the guide along the measured angle, V/rad, or N m/rad where torque drives; 0: a free
-                run.
+            guide_stiffness: stiffness of the guide along the measured angle, V/rad, or N m/rad if a torque is the
+                input; 0: a free run.
         """
         unwhitened = plain(self.slots, order_of(self.layout.types))
         weighted = self.guided(guide_stiffness).weighted(unwhitened)
         return np.asarray(self._compared(x, weighted).seen)
 
     def arrays(self, guide_stiffness: float = 0.0) -> BatchArrays:
-        """The batch for compiled functions, under a guide of this stiffness, V/rad (N m/rad where torque drives)."""
+        """The batch for compiled functions, with a guide of this stiffness, V/rad (N m/rad for a torque)."""
         batch = self.batch
         return BatchArrays(batch.guided(guide_stiffness), batch.resets, self.slots, batch.disturbance, batch.test_of)
 
@@ -188,7 +188,7 @@ class EstimationProblem:
 
     def filter_and_timing(self, x: Float[np.ndarray, " P"]) -> tuple[InnovationsFilter, Float[AnyArray, "T L M"]]:
         """The whitening filter at coordinates x, shape (P,), and (dy/dt dt)^2 / S of each sample, shape (T, L, M): the
-        variance that a jitter of 1 would add to it, over that which it has."""
+        variance that a jitter of 1 would add, over the present variance."""
         arrays, where = self._where_they_belong(x)
         if available():
             filter_, timing = filter_kernels.filter_and_timing(*self.here(x, arrays), self.jitter)
@@ -201,8 +201,8 @@ class EstimationProblem:
         )
 
     def _where_they_belong(self, x: Float[np.ndarray, " P"]) -> tuple[BatchArrays, Moved | None]:
-        """The batch with the noise of samples that the rig logs late at the instants that they show, as far as whole
-        samples go: an edge that came at an instant nobody logged is uncertain there."""
+        """The batch with the noise of late samples at the instants that they show, to whole samples: there the
+        uncertainty of an edge at an unknown instant acts."""
         arrays = self.arrays()
         where = moved_samples(self.batch, self.layout.types, self.layout.values(x, self.free_parameters.held))
         if where is None:
@@ -222,7 +222,7 @@ class EstimationProblem:
         return weighted if available() else jax.device_put(jax.tree.map(np.asarray, weighted))
 
     def linearise(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Linearisation:
-        """Residual, that of the priors, and the Jacobian of the former.
+        """Residual, residual of the priors, and the Jacobian of the former.
 
         Args:
             x: coordinates, shape (P,).
@@ -234,8 +234,8 @@ class EstimationProblem:
         return Linearisation(r, prior, columns[..., : x.size])
 
     def linearise_traces(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> list[LinearisedTrace]:
-        """Of each trace the residual at its instants, shape (n, M), and the Jacobian, shape (M, n, P): a fraction of
-        what `linearise` holds, which has all steps between them too. Arguments as of that."""
+        """For each trace the residual at its instants, shape (n, M), and the Jacobian, shape (M, n, P): a fraction of
+        the result of `linearise`, which also has the steps between. Arguments as of `linearise`."""
         places = [(lane, marks) for lane, _, marks in self.batch.places]
         if not available():
             r, _, jacobian = self.linearise(x, weighted)
@@ -248,8 +248,8 @@ class EstimationProblem:
         return found
 
     def residual(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Float[np.ndarray, "T L M"]:
-        """Whitened residual alone, shape (T, L, M), dimensionless, at coordinates x, shape (P,): a tenth of the cost of
-        its Jacobian."""
+        """Whitened residual without Jacobian, shape (T, L, M), dimensionless, at coordinates x, shape (P,): takes a
+        tenth of the time of the Jacobian."""
         return np.asarray(self._compared(x, weighted).r)
 
     def _compared(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> Compared:
@@ -259,16 +259,16 @@ class EstimationProblem:
         return _compared(form, padded, weighted)
 
     def chi2(self, x: Float[np.ndarray, " P"], weighted: WeightedData) -> float:
-        """Sum of squares of the whitened residual at coordinates x, shape (P,). Without the priors; `chi2.chi2_of`, for
-        many points, counts them."""
+        """Sum of squares of the whitened residual at coordinates x, shape (P,), without the priors; `chi2.chi2_of`, for
+        many points, includes them."""
         form = self.layout.form
-        with np.errstate(over="ignore"):  # of a simulation that runs away it is inf
+        with np.errstate(over="ignore"):  # a simulation that diverges gives inf
             if available():
                 return residual_kernels.chi2(form, form.full(self.layout.padded(x), weighted.pick), weighted)
             return float(np.sum(self.residual(x, weighted) ** 2))
 
     def refined(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem with as many integration steps in each interval as the free run at x, shape (P,), needs."""
+        """The problem with the integration steps in each interval that the free run at x, shape (P,), needs."""
         problem = self
         for _ in range(2):
             error = problem._local_error(x)
@@ -291,10 +291,10 @@ class EstimationProblem:
         return form, form.full(self.layout.padded(x), self.pick), jax.tree.map(np.asarray, arrays)
 
     def reprepared(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem of the measurements as they were logged: release instants are read off the records again, and
-        integration steps chosen for x, shape (P,).
+        """The problem of the measurements as logged: release instants come from the records again, and integration
+        steps are chosen for x, shape (P,).
 
-        For a model with an effect more: release instants that a poorer model placed would pull it back to that one.
+        It is for a model with a further effect: release instants placed by a poorer model would pull it back to that.
         """
         traces = tuple(t for t in (prepare(t.measurement, self.config) for t in self.batch.traces) if t is not None)
         problem = EstimationProblem.of_traces(self.config, self.free_parameters, traces, None, self.room)
@@ -303,17 +303,17 @@ class EstimationProblem:
 
     @property
     def room(self) -> tuple[int, ...]:
-        """Steps T, lanes L and slots M that other batches of the rig have at least: those of this one, so that JAX
-        compiles nothing again. A kernel serves any T and L."""
+        """Least steps T, lanes L and slots M of other batches of the rig: those of this one, so that JAX needs no new
+        compilation. A kernel works for any T and L."""
         length, lanes, slots = self.batch.slots.value.shape
         return (0, 0, slots) if available() else (length, lanes, slots)
 
     def for_traces(self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem of other traces of the same rig, in a batch of the same shape where they fit, so that nothing is
-        compiled again.
+        """The problem of other traces of the same rig, in a batch of the same shape if they fit, so that no new
+        compilation is needed.
 
         Args:
-            traces: made ready.
+            traces: prepared traces.
             x: coordinates, shape (P,), for which integration steps are chosen.
         """
         other = (
@@ -326,14 +326,14 @@ class EstimationProblem:
     def with_room_for(
         self, traces: tuple[Trace, ...], x: Float[np.ndarray, " P"], spare: float = 1.0
     ) -> EstimationProblem:
-        """The problem in a batch long enough for other traces of the rig, so that one set of programs serves both.
+        """The problem in a batch long enough for other traces of the rig, so that both use one set of programs.
 
         Args:
-            traces: made ready.
+            traces: prepared traces.
             x: coordinates, shape (P,), for which their integration steps are chosen.
-            spare: room over what they need at x: elsewhere they may need a few steps more.
+            spare: factor on their steps at x: elsewhere they may need a few more.
         Returns:
-            the problem itself where they fit in, would make it more than `_PADDED` times as long, or kernels run.
+            The problem itself if they fit, if they would make it more than `_PADDED` times as long, or if kernels run.
         """
         if not traces or available():
             return self
@@ -347,7 +347,7 @@ class EstimationProblem:
         return replace(longer, jitter=self.jitter, guide_stiffness=self.guide_stiffness)
 
     def guided(self, guide_stiffness: float) -> EstimationProblem:
-        """The problem with a residual simulated under a guide of this stiffness, V/rad (N m/rad for torque)."""
+        """The problem with a residual simulated with a guide of this stiffness, V/rad (N m/rad for a torque)."""
         return replace(self, guide_stiffness=guide_stiffness)
 
     def with_parameters(self, free_parameters: FreeParameters) -> EstimationProblem:
@@ -355,8 +355,7 @@ class EstimationProblem:
         return replace(self, free_parameters=free_parameters)
 
     def with_release_times(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem with the instants at which held plates were let go where the model at x, shape (P,), fits them
-        best."""
+        """The problem with the release instants that best fit the model at x, shape (P,)."""
         if not any(trace.release for trace in self.batch.traces):
             return self
         predicted = self.free_run(x)
@@ -365,23 +364,23 @@ class EstimationProblem:
         return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_instants(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem with all that nobody logged read off the data anew at x, shape (P,): instants of releases and of
+        """The problem with all unlogged quantities estimated again at x, shape (P,): instants of releases and of
         jumps of a setpoint, integrals of an ECU."""
         return self.with_release_times(x).with_integrator_states(x).with_setpoint_jumps(x)
 
     @property
     def controlled(self) -> bool:
-        """True where an ECU in the model drives a trace."""
+        """Whether an ECU in the model drives a trace."""
         return any(trace.controlled for trace in self.batch.traces)
 
     @property
     def sees_jumps(self) -> bool:
-        """True where an ECU in the model follows a setpoint that jumps."""
+        """Whether an ECU in the model follows a setpoint that jumps."""
         return any(t.setpoint is not None and t.setpoint.jumps.size for t in self.batch.traces)
 
     def with_setpoint_jumps(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem with the instants at which an ECU in the model saw its setpoint jump where the model at x, shape
-        (P,), fits them best."""
+        """The problem with the instants, at which an ECU in the model read its setpoint's jumps, that best fit the
+        model at x, shape (P,)."""
         if not self.sees_jumps:
             return self
         seeing = [k for k, t in enumerate(self.batch.traces) if t.setpoint is not None and t.setpoint.jumps.size]
@@ -396,8 +395,8 @@ class EstimationProblem:
         return replace(self, batch=batch, sigma=batch.slots.sigma, guide_stiffness=0.0)
 
     def with_integrator_states(self, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-        """The problem with the voltage in the integral of each ECU in the model, where its trace begins, that fits best
-        at x, see `integrators`."""
+        """The problem with the initial voltage in the integral of each ECU in the model that fits best at x, see
+        `integrators`."""
         if not self.controlled:
             return self
         weighted = self.guided(0.0).weighted(plain(self.slots, order_of(self.layout.types)))

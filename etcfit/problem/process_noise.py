@@ -1,15 +1,15 @@
-"""How far a simulation may be off at each sample: the model's error as a linear Gaussian process along its path.
+"""The error of a simulation at each sample: a linear Gaussian process along the model's path.
 
-The logged input is noisy, edges of it and the release of the plate come at instants nobody logged, and the initial
-state is not known exactly. All of these act through the model's own dynamics. With the model linearised along its path
+The logged input is noisy, its edges and the release of the plate occur at unlogged instants, and the initial state is
+not known exactly. All of these act through the model's own dynamics. With the model linearised along its path
 
     dx_k = A_k dx_{k-1} + w_k,    w_k ~ N(0, Q_k),        y_k - y_hat_k = C_k dx_k + n_k,    n_k ~ N(0, R_k)
 
-An impact is clipped at the end of a step: what its instant is uncertain by enters Q and R there, so that the few
-samples around an impact do not steer the fit.
+An impact is clipped at the end of a step: the uncertainty of its instant enters Q and R there, so that the few samples
+around an impact do not dominate the fit.
 
 Source: Anderson and Moore 1979, Optimal filtering, ch. 8 (linearisation along a path). Differs from source: the input's
-error is a state of its own, and instants that nobody logged add to Q.
+error is a state of its own, and unlogged instants add to Q.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from ..model.throttle import Throttle, followed
 from .batch import BatchArrays, Disturbance, SampleSlots
 
 _SHARES, _WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)  # Gauss-Legendre on [0, 1]
-ORDER = 4  # error states: current, angle, speed, and the input's error; before it memories that are followed
-_AROUND = 5  # samples either side of an impact that are discounted
+ORDER = 4  # error states: current, angle, speed, and the input's error; before the last, memories of an ECU
+_AROUND = 5  # samples on either side of an impact that get less weight
 
 
 class ErrorProcess(NamedTuple):
     """The error of a simulation as a linear Gaussian process of n states: current (A), angle (rad), speed (rad/s),
-    with an ECU in the model its memories and the error of the instant at which it last saw its setpoint jump (s), error
-    of the input (V or N m). Formulas: head of this module.
+    with an ECU in the model its memories and the error of the instant at which it last read its setpoint's jump (s),
+    error of the input (V or N m). Formulas: head of this module.
 
     Args:
         transition: A, shape (..., n, n); 0 at the first entry of a trace.
         noise: Q, shape (..., n, n); at the first entry of a trace the covariance of its initial state.
         sense: C, shape (..., M, n).
         variance: R without jitter, square of the sample's unit, shape (..., M).
-        timing: (dy/dt dt)^2, what a jitter of 1 would add to R, shape (..., M).
+        timing: (dy/dt dt)^2, the contribution of a jitter of 1 to R, shape (..., M).
     """
 
     transition: Float[AnyArray, "*batch n n"]
@@ -55,7 +55,7 @@ class ErrorProcess(NamedTuple):
     timing: Float[AnyArray, "*batch M"]
 
     def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "*batch M"]:
-        """R = variance + jitter^2 timing, shape (..., M), where instants scatter by `jitter` times the time between
+        """R = variance + jitter^2 timing, shape (..., M), if instants scatter by `jitter` times the time between
         samples."""
         return self.variance + jitter**2 * self.timing
 
@@ -67,7 +67,7 @@ def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
 
 
 class Events(NamedTuple):
-    """What entries near an event need besides their own step.
+    """Data of entries near an event in addition to their own step.
 
     Args:
         lost: speed lost in an impact within some samples, rad/s, shape (T, L), see `impacts_nearby`.
@@ -85,11 +85,11 @@ def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Er
     Args:
         throttle: the model at the parameters to linearise about.
         path: its states and memories at the end of each step, shape (T, L) each.
-        batch: as the rig drives it and with the guide's lever, see `residual.run`.
+        batch: the batch with the rig's effects and the guide's lever, see `residual.run`.
     """
     steps, resets, slots, disturbance, _ = batch
     before = before_steps(throttle, path, resets)
-    # entry by entry, here and below: such a loop compiles in a fraction of the time that whole arrays take
+    # entry by entry, here and below: such a loop compiles in a fraction of the time for whole arrays
     each = jax.vmap(partial(linearised_step, throttle))
     inner, push = jax.lax.map(lambda entry: each(*entry), (*before, steps, disturbance))
     lost = impacts_nearby(impact(before[0], path[0], steps), slots.weight)
@@ -108,14 +108,14 @@ def process_of(
     linear: tuple[Float[AnyArray, "*batch m m"], Float[AnyArray, "*batch m"]],
     events: Events,
 ) -> ErrorProcess:
-    """The error process from what its steps do; of a batch or of one entry.
+    """The error process from its linearised steps; for a batch or one entry.
 
     Args:
         throttle: the model.
         before, after: state and memories at the begin and the end of each step.
-        batch: as the rig drives it.
+        batch: the batch with the rig's effects.
         linear: sensitivities of each step, see `linearised_step`.
-        events: what happens near it.
+        events: events near it.
     """
     steps, resets, slots, disturbance, test_of = batch
     transition, noise = _process(*linear, disturbance)
@@ -124,7 +124,7 @@ def process_of(
     blind = jnp.zeros((*sense.shape[:-1], order - ORDER))  # no sensor reads a memory
     sense = jnp.concatenate((sense, blind), axis=-1) if blind.size else sense
     noise += _events(throttle, before[0], after[0], steps, disturbance, events.lost, order)
-    noise += _widened(events.edge, order)  # the input's own error knows nothing of its edges, and no ECU sees them
+    noise += _widened(events.edge, order)  # edges do not affect the input's error state, and no ECU reads them
     noise += _seen_covariance(disturbance, order)
     begins = resets.begins[..., None, None] > 0.5
     transition = jnp.where(begins, 0.0, transition)
@@ -135,11 +135,11 @@ def process_of(
 
 
 def free_run_variance(throttle: Throttle, path: StatePath, batch: BatchArrays, jitter: Scalar) -> Float[Array, "T L M"]:
-    """Variance of measured - simulated where the simulation runs free, C P C^T + R, SI, shape (T, L, M):
+    """Variance of measured - simulated in a free run, C P C^T + R, SI, shape (T, L, M):
 
         P_k = A_k P_{k-1} A_k^T + Q_k
 
-    It grows along a trace, for no sample corrects it; the filter's covariance (`innovations.kalman`) does not.
+    It grows along a trace, because no sample corrects it; the filter's covariance (`innovations.kalman`) does not.
 
     Args:
         throttle, path, batch: as in `error_process`.
@@ -161,7 +161,7 @@ def spread_on(
     noise: Float[AnyArray, "n n"],
     sense: Float[AnyArray, "M n"],
 ) -> tuple[Float[AnyArray, "n n"], Float[AnyArray, " M"]]:
-    """P after one step that no sample corrects, and C P C^T of each slot."""
+    """P after one step without correction by samples, and C P C^T of each slot."""
     covariance = transition @ covariance @ transition.T + noise
     return covariance, jnp.sum((sense @ covariance) * sense, axis=-1)
 
@@ -183,9 +183,9 @@ def linearised_step(
 ) -> tuple[Float[AnyArray, "m m"], Float[AnyArray, " m"]]:
     """Sensitivity of a step's end to its begin, shape (m, m) with m = n - 1, and to a shift of its input, shape (m,).
 
-    Memories of effects are taken as they are along the path, since what noise does through them is small beside what
-    it does to the state itself; those of an ECU are not, and belong to what is disturbed. So does the instant of its
-    setpoint's last jump, with which its ticks move and the lengths of the steps between them and the samples.
+    Memories of effects are held constant along the path, because noise acts much less through them than on the state
+    itself. Memories of an ECU are disturbed states. So is the instant of its setpoint's last jump, which moves its
+    ticks and changes the lengths of the steps between ticks and samples.
     """
     memories = followed(throttle.effects)
 
@@ -211,10 +211,10 @@ def linearised_step(
 def slot_senses(
     throttle: Throttle, steps: Step, slots: SampleSlots, test_of: Float[AnyArray, "*batch"]
 ) -> Float[Array, "*batch M 4"]:
-    """C: derivatives of what each slot shows, SI, by current, angle and speed; 0 by the input's error.
+    """C: derivatives of each slot's value, SI, in current, angle and speed; 0 in the input's error.
 
     Returns:
-        shape (..., M, 4).
+        Shape (..., M, 4).
     """
     lanes = slots.kind.shape
     speed = throttle.observe(State(0.0, 0.0, 1.0), throttle.z0, steps.inputs(1.0))
@@ -239,24 +239,24 @@ def impact(before: State, after: State, steps: Step) -> Float[AnyArray, "*batch"
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
     # a motor that rattles in the play of its gear, beyond the stop of the plate
     rattled = (after.omega * before.omega < 0.0) & (jnp.minimum(after.theta, before.theta) < steps.lower)
-    has_stops = (steps.mobile > 0.5) & (steps.plate > 0.5)  # a motor without its plate turns back and meets nothing
+    has_stops = (steps.mobile > 0.5) & (steps.plate > 0.5)  # a motor without its plate has no stops
     return jnp.where(((stopped & on_stop) | rattled) & has_stops, jnp.abs(before.omega - after.omega), 0.0)
 
 
 def impacts_nearby(lost: Float[AnyArray, "T L"], weight: Float[AnyArray, "T L M"]) -> Float[Array, "T L"]:
     """Speed lost in an impact within some samples of each step, rad/s, shape (T, L); 0 elsewhere.
 
-    While the parameters move, the simulated impact moves by some samples. Samples around it are discounted too, or else
-    one of full weight would meet the jump.
+    While the parameters move, the simulated impact moves by some samples. Samples around it get less weight too,
+    otherwise a sample of full weight could meet the jump.
 
     Args:
-        lost: in each step, see `impact`.
-        weight: of the samples, 0 where there is none.
+        lost: speed lost in each step, see `impact`.
+        weight: weights of the samples, 0 without a sample.
     """
     here = running_sum(jnp.any(weight > 0.0, axis=-1).astype(float))  # samples so far
 
     def follow(last: Any, row: Any) -> Any:
-        """The last impact met, and what it counts for at this row."""
+        """The last impact, and the speed lost in it if it is near this row."""
         lost, here = row
         last = tuple(jnp.where(lost > 0.0, new, old) for new, old in zip(row, last, strict=True))
         return last, jnp.where(jnp.abs(last[1] - here) <= _AROUND, last[0], 0.0)
@@ -267,7 +267,7 @@ def impacts_nearby(lost: Float[AnyArray, "T L"], weight: Float[AnyArray, "T L M"
 
 
 def impacts_nearby_here(lost: Float[np.ndarray, "T L"], weight: Float[np.ndarray, "T L M"]) -> Float[np.ndarray, "T L"]:
-    """`impacts_nearby` outside all programs: lane by lane, for few have impacts."""
+    """`impacts_nearby` without compiled programs: lane by lane, because few have impacts."""
     here = np.cumsum(np.any(weight > 0.0, axis=-1), axis=0)
     out = np.zeros(lost.shape)
     for lane in np.flatnonzero(lost.any(axis=0)):
@@ -301,7 +301,7 @@ def _diagonal(entries: Sequence[Float[AnyArray, "*batch"]]) -> Float[AnyArray, "
 
 
 def _widened(matrix: Float[AnyArray, "*batch m m"], order: int) -> Float[AnyArray, "*batch n n"]:
-    """A matrix with zeros beside it, shape (..., n, n)."""
+    """A matrix padded with zeros, shape (..., n, n)."""
     rest = order - matrix.shape[-1]
     right = jnp.concatenate((matrix, jnp.zeros((*matrix.shape[:-1], rest))), axis=-1)
     return jnp.concatenate((right, jnp.zeros((*matrix.shape[:-2], rest, order))), axis=-2)
@@ -316,7 +316,7 @@ def _events(
     lost: Float[AnyArray, "*batch"],
     order: int,
 ) -> Float[AnyArray, "*batch n n"]:
-    """Q of a release and of an impact whose instants are not known exactly, shape (..., n, n)."""
+    """Q of a release and of an impact with uncertain instants, shape (..., n, n)."""
     acceleration = jnp.where(steps.dt > 0.0, (late.omega - early.omega) / jnp.where(steps.dt > 0.0, steps.dt, 1.0), 0.0)
     release = disturbance.release * acceleration**2
     inputs, z0 = steps.inputs(1.0), throttle.z0
@@ -336,15 +336,15 @@ def edge_covariance(
 
         E[(x(s) - x) (x(s) - x)^T],    s uniform in [0, 1], by three-point Gauss-Legendre quadrature
 
-    where x is the path, for which the input rises linearly, which is its mean over s, and x(s) is reached when it jumps
-    at the share s of the interval.
+    where x is the path with an input that rises linearly, its mean over s, and x(s) is the path with a jump at the
+    share s of the interval.
 
     Args:
         throttle: the model.
         x, z: state and memories at the interval's begin.
         end: the path's state at its end.
         s: its last step.
-        d: what is uncertain there.
+        d: the disturbance there.
     """
 
     def hold(reached: StatePath, each: Any) -> Any:
@@ -354,18 +354,18 @@ def edge_covariance(
         return step(throttle, *reached, held._replace(torque1=held.torque0)), None
 
     def missed(share: Any) -> Any:
-        """After four steps, each at its own level and of its own span."""
+        """The error after four steps, each with its own level and length."""
         level = jnp.stack((d.edge_from, d.edge_from, d.edge_to, d.edge_to))
         span = 0.5 * d.edge_span * jnp.stack((share, share, 1.0 - share, 1.0 - share))
         return jnp.stack(jax.lax.scan(hold, (x, z), (level, span))[0][0]) - jnp.stack(end)
 
-    # mapped over the shares rather than looped over them: one copy of the model to compile, not three
+    # mapped over the shares, not looped over them: one copy of the model is compiled, not three
     ways = jax.vmap(missed)(jnp.array(_SHARES))
     return jnp.where(d.edge > 0.0, (ways * np.array(_WEIGHTS)[:, None]).T @ ways, 0.0)
 
 
 def _seen_covariance(disturbance: Disturbance, order: int) -> Float[AnyArray, "*batch n n"]:
-    """Q of the instant at which an ECU in the model saw a jump of its setpoint, shape (..., n, n)."""
+    """Q of the instant at which an ECU in the model read a jump of its setpoint, shape (..., n, n)."""
     zero = jnp.zeros_like(disturbance.seen)
     each = [zero] * order
     each[-2] = disturbance.seen if order > ORDER else zero
@@ -383,7 +383,7 @@ def _impact_variance(
 def _timing_variance(
     before: State, after: State, steps: Step, disturbance: Disturbance, sense: Float[AnyArray, "*batch M n"]
 ) -> Float[AnyArray, "*batch M"]:
-    """(dy/dt times the time between samples)^2, shape (..., M): what a clock that jitters does to each sample."""
+    """(dy/dt times the time between samples)^2, shape (..., M): the effect of a clock's jitter on each sample."""
     span = jnp.where(steps.dt > 0.0, steps.dt, 1.0)
     rate = jnp.stack([(late - early) / span for early, late in zip(before, after, strict=True)], axis=-1)
     seen = jnp.sum(sense[..., :3] * rate[..., None, :], axis=-1)

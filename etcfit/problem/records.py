@@ -1,9 +1,9 @@
-"""A batch packed for a kernel: lanes of like length side by side, each entry one row of numbers.
+"""A batch packed for a kernel: lanes of similar length in parallel, each entry one row of numbers.
 
-Lanes are taken longest first, some at a time; a group runs as long as its longest lane. Entries that only fill a
-shorter lane up, and lanes that only fill a group up, have weight 0.
+Lanes are grouped, the longest first; a group is as long as its longest lane. Entries that only fill a shorter lane, and
+lanes that only fill a group, have weight 0.
 
-Each leaf of the batch is a record: it is packed once, whoever reads it, and not at all where a kernel stored it.
+Each leaf of the batch is a record: it is packed once for all kernels, and not at all if a kernel stored it.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from ..model.stepper import Reset, Step
 from .traced_entry import Column, Shape
 
 Made = TypeVar("Made")
-# a graph grows while it is differentiated, and each kernel and each record is made once; nothing runs meanwhile, for
-# what runs is shared out to threads, which may wait for this lock
+# a graph grows while it is differentiated, and each kernel and each record is made once; no kernel runs meanwhile,
+# because kernels run in threads, which may wait for this lock
 MAKING = RLock()
-_AT_ONCE = 512  # entries that are turned about at once: more fall out of the caches
+_AT_ONCE = 512  # entries that are transposed at once: more do not fit into the caches
 
 
 class Group(NamedTuple):
-    """Lanes that run side by side.
+    """Lanes that run in parallel.
 
     Args:
-        lanes: of the batch, at most `LANES` of them.
-        rows: entries of each; those that follow are blank.
+        lanes: at most `LANES` lanes of the batch.
+        rows: number of entries of each; further entries are blank.
     """
 
     lanes: tuple[int, ...]
@@ -44,12 +44,12 @@ class Group(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Grouped:
-    """An array over a batch as a kernel stored it, and as others read it: nothing is packed for them.
+    """An array over a batch in the form in which kernels store and read it, so that no packing is needed.
 
     Args:
         shape: its shape as an array, T and L first.
         groups: the lanes.
-        parts: what they hold, shape (longest, columns, `LANES`) each.
+        parts: their numbers, shape (longest, columns, `LANES`) each.
     """
 
     shape: tuple[int, ...]
@@ -64,7 +64,7 @@ class Grouped:
 
 
 def put(out: Float[np.ndarray, "T L F"], group: Group, part: Float[np.ndarray, "rows F W"]) -> None:
-    """What a kernel stored of some lanes into an array; what follows the end of a lane is left out."""
+    """Copy the stored numbers of some lanes into an array, without those after the end of a lane."""
     for side, (lane, rows) in enumerate(zip(*group, strict=True)):
         for k in range(0, rows, _AT_ONCE):
             some = slice(k, min(k + _AT_ONCE, rows))
@@ -73,22 +73,22 @@ def put(out: Float[np.ndarray, "T L F"], group: Group, part: Float[np.ndarray, "
 
 
 def as_numpy(tree: Any) -> Any:
-    """The tree with arrays of NumPy; what kernels stored stays as it lies."""
+    """The tree with arrays of NumPy; `Grouped` arrays stay as they are."""
     return jax.tree.map(lambda leaf: leaf if isinstance(leaf, Grouped) else np.asarray(leaf), tree)
 
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """Arrays of a batch, and what of them changes.
+    """Arrays of a batch, and which of them change.
 
     Args:
         tree: arrays of NumPy, or `Grouped`, axes T and L first.
-        rows: entries of each lane, shape (L,).
-        renewed: numbers of the leaves, in JAX's order, that are read at every entry though they be the same at all, for
-            others will take their place.
-        muted: those that are 0 where nothing counts.
-        never: columns that may be 0 everywhere by what they mean.
-        lasting: whether leaves are packed for longer than one run.
+        rows: number of entries of each lane, shape (L,).
+        renewed: numbers of the leaves, in JAX's order, that are read at every entry even if they are constant, because
+            other values will replace them.
+        muted: leaves that are 0 in blank entries.
+        never: columns that may be 0 everywhere by their meaning.
+        lasting: whether packed leaves are kept for further runs.
     """
 
     tree: Any
@@ -106,7 +106,7 @@ class Records:
     Args:
         uniform: numbers that are the same at every entry, in the order of `Shape.uniform`.
         groups: its lanes.
-        records: of each group: packed once, or whenever it is run.
+        records: records of each group, packed once, or at every run.
         shape: T and L.
     """
 
@@ -117,25 +117,25 @@ class Records:
 
 
 def used_rows(steps: Step, resets: Reset) -> Int[np.ndarray, " L"]:
-    """Entries of each lane up to the end of its last trace, shape (L,)."""
+    """Number of entries of each lane up to the end of its last trace, shape (L,)."""
     active = (np.asarray(steps.dt) > 0.0) | (np.asarray(resets.begins) > 0.5)
     return np.max(np.where(active, np.arange(1, active.shape[0] + 1)[:, None], 0), axis=0, initial=0)
 
 
 def numbered(tree: Any) -> Any:
-    """The tree with the number of each leaf in its place."""
+    """The tree with each leaf replaced by its number."""
     structure = jax.tree.structure(tree)
     return jax.tree.unflatten(structure, list(range(structure.num_leaves)))
 
 
 class Remembered:
-    """What was made of some arrays, for as long as all of them live."""
+    """Results made from some arrays, kept as long as all of these arrays exist."""
 
     def __init__(self) -> None:
         self._kept: dict[tuple[Any, ...], Any] = {}
 
     def made_once(self, arrays: Sequence[np.ndarray | Grouped], further: Any, make: Callable[[], Made]) -> Made:
-        """What `make` returns, once for the same arrays and the same further key."""
+        """The result of `make`, computed once for the same arrays and the same further key."""
         if not arrays:
             return make()
         key = (*map(id, arrays), further)
@@ -148,7 +148,7 @@ class Remembered:
 
 
 class Latest:
-    """What was made last of some arrays, so many times: for what refers to the arrays itself, which `Remembered` would
+    """The last results made from some arrays: for results that refer to the arrays themselves, which `Remembered` would
     keep alive for ever."""
 
     def __init__(self, most: int) -> None:
@@ -156,9 +156,9 @@ class Latest:
         self._most = most
 
     def made_once(self, arrays: Sequence[np.ndarray | Grouped], further: Any, make: Callable[[], Made]) -> Made:
-        """What `make` returns, once for the same arrays and the same further key while it is among the last."""
+        """The result of `make`, computed once for the same arrays and further key as long as it is among the last."""
         key = (*map(id, arrays), further)
-        kept = self._kept.pop(key, None) or (arrays, make())  # held with the arrays, whose numbers stay theirs
+        kept = self._kept.pop(key, None) or (arrays, make())  # kept with the arrays, so that their ids stay valid
         self._kept[key] = kept
         for oldest in list(self._kept)[: -self._most]:
             self._kept.pop(oldest, None)
@@ -169,12 +169,12 @@ _FOUND, _RECORDS = Remembered(), Remembered()
 
 
 def records_of(entries: Entries, made_of: Callable[[Shape], tuple[Sequence[int], Made]]) -> tuple[Records, Made]:
-    """The batch packed, and what else was made for its shape.
+    """The packed batch, and the further result for its shape.
 
     Args:
         entries: the batch.
-        made_of: which leaves are read of an entry of a batch of such a shape, and what else is made for that; the same
-            for the same shape.
+        made_of: returns for a shape the leaves that are read at an entry, and a further result; the same for the same
+            shape.
     """
     with MAKING:
         leaves, structure = jax.tree.flatten(entries.tree)
@@ -213,7 +213,7 @@ def _groups(rows: Int[np.ndarray, " L"]) -> tuple[Group, ...]:
 
 
 def _ever(leaf: np.ndarray | Grouped, place: tuple[int, ...]) -> bool:
-    """Whether a column is other than 0 anywhere."""
+    """Whether a column is not 0 somewhere."""
     if isinstance(leaf, Grouped):
         column = np.ravel_multi_index(place, leaf.shape[2:]) if place else 0
         return any(part[:, column].any() for part in leaf.parts)
@@ -221,7 +221,7 @@ def _ever(leaf: np.ndarray | Grouped, place: tuple[int, ...]) -> bool:
 
 
 def _everywhere(leaf: np.ndarray | Grouped, groups: Sequence[Group]) -> list[tuple[tuple[int, ...], float]]:
-    """Columns that are one number at all entries, and which."""
+    """Columns that have the same number at all entries, with the number."""
     if isinstance(leaf, Grouped):
         return []
 
@@ -234,7 +234,7 @@ def _everywhere(leaf: np.ndarray | Grouped, groups: Sequence[Group]) -> list[tup
 
 
 def _is_ready(leaf: Any, groups: tuple[Group, ...]) -> bool:
-    """Whether a leaf lies as these groups are read."""
+    """Whether a leaf is stored in the form of these groups."""
     return isinstance(leaf, Grouped) and leaf.groups == groups
 
 
@@ -250,8 +250,8 @@ def _each_packed(read: Sequence[tuple[Any, bool]], place: int, group: Group) -> 
 
 
 def record_of(leaf: Float[np.ndarray, "T L *F"], group: Group, muted: bool) -> Float[np.ndarray, "rows F W"]:
-    """A leaf of some lanes. What ends earlier repeats its last entry; where lanes are few the first is repeated; both
-    are 0 where it is `muted`."""
+    """A leaf of some lanes. A shorter lane repeats its last entry, and missing lanes repeat the first; both are 0 if
+    the leaf is `muted`."""
     longest, places = max(group.rows), list(np.ndindex(leaf.shape[2:]))
     out = np.empty((longest, len(places), LANES))
     for side in range(LANES):

@@ -1,4 +1,4 @@
-"""THE residual: measured minus simulated, whitened. Nobody else subtracts y - y_hat for a fit."""
+"""THE residual: measured minus simulated, whitened. No other module subtracts y - y_hat for a fit."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _LIMIT = 12.0  # V
 
 
 class WeightedData(NamedTuple):
-    """All that the residual needs besides the coordinates, as arrays.
+    """All data of the residual except the coordinates, as arrays.
 
     Args:
         steps, resets, slots, test_of: the batch, see `TraceBatch`.
         whitening: the frozen filter.
-        pick: which parameters the coordinates stand for, and the values of the others.
+        pick: the parameters of the coordinates, and the values of the others.
         prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,), dimensionless; sd is inf without one.
     """
 
@@ -41,23 +41,23 @@ class WeightedData(NamedTuple):
 
     @property
     def samples(self) -> float:
-        """Number of samples that are fitted."""
+        """Number of fitted samples."""
         return float(np.sum(np.asarray(self.slots.weight)))
 
 
 def equipped(
     throttle: Throttle, steps: Step, resets: Reset, test_of: Scalar, values: Mapping[str, Scalar]
 ) -> tuple[Step, Reset]:
-    """Steps and resets, of a batch or of one entry, with all in them that depends on parameters: effects of the rig on
-    input and start, and the torque by which a guide acts where there is no circuit.
+    """Steps and resets, of a batch or of one entry, with everything that depends on parameters: effects of the rig on
+    input and initial state, and the torque of a guide if there is no circuit.
 
     Args:
         throttle: the model.
-        steps, resets, test_of: as logged, see `TraceBatch`.
-        values: of the model's parameters, SI by symbol.
+        steps, resets, test_of: the logged ones, see `TraceBatch`.
+        values: values of the model's parameters, SI by symbol.
     """
     steps = _held(throttle.driven(steps, test_of), values)
-    # a guide in volts knows no scale of torque: where the data know none, none can run away from it
+    # a guide in volts does not depend on the scale of torque, so an undetermined scale cannot drift because of it
     per_volt = steps.gear_ratio * values["K_m"] / (values["R_a"] + steps.series)
     if steps.acting is not None:
         steps = steps._replace(**steps.acting._asdict(), acting=None)
@@ -67,12 +67,12 @@ def equipped(
 
 
 def _held(steps: Step, values: Mapping[str, Scalar]) -> Step:
-    """Where an ECU in the model drives the plate its integral begins with what holds the spring there,
+    """If an ECU in the model drives the plate, its integral begins with the voltage that holds the spring there,
 
-        v_0 = (T_PL + K_s theta_0) R_a/(N K_m) + what was found besides, in volts of a limit of 12 V
+        v_0 = (T_PL + K_s theta_0) R_a/(N K_m) + the estimated rest, in volts of a limit of 12 V
 
-    so that a preload, which the integral bears whatever it is, moves nothing, nor does a scale of all voltages where
-    nothing gives one: exactly, and not only along the path that the whitening was linearised about.
+    so that a preload, which the integral always balances, does not change the path, and neither does an undetermined
+    scale of all voltages: exactly, not only along the path about which the whitening was linearised.
     """
     if steps.command is None:
         return steps
@@ -85,14 +85,14 @@ def _held(steps: Step, values: Mapping[str, Scalar]) -> Step:
 def predict(
     throttle: Throttle, path: StatePath, steps: Step, resets: Reset, slots: SampleSlots, test_of: Scalar
 ) -> Float[Array, "*batch M"]:
-    """y_hat: what each slot ought to show.
+    """y_hat: the simulated value of each slot.
 
     Args:
         throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
         steps, resets, slots, test_of: the batch, see `TraceBatch`; of one entry without the axis T.
     Returns:
-        shape (T, L, M), SI unit of each channel.
+        Shape (T, L, M), SI unit of each channel.
     """
     seen = throttle.read(throttle.observe(*path, steps.inputs(1.0)), test_of, steps.trace)
     delays = throttle.delays().channels if throttle.may_delay else {}
@@ -106,7 +106,7 @@ def predict(
 def shown(
     seen: Mapping[str, Float[AnyArray, "*batch"]], kind: Float[AnyArray, "*batch M"]
 ) -> Float[AnyArray, "*batch M"]:
-    """What each slot shows of channels, by its kind, an index into `KINDS`; 0 where it is of none of them."""
+    """The value of each slot from the channels, by its kind, an index into `KINDS`; 0 if it is of none of them."""
     y = jnp.zeros(kind.shape)
     for k, name in enumerate(KINDS):
         if name in seen:
@@ -120,8 +120,8 @@ class SimulatedRun(NamedTuple):
     Args:
         throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
-        steps: what it ran on: as the rig drives it, inputs as late as they act, with the guide's lever.
-        resets: true states in which its traces began, which a rig effect may set apart from the logged ones.
+        steps: the simulated steps: with the rig's effects, late inputs, and the guide's lever.
+        resets: true initial states of its traces, which may differ from the logged ones by a rig effect.
     """
 
     throttle: Throttle
@@ -136,8 +136,8 @@ def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | Weig
     Args:
         form: the model.
         x: coordinates, shape (P,).
-        pick: which parameters x stands for.
-        batch: its steps and resets as they were logged, and whose test each entry is.
+        pick: the parameters of x.
+        batch: its logged steps and resets, and the test of each entry.
     """
     values = form.values(x, pick)
     throttle = Throttle.build(form.types, values)
@@ -148,22 +148,22 @@ def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | Weig
 
 
 def prior_residual(x: Float[AnyArray, "*K P"], weighted: WeightedData) -> Float[AnyArray, "*K P"]:
-    """(x - mean) / sd of the Gaussian priors, shape (..., P), dimensionless; 0 where there is none."""
+    """(x - mean) / sd of the Gaussian priors, shape (..., P), dimensionless; 0 without a prior."""
     return (x - weighted.prior_mean) / weighted.prior_sd
 
 
 def prior_residual_here(x: Float[np.ndarray, "*K P"], weighted: WeightedData) -> Float[np.ndarray, "*K P"]:
-    """`prior_residual` outside all programs: by numpy, for which nothing is compiled."""
+    """`prior_residual` by NumPy, without compilation."""
     mean, sd = np.asarray(weighted.prior_mean), np.asarray(weighted.prior_sd)
     return prior_residual(x, weighted._replace(prior_mean=mean, prior_sd=sd))
 
 
 class Compared(NamedTuple):
-    """A simulation beside the data, shape (T, L, M) each.
+    """A simulation and its residual, shape (T, L, M) each.
 
     Args:
-        seen: y_hat, what each slot ought to show, SI.
-        r: whitened residual, dimensionless, 0 where there is no sample; standard normal where the model is right.
+        seen: y_hat, the simulated value of each slot, SI.
+        r: whitened residual, dimensionless, 0 without a sample; standard normal if the model is right.
     """
 
     seen: Float[AnyArray, "*batch M"]
@@ -171,7 +171,7 @@ class Compared(NamedTuple):
 
 
 def compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compared:
-    """All traces simulated, and their whitened residual.
+    """Simulate all traces, and compute their whitened residual.
 
         r = W (y - y_hat(x))
 
@@ -179,7 +179,7 @@ def compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compa
     Args:
         form: the model.
         x: coordinates, shape (P,).
-        weighted: data, and which parameters x stands for.
+        weighted: data, and the parameters of x.
     """
     throttle, path, steps, resets = run(form, x, weighted.pick, weighted)
     seen = predict(throttle, path, steps, resets, weighted.slots, weighted.test_of)

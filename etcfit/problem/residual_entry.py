@@ -1,7 +1,7 @@
 """One entry of a simulation as a graph, and its tangents along parameters.
 
-The step has its local Jacobian by backward mode; columns are pushed by that, and go forward through what is shown and
-whitened.
+Backward mode gives the local Jacobian of the step; it propagates the columns, which then go forward through observation
+and whitening.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from .traced_entry import Shape, TracedEntry, nodes_of
 
 
 class SimulatedEntry:
-    """A function of (form, values, what is carried, entry) that makes a step, traced.
+    """A function of (form, values, carry, entry) that makes a step, traced.
 
     Args:
-        function: it returns what is carried on, see `one_pass.start`, and its results.
+        function: returns the new carry, see `one_pass.start`, and its results.
         form: the model.
-        shape: of the batch.
-        order: error states of the whitening filter.
+        shape: shape of the batch.
+        order: number of error states of the whitening filter.
     Attributes:
         traced: its graph.
         results: nodes that are differentiated.
-        acting: nodes of what acts in the step, if that depends on parameters in ways known at each entry.
-        ways: of each parameter on which it does, nodes of its derivatives, as many.
+        acting: nodes of the acting input, if its derivatives in parameters are given at each entry.
+        ways: nodes of these derivatives, by parameter.
     """
 
     results: Sequence[int] = ()
@@ -43,13 +43,13 @@ class SimulatedEntry:
 
     @cached_property
     def _slopes(self) -> list[list[int]]:
-        """Derivatives of state and memories after the step in those before it, in each parameter, and in what acts."""
+        """Derivatives of state and memories after the step in those before it, in each parameter, and in the input."""
         graph, n = self.traced.graph, self._states
         by = [*self.traced.begun[:n], *(self.traced.fixed[symbol] for symbol in self.symbols), *self.acting]
         return [backward(graph, graph.needed([end]), end, by) for end in self.traced.ends[:n]]
 
     def _column(self, symbol: str) -> tuple[list[tuple[int, int]], list[int]]:
-        """Along one parameter: what is carried, and the tangents of `results`."""
+        """Tangents of the carry and of `results` along one parameter."""
         graph, n, begun, ends = self.traced.graph, self._states, self.traced.begun, self.traced.ends
         before = [graph.input(("carried", symbol, k)) for k in range(len(begun))]
         zero, place, acts = graph.constant(0.0), n + self.symbols.index(symbol), self.ways.get(symbol, ())
@@ -77,10 +77,10 @@ class SimulatedEntry:
         """The loop over entries.
 
         Args:
-            across: what a vector holds.
+            across: the contents of a vector.
             free: parameters in which the results are differentiated, P of them.
             summed: whether it adds up r^T r, J^T r and the lower triangle of J^T J, in this order, for results r.
-            stored: nodes that it stores, and then the derivatives of all results in each parameter; None: nothing.
+            stored: nodes that it stores, followed by the derivatives of all results in each parameter; None: nothing.
         """
         carried, columns = [], []
         for symbol in free:
@@ -100,7 +100,7 @@ class ResidualEntry(SimulatedEntry):
     """`one_pass.advance` of a model.
 
     Attributes:
-        seen: nodes of what each slot ought to show; the results are the whitened residual.
+        seen: nodes of each slot's simulated value; the results are the whitened residual.
     """
 
     def __init__(self, form: Form, shape: Shape, order: int) -> None:
@@ -110,6 +110,6 @@ class ResidualEntry(SimulatedEntry):
     def residual_loop(
         self, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: bool = False
     ) -> Loop:
-        """The loop that simulates, observes and whitens; it stores what each slot ought to show and the residual, M
+        """The loop that simulates, observes and whitens; it stores each slot's simulated value and the residual, M
         each. Arguments as of `loop`."""
         return self.loop(across, free, summed, [*self.seen, *self.results] if stored else None)

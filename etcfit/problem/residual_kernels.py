@@ -1,4 +1,4 @@
-"""Computes the residual, its sum of squares and its Jacobian by machine code, where llvmlite is installed.
+"""Computes the residual, its sum of squares and its Jacobian by machine code, if llvmlite is installed.
 
 `EstimationProblem`, `chi2`, `normal_equations` and `diagnosis.tangents` call it. It splits the lanes of a batch in two,
 has another module compute each part, and puts the results together: `one_pass_kernels` takes the lanes in which no
@@ -51,7 +51,7 @@ def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray,
     batch = Simulated(weighted.steps, weighted.resets, weighted.test_of)
 
     def found() -> tuple[np.ndarray, np.ndarray]:
-        somewhere = 1e-3 * np.arange(1.0, 1.0 + len(form.parameters))  # where nothing is on time by chance
+        somewhere = 1e-3 * np.arange(1.0, 1.0 + len(form.parameters))  # values at which no delay is 0 by chance
         late = Shifts(form, somewhere, batch).lanes
         used = rows_of(weighted) > 0
         return np.isin(np.arange(used.size), late), used
@@ -60,7 +60,7 @@ def _late_and_used(form: Form, weighted: WeightedData) -> tuple[Bool[np.ndarray,
 
 
 def _take_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> WeightedData:
-    """The data of some lanes; of the same arrays always the same slices, so that each is packed once."""
+    """The data of some lanes; the same slices for the same arrays, so that each is packed once."""
     data = weighted.steps, weighted.resets, weighted.slots, weighted.test_of, weighted.whitening
     if lanes.size == weighted.slots.value.shape[1]:
         return weighted
@@ -72,7 +72,7 @@ def _take_lanes(weighted: WeightedData, lanes: Int[np.ndarray, " l"]) -> Weighte
 
 
 def _lanes_with_moved_samples(filter_: InnovationsFilter) -> Bool[np.ndarray, " L"]:
-    """Lanes in which samples are filtered elsewhere than they were logged; the filter may be that of another model."""
+    """Lanes in which samples move to other entries; the filter may be that of another model."""
     if filter_.moved is None:
         return np.zeros(filter_.weight.shape[1], dtype=bool)
     still = np.arange(filter_.weight.shape[0])[:, None, None]
@@ -80,7 +80,7 @@ def _lanes_with_moved_samples(filter_: InnovationsFilter) -> Bool[np.ndarray, " 
 
 
 def _merge_lanes(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: int) -> np.ndarray:
-    """Results of parts, axes T and L first, in one array; 0 in lanes that are blank."""
+    """Results of parts, axes T and L first, in one array; 0 in blank lanes."""
     if parts[0].lanes.size == lanes:
         return results[0]
     shape = results[0].shape
@@ -91,7 +91,7 @@ def _merge_lanes(parts: Sequence[_Part], results: Sequence[np.ndarray], lanes: i
 
 
 def compile_ahead(form: Form, weighted: WeightedData) -> None:
-    """Begin to compile, in the background, the kernels that a descent runs; does nothing where a signal is delayed."""
+    """Start compiling, in the background, the kernels of a descent; does nothing if a signal is delayed."""
     if has_single_pass(form, weighted):
         one_pass_kernels.compile_ahead(form, weighted)
 
@@ -133,7 +133,7 @@ def linearised(
 
     Args:
         form, full, weighted: as of `sums`.
-        by: symbols; the free parameters where None.
+        by: symbols; None: the free parameters.
     """
     free, parts = free_of(form, weighted.pick) if by is None else by, _parts(form, weighted)
     each = [part.by.linearised(form, full, part.weighted, free) for part in parts]
@@ -144,12 +144,12 @@ def linearised(
 def linearised_at(
     form: Form, full: Float[np.ndarray, " Q"], weighted: WeightedData, places: Sequence[Place]
 ) -> list[LinearisedTrace]:
-    """As `linearised`, at some places alone, n entries each: the residual, shape (n, M), and its derivatives in the
+    """As `linearised`, only at some places, n entries each: the residual, shape (n, M), and its derivatives in the
     values of the free parameters, shape (M, n, P).
 
     Args:
         form, full, weighted: as of `sums`.
-        places: each in a lane that is used.
+        places: each in a used lane.
     """
     free, found = free_of(form, weighted.pick), {}
     for part in _parts(form, weighted):

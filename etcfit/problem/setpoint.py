@@ -1,8 +1,8 @@
-"""What an ECU that is part of the model was asked for, and when it saw that.
+"""The setpoint of an ECU that is part of the model, and the instants at which the ECU read its jumps.
 
-A setpoint that jumps between two samples was seen at a tick that nobody logged: after the sample before the jump, and
-no later than one period after the sample that shows it. Where in that window each jump was seen is read off what the
-plate did after it (`EstimationProblem.with_setpoint_jumps`); the ECU's clock is taken to tick in step with each.
+A setpoint that jumps between two samples was read at an unlogged tick: after the sample before the jump, and no later
+than one period after the sample that shows it. The plate's motion after each jump determines its place in that window
+(`EstimationProblem.with_setpoint_jumps`); the ECU's clock is assumed to be in step with each jump.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from ..rig.base import Measurement
 from .input_signal import edges_of
 from .instants import place
 
-SAME_INSTANT = 1e-9  # s, instants that are one
-_BEFORE, _AFTER = 8, 0.03  # samples before a jump, and s after it, that tell when it was seen
-_UNIFORM = 1.0 / 12.0  # variance of a share of the window of which nothing is known
+SAME_INSTANT = 1e-9  # s; instants closer than this are equal
+_BEFORE, _AFTER = 8, 0.03  # samples before a jump, and s after it, that determine when it was read
+_UNIFORM = 1.0 / 12.0  # variance of an unknown share of the window
 
 
 @dataclass(frozen=True, eq=False)
 class Setpoint:
-    """The setpoint of a trace at its instants; linear in between, but where it jumps.
+    """The setpoint of a trace at its instants; linear in between, except where it jumps.
 
     Args:
         instants: s, shape (n,).
         value: rad, shape (n,).
         jumps: intervals between instants in which it jumps, shape (k,).
-        share: where in its window the ECU saw each jump, 0 to 1, shape (k,).
-        period: of the ECU's clock, s.
+        share: place in its window at which the ECU read each jump, 0 to 1, shape (k,).
+        period: period of the ECU's clock, s.
     """
 
     instants: Float[np.ndarray, " n"]
@@ -43,7 +43,7 @@ class Setpoint:
 
     @classmethod
     def of_measurement(cls, measurement: Measurement, period: float) -> Setpoint:
-        """As logged, each jump seen in the middle of its window."""
+        """The logged setpoint, with each jump read in the middle of its window."""
         channel, instants = measurement.channels["setpoint"], measurement.time
         value = np.interp(instants, channel.time, channel.value)
         jumps = np.flatnonzero(edges_of(value, channel.error))
@@ -56,34 +56,34 @@ class Setpoint:
 
     @property
     def seen(self) -> Float[np.ndarray, " k"]:
-        """When the ECU saw each jump, s."""
+        """Instants at which the ECU read each jump, s."""
         return np.maximum.accumulate(self.instants[self.jumps] + self.share * self.windows)
 
     @property
     def seen_sd(self) -> Float[np.ndarray, " k"]:
-        """Standard deviation of those instants, s: that of the whole window, for what is believed of one jump must not
-        tell what all of them share."""
+        """Standard deviation of those instants, s: that of the whole window, because the errors of the jumps are
+        correlated."""
         return self.windows
 
     def with_jumps_at(self, share: float | Float[np.ndarray, " k"]) -> Setpoint:
-        """With each jump seen at a share of its window."""
+        """The setpoint with each jump read at this share of its window."""
         return replace(self, share=np.broadcast_to(share, self.share.shape))
 
     def at(self, instants: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
-        """As the ECU saw it, rad, at any instants, s."""
+        """The setpoint that the ECU read, rad, at any instants, s."""
         after, seen = self.jumps + 1, self.seen
         known = self.instants.copy()
-        known[after] = np.maximum(known[after], seen)  # a sample may show what the ECU sees a little later
+        known[after] = np.maximum(known[after], seen)  # a sample may show a value that the ECU reads a little later
         time = np.insert(known, np.repeat(after, 2), np.stack((seen - SAME_INSTANT, seen), axis=1).ravel())
         value = np.insert(self.value, np.repeat(after, 2),
                           np.stack((self.value[self.jumps], self.value[after]), axis=1).ravel())  # fmt: skip
         return np.interp(instants, np.maximum.accumulate(time), value)
 
     def placed(self, data: Float[np.ndarray, " n"], sigma: float, paths: Sequence[Float[np.ndarray, " n"]]) -> Setpoint:
-        """With each jump seen where that fits the plate best, as far as that tells.
+        """The setpoint with each jump read at the instant that best fits the plate, as far as the data determine it.
 
         Args:
-            data: angle, rad; NaN where none was logged.
+            data: angle, rad; NaN where it was not logged.
             sigma: its noise, rad.
             paths: simulated, with all jumps at the begin, the middle and the end of their windows.
         """
@@ -93,7 +93,7 @@ class Setpoint:
         return self.with_jumps_at(np.array(found))
 
     def _reaches(self) -> Iterator[tuple[int, int]]:
-        """Each jump's interval, and the last sample that tells of it alone."""
+        """Each jump's interval, and the last sample that depends on no later jump."""
         ends = np.searchsorted(self.instants, self.instants[self.jumps] + _AFTER)
         last = np.minimum(ends, np.append(self.jumps[1:], self.instants.size - 1))
         yield from zip(self.jumps.tolist(), last.tolist(), strict=True)

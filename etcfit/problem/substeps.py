@@ -1,4 +1,4 @@
-"""How many integration steps each interval between samples needs."""
+"""Number of integration steps for each interval between samples."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from .batch import BatchArrays, SampleSlots, TraceBatch
 from .process_noise import before_steps, impact, impacts_nearby, slot_senses
 
 TOLERANCE = 0.002  # local error of a step, in standard deviations of a sample
-_MOST = 24  # steps in one interval
-_LASTING = 0.03  # s, for how long an error in speed moves the angle
+_MOST = 24  # largest number of steps in one interval
+_LASTING = 0.03  # s, time during which an error in speed moves the angle
 
 
 def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Float[Array, "T L"]:
-    """Integration error of each step, from one step against two of half its length.
+    """Integration error of each step, from the difference between one step and two of half its length.
 
     Args:
         throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
-        batch: as the rig drives it and with the guide's lever, see `residual.run`.
+        batch: the batch with the rig's effects and the guide's lever, see `residual.run`.
     Returns:
-        shape (T, L), in standard deviations of the samples.
+        Shape (T, L), in standard deviations of the samples.
     """
     steps, resets, slots, _, test_of = batch
     x, z = before_steps(throttle, path, resets)
-    # entry by entry: a loop over one entry's lanes compiles in a fraction of the time that whole arrays take
+    # entry by entry: a loop over one entry's lanes compiles in a fraction of the time for whole arrays
     each = jax.vmap(partial(step_error, throttle))
     error = jax.lax.map(lambda entry: each(*entry), (x, z, steps, slots, test_of))
     nearby = impacts_nearby(impact(x, path[0], steps), slots.weight)
@@ -44,12 +44,12 @@ def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Floa
 def step_error(
     throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, slots: SampleSlots, test_of: Scalar
 ) -> Float[AnyArray, " M"]:
-    """Integration error of one step in what each slot shows, shape (M,), in standard deviations of a sample."""
+    """Integration error of one step in each slot's value, shape (M,), in standard deviations of a sample."""
     halves = jax.tree.map(lambda *each: jnp.stack(each), *s.halves())
     whole, _ = step(throttle, x, z, s)
     (half, _), _ = jax.lax.scan(lambda carry, each: (step(throttle, *carry, each), None), (x, z), halves)
     wrong = State(*(a - b for a, b in zip(whole, half, strict=True)))
-    # an error in speed goes on to move the angle
+    # an error in speed continues to move the angle
     wrong = jnp.stack(wrong._replace(theta=wrong.theta + _LASTING * wrong.omega))
     return jnp.abs(slot_senses(throttle, s, slots, test_of)[:, :3] @ wrong) / slots.sigma
 
@@ -59,13 +59,13 @@ def worst(
 ) -> Float[AnyArray, "T L"]:
     """The largest error of each step among the slots that are used anywhere in the lane.
 
-    Around an impact the samples are discounted, and no number of steps makes a clipped impact smooth: 0 there.
+    It is 0 around an impact, where samples have less weight and no number of steps makes a clipped impact smooth.
 
     Args:
         error: see `step_error`.
-        weight: of the samples, 0 where there is none.
+        weight: weights of the samples, 0 without a sample.
         nearby: see `process_noise.impacts_nearby`.
-        by: what computes, JAX or NumPy.
+        by: JAX or NumPy.
     """
     present = by.any(weight > 0.0, axis=0)
     return by.where(nearby == 0.0, by.max(by.where(present, error, 0.0), axis=-1), 0.0)
@@ -75,10 +75,10 @@ def substeps_needed(batch: TraceBatch, error: Float[np.ndarray, "T L"]) -> list[
     """Steps in each interval that bring the local error under `TOLERANCE`.
 
     Args:
-        batch: with the number of steps to be changed.
-        error: of each of its steps, in standard deviations of the samples, see `local_error`.
+        batch: the batch with the present steps.
+        error: error of each of its steps, in standard deviations of the samples, see `local_error`.
     Returns:
-        for each trace shape (n - 1,).
+        For each trace shape (n - 1,).
     """
     out = []
     for lane, row, marks in batch.places:
@@ -86,7 +86,7 @@ def substeps_needed(batch: TraceBatch, error: Float[np.ndarray, "T L"]) -> list[
         starts = marks[:-1] - row + 1
         worst = np.maximum.reduceat(column, starts)
         count = np.diff(marks)
-        with np.errstate(over="ignore"):  # a simulation that runs away
+        with np.errstate(over="ignore"):  # a simulation that diverges
             factor = np.ceil(count * np.cbrt(worst / TOLERANCE))
         out.append(np.clip(np.where(np.isfinite(factor), factor, _MOST), 1, _MOST).astype(int))
     return out

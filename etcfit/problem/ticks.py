@@ -1,8 +1,8 @@
 """Ticks of an ECU that is part of the model, as columns over the integration steps of a trace.
 
-Each tick begins a step, for the ECU's output jumps there. The clock begins with the trace, its phase unknown and of no
-consequence but where the setpoint jumps: there it is taken up anew, in step with the instant at which the jump was
-seen.
+Each tick begins a step, because the ECU's output jumps there. The clock begins with the trace. Its phase is unknown and
+matters only where the setpoint jumps: there the clock begins again, in step with the instant at which the jump was
+read.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from .breaks import Breaks
 from .setpoint import SAME_INSTANT, Setpoint
 from .trace import Trace
 
-_NEAR = 0.1  # of a period: a tick so near to a sample comes with it,
-_AFTER = 1e-7  # s, after it, so that a clock that is moved a little moves the tick and not the sample
-_LEAST = 0.5  # of a period between two ticks
-_ROUNDING = 1e-6  # of a period, by which an interval may be longer than so many of them
+_NEAR = 0.1  # share of a period: a tick so near to a sample is moved to it,
+_AFTER = 1e-7  # s, just after it, so that a small change of the clock moves the tick and not the sample
+_LEAST = 0.5  # least time between two ticks, in periods
+_ROUNDING = 1e-6  # margin for rounding in the number of periods of an interval, in periods
 
 
 def tick_instants(setpoint: Setpoint, ecu: Ecu) -> Float[np.ndarray, " ticks"]:
-    """When the output of the ECU changes, s."""
+    """Instants at which the output of the ECU changes, s."""
     t, period = setpoint.instants, ecu.period
     anchors = [t[0]]
     for instant in setpoint.seen + ecu.delay:
@@ -40,15 +40,15 @@ def tick_instants(setpoint: Setpoint, ecu: Ecu) -> Float[np.ndarray, " ticks"]:
 def broken(
     trace: Trace, setpoint: Setpoint, substeps: Int[np.ndarray, " intervals"], ecu: Ecu
 ) -> tuple[Breaks, Float[np.ndarray, " ticks"]]:
-    """The steps of a trace under an ECU, and its ticks, s.
+    """The steps of a trace with an ECU, and its ticks, s.
 
-    There is room for a tick more wherever a jump may act, so that the number of steps is the same when ticks move, all
-    but always: two ticks may come to lie in an interval that is shorter than their period by a rounding.
+    There is space for a further tick wherever a jump may act, so that the number of steps nearly always stays the same
+    when ticks move; rounding may put two ticks into an interval that is slightly shorter than their period.
 
     Args:
-        trace: whose instants.
-        setpoint: that the ECU follows.
-        substeps: that each interval needs at least.
+        trace: the trace.
+        setpoint: setpoint of the ECU.
+        substeps: least number of steps of each interval.
         ecu: its clock.
     """
     t, ticks = trace.instants, tick_instants(setpoint, ecu)
@@ -77,13 +77,13 @@ def _filled(
     home: Int[np.ndarray, " inner"],
     room: Int[np.ndarray, " intervals"],
 ) -> Float[np.ndarray, " pieces"]:
-    """Instants and ticks between them, with what is left of the room in each interval spread over its last piece.
+    """Instants and ticks between them, with the unused space of each interval divided over its last piece.
 
     Args:
         t: instants, s.
         inner: ticks between them, s.
-        home: the interval of each of those.
-        room: for ticks in each interval.
+        home: the interval of each of these ticks.
+        room: number of ticks for which each interval has space.
     """
     count = np.bincount(home, minlength=room.size)
     last = t[:-1].copy()
@@ -106,10 +106,10 @@ def commands(
     """Columns of `Command`, and of `Disturbance` for the jumps of the setpoint.
 
     Args:
-        setpoint: that the ECU follows.
+        setpoint: setpoint of the ECU.
         origin: angle at which the trace begins, rad.
-        ends: of the steps, s.
-        ticks: of the ECU, s.
+        ends: ends of the steps, s.
+        ticks: ticks of the ECU, s.
         ecu: its delay.
         bias: its feed-forward, see `RigConfig`.
     """
@@ -129,7 +129,7 @@ def _moved_with_jumps(
     """Columns of `Disturbance`: a later jump lengthens the step before it, and shifts the ticks after it."""
     seen, follows = np.zeros(ends.size), np.zeros(ends.size)
     before_tick = np.append(tick[1:], False)
-    rows = np.searchsorted(ends, setpoint.seen + ecu.delay - SAME_INSTANT)  # steps that end where a jump is seen
+    rows = np.searchsorted(ends, setpoint.seen + ecu.delay - SAME_INSTANT)  # steps that end when a jump is read
     inside = (rows > 1) & (rows < ends.size - 1)
     rows, sd = rows[inside], setpoint.seen_sd[inside]
     for row, last in pairwise([*rows, ends.size]):

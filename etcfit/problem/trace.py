@@ -1,4 +1,4 @@
-"""A measurement made ready for the model: what drives it, what is observed, from where it starts."""
+"""A measurement prepared for the model: its input, its observed channels, and its initial state."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .setpoint import Setpoint
 
 @dataclass(frozen=True, eq=False)
 class InitialState:
-    """State at the first instant and how well it is known.
+    """State at the first instant and its uncertainty.
 
     Args:
         state: current (A), angle (rad), speed (rad/s).
-        sd: their standard deviations, same units; 0 where known exactly, as on a stop.
+        sd: their standard deviations, same units; 0 if known exactly, as on a stop.
     """
 
     state: tuple[float, float, float]
@@ -30,19 +30,19 @@ class InitialState:
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One measurement, ready for the model.
+    """One measurement, prepared for the model.
 
     Args:
-        measurement: as read.
+        measurement: the measurement as read.
         test: its rig test.
-        instants: of its samples, s, shape (n,).
-        input: what drives it; None with open terminals.
-        channels: what is observed, M names.
+        instants: instants of its samples, s, shape (n,).
+        input: its input; None with open terminals.
+        channels: M names of observed channels.
         data: samples, SI, shape (n, M); NaN where nothing was logged.
         sigma: standard deviation of the noise of one sample, SI, shape (M,).
         start: initial state.
-        release: instant at which the held plate was let go and its standard deviation, s; None: free from the start.
-        setpoint: what the ECU of rig.toml, inside the model, followed; None where no such ECU drives the plate.
+        release: instant of the held plate's release and its standard deviation, s; None: free from the start.
+        setpoint: setpoint of the ECU of rig.toml in the model; None if no such ECU drives the plate.
     """
 
     measurement: Measurement
@@ -58,28 +58,28 @@ class Trace:
 
     @property
     def controlled(self) -> bool:
-        """True where the ECU of rig.toml drives the plate inside the model."""
+        """Whether the ECU of rig.toml drives the plate in the model."""
         return self.setpoint is not None
 
     @property
     def torque_driven(self) -> bool:
-        """True where a torque was logged as the input: then there is no electrical side."""
+        """Whether a torque was logged as the input; then there is no electrical side."""
         return self.input is not None and "torque" in self.measurement.channels
 
     @property
     def sags(self) -> bool:
-        """True where a duty drives it from a supply that nobody logged."""
+        """Whether the input is a duty with a supply that was not logged."""
         return self.input is not None and self.input.held and "supply" not in self.measurement.channels
 
     @property
     def circuit(self) -> bool:
-        """True where current can flow."""
+        """Whether current can flow."""
         return self.input is not None and not self.torque_driven
 
     @property
     def logged(self) -> frozenset[str]:
-        """The channels that the model predicts, "voltage" or "torque" where one drove, and "duty" where that came of a
-        duty and a supply that nobody logged."""
+        """The channels that the model predicts, "voltage" or "torque" if it is the input, and "duty" if the voltage is
+        a duty times a supply that was not logged."""
         driven = {"voltage"} if self.circuit else {"torque"} if self.torque_driven else set()
         return frozenset({*self.channels, *driven, *({"duty"} if self.sags else ())})
 
@@ -88,11 +88,12 @@ class Trace:
         return replace(self, release=(instant, sd))
 
     def with_jumps_at(self, share: float) -> Trace:
-        """The trace with each jump of its setpoint seen at a share of its window; itself without such an ECU."""
+        """The trace with each jump of its setpoint read at a share of its window; itself without such an ECU."""
         return self if self.setpoint is None else replace(self, setpoint=self.setpoint.with_jumps_at(share))
 
     def with_jumps_placed(self, paths: Sequence[Float[np.ndarray, "n M"]]) -> Trace:
-        """The trace with each jump of its setpoint seen where that fits its angle best, see `Setpoint.placed`."""
+        """The trace with each jump of its setpoint read at the instant that best fits its angle, see
+        `Setpoint.placed`."""
         if self.setpoint is None or "position" not in self.channels:
             return self
         m = self.channels.index("position")
@@ -100,40 +101,40 @@ class Trace:
         return replace(self, setpoint=placed)
 
     def holding(self, volts: float) -> Trace:
-        """The trace with another voltage (V) in the integral of the ECU in the model where it begins; itself without
-        such one."""
+        """The trace with another initial voltage (V) in the integral of the ECU in the model; itself without such an
+        ECU."""
         if self.input is None or not self.controlled:
             return self
         return replace(self, input=replace(self.input, value=np.full(self.instants.size, volts)))
 
 
 def by_test(traces: Iterable[Trace]) -> dict[str, frozenset[str]]:
-    """What the traces of each rig test logged."""
+    """The logged channels of each rig test."""
     found: dict[str, frozenset[str]] = {}
     for trace in traces:
         found[trace.test.name] = found.get(trace.test.name, frozenset()) | trace.logged
     return found
 
 
-_LEAST_OHM = 1.0  # of a winding
-_BEYOND_NOISE = 4.0  # standard deviations
+_LEAST_OHM = 1.0  # least resistance of a winding
+_BEYOND_NOISE = 4.0  # standard deviations above which a value is significant
 _STRAIGHT = 1.5  # standard deviations up to which samples on a line show no bend
-_HIGHEST = 5  # power of a polynomial
-_BENT = 4.0  # variances per degree of freedom that samples may miss it by
-_FEW = 6  # samples of a plate that swings to and fro within ten
-_STEADY = 6.0  # noises that the first samples of a current that is steady may lie apart
+_HIGHEST = 5  # highest power of a polynomial
+_BENT = 4.0  # largest misfit of a polynomial, variances per degree of freedom
+_FEW = 6  # samples to use if a plate oscillates within ten
+_STEADY = 6.0  # largest range of the first samples of a steady current, in units of the noise
 
 _NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
-    """Make a trace ready: input, samples, initial state, release.
+    """Prepare a trace: input, samples, initial state, release.
 
     Args:
-        measurement: as read.
+        measurement: the measurement as read.
         config: its rig.
     Returns:
-        None where the model cannot predict it: no input was logged, or nothing observed.
+        None if the model cannot predict it: no input was logged, or nothing was observed.
     """
     test = TEST_BY_NAME[measurement.test]
     instants = measurement.time
@@ -158,13 +159,13 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
 
 
 def follows_setpoint(measurement: Measurement) -> bool:
-    """True where a setpoint and the angle that came of it were logged, at closed terminals."""
+    """Whether a setpoint and the resulting angle were logged, at closed terminals."""
     logged = {"setpoint", "position"} <= set(measurement.channels)
     return logged and not TEST_BY_NAME[measurement.test].boundary.terminals_open
 
 
 def _source(measurement: Measurement, name: str) -> str:
-    """With open terminals the logged terminal voltage is the EMF."""
+    """The logged channel of a name: with open terminals the logged terminal voltage is the EMF."""
     return "voltage" if name == "emf" and "emf" not in measurement.channels else name
 
 
@@ -198,13 +199,13 @@ def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"]
 
 
 class _Begin(NamedTuple):
-    """How the first samples of a channel begin, in its SI unit (and per second).
+    """Initial value and slope of a channel, in its SI unit (and per second).
 
     Args:
-        level: at the first instant.
-        slope: there.
-        slope_sd: its standard deviation.
-        top: coefficient of the highest power of the polynomial behind it, in its standard deviations.
+        level: value at the first instant.
+        slope: slope there.
+        slope_sd: standard deviation of the slope.
+        top: coefficient of the fitted polynomial's highest power, in its standard deviations.
         misfit: sum of squared residuals over their variance, per degree of freedom.
     """
 
@@ -216,16 +217,16 @@ class _Begin(NamedTuple):
 
     @property
     def moves(self) -> bool:
-        """Whether the slope is beyond its noise."""
+        """Whether the slope is significant."""
         return abs(self.slope) > _BEYOND_NOISE * self.slope_sd
 
 
 def _beginning(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float) -> _Begin:
-    """How samples of noise sigma begin: exactly at rest where neither the slope of a line nor a bend is beyond noise.
+    """Initial value and slope of samples with noise sigma: exactly at rest if neither the slope of a line nor a bend is
 
-    Else a polynomial one power above the highest that is, for what hides in the noise turns the slope at the end;
-    through the first few samples, where it misses the others. Where nothing of a bend shows, the line itself: its
-    slope has a quarter of the error.
+    significant. Otherwise a polynomial one power above the highest significant one, because terms hidden in the noise
+    change the slope at the end; only through the first few samples if it does not fit the others. Without any bend the
+    line itself: its slope has a quarter of the error.
     """
     if y.size < 3:
         return _Begin(float(y[0]), 0.0, 0.0)
@@ -240,7 +241,7 @@ def _beginning(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: fl
 
 
 def _polynomial(t: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], sigma: float, degree: int) -> _Begin:
-    """Of one degree, by least squares."""
+    """A polynomial of one degree, by least squares."""
     span, freedom = float(t[-1] - t[0]), max(1, y.size - degree - 1)
     powers = np.vander((t - t[0]) / span, degree + 1, increasing=True)
     found = np.linalg.lstsq(powers, y, rcond=None)[0]
@@ -253,16 +254,16 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
     sigma = dict(zip(trace.channels, trace.sigma, strict=True))
     i, i_sd, theta, theta_sd, omega, omega_sd = (0.0,) * 6
     if (first := _first(trace, "current", 3)) is not None:
-        steady = float(np.ptp(first[1])) < _STEADY * sigma["current"]  # else an edge comes with the first sample
+        steady = float(np.ptp(first[1])) < _STEADY * sigma["current"]  # else there is an edge at the first sample
         i = float(np.mean(first[1]) if steady else first[1][0])
         i_sd = 3.0 * sigma["current"] + 0.1 * abs(i)
-    elif trace.controlled and trace.input is not None:  # as little known as the voltage that makes it
+    elif trace.controlled and trace.input is not None:  # as uncertain as the voltage that drives it
         i_sd = float(trace.input.error[0]) / _LEAST_OHM
     if (first := _first(trace, "position", 10)) is not None:
         begin = _beginning(*first, sigma["position"])
         theta, omega, omega_sd, *_ = begin
         theta_sd = 3.0 * sigma["position"]
-        for stop in config.travel:  # driven from the first sample on, its samples bend: their slope is no speed
+        for stop in config.travel:  # driven from the first sample on, the angle bends, and its slope is no speed
             if not begin.moves and abs(theta - stop) < 2.0 * sigma["position"]:
                 theta, theta_sd, omega, omega_sd = float(stop), 0.0, 0.0, 0.0
     if trace.test.boundary.gear_apart and (first := _first(trace, "motor_speed", 5)) is not None:
@@ -275,8 +276,8 @@ def _start(trace: Trace, config: RigConfig) -> InitialState:
 
 
 def _release(trace: Trace) -> tuple[float, float] | None:
-    """When the plate was let go: its speed grows in proportion to time, so the EMF's rise is read back to zero,
-    or, without an EMF, the root of the angle's fall. None where the plate moves from the first sample."""
+    """The release of the plate: its speed grows in proportion to time, so the EMF's rise, or without an EMF the square
+    root of the angle's fall, is extrapolated back to zero. None if the plate moves from the first sample."""
     if _moves_at_once(trace):
         return None
     rise, t = _rising(trace)
@@ -293,9 +294,9 @@ def _release(trace: Trace) -> tuple[float, float] | None:
 
 
 def _moves_at_once(trace: Trace) -> bool:
-    """True where the log begins after the release: an angle that falls already, or an EMF that is there and changes.
+    """Whether the log begins after the release: the angle already falls, or the EMF is not zero and changes.
 
-    An EMF that is there and stays is the zero of its channel.
+    A constant EMF is the zero of its channel.
     """
     falls, rises = (_first(trace, name, 10) for name in ("position", "emf"))
     if falls is not None and _beginning(*falls, _sigma_of(trace, "position")).moves:
@@ -323,7 +324,7 @@ def _rising(trace: Trace) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " 
 def moving_mean(value: Float[np.ndarray, " k"], width: int) -> Float[np.ndarray, " k"]:
     """Mean over `width` samples about each, unit and shape of the value; zeros beyond its ends.
 
-    By running sums, for a log may be very long.
+    By running sums, because a log may be very long.
     """
     before = width // 2
     sums = np.cumsum(np.pad(value, (before + 1, width - 1 - before)))

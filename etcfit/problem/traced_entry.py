@@ -1,7 +1,7 @@
 """One entry of a batch as a graph of arithmetic.
 
-What a field of the batch has at every entry is no data: 0 and 1 are taken as such, another number is read once. That is
-found out for each batch (`Shape`) and makes part of what a kernel is known by.
+A field that is constant over the batch is not read as data: 0 and 1 become constants, another number is read once. This
+is determined for each batch (`Shape`) and is part of a kernel's key.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ..kernels.lowering import lowered
 
 
 class Column(NamedTuple):
-    """A number of each entry.
+    """One number of each entry.
 
     Args:
-        leaf: of the tree of entries, in JAX's order.
-        place: in the array of one entry.
+        leaf: leaf of the tree of entries, in JAX's order.
+        place: index in the array of one entry.
     """
 
     leaf: int
@@ -33,13 +33,13 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape:
-    """What is known of a batch before its numbers are.
+    """The structure of a batch, without its numbers.
 
     Args:
         tree: structure of its entries, with the shape of each leaf's array at one entry.
         shapes: those shapes.
-        constant: columns that are 0 or 1 everywhere, and which.
-        uniform: columns that are some other number everywhere.
+        constant: columns that are 0 or 1 everywhere, with the value.
+        uniform: columns with another constant value.
     """
 
     tree: Any
@@ -51,25 +51,25 @@ class Shape:
         return self._hash
 
     @cached_property
-    def _hash(self) -> int:  # asked for at every evaluation of a residual
+    def _hash(self) -> int:  # needed at every evaluation of a residual
         return hash((self.tree, self.shapes, self.constant, self.uniform))
 
 
 class TracedEntry:
-    """What a function computes of one entry, as a graph.
+    """The computation of a function at one entry, as a graph.
 
     Args:
-        function: of (values by name, carried, entry); it returns what is carried on and its results.
-        names: of the values; they are the same for all entries.
-        shape: of the batch whose entries it takes.
-        carried: a tree of numbers and small arrays, like what is carried.
+        function: function of (values by name, carried, entry); it returns the new carry and its results.
+        names: names of the values, which are the same for all entries.
+        shape: shape of the batch.
+        carried: an example of the carry, a tree of numbers and small arrays.
         ties: (name, the name whose value it has).
     Attributes:
         begun, ends: numbers carried into and out of the entry.
         results: the tree of results, nodes for its leaves.
-        leaves: those that are read at each entry; each is a record.
-        columns: of each of them all columns and their nodes.
-        fixed: inputs that no entry changes, values and then uniform columns, and their nodes.
+        leaves: leaves that are read at each entry; each is a record.
+        columns: all columns of each of these leaves, with their nodes.
+        fixed: inputs that are the same at all entries, values and then uniform columns, with their nodes.
     """
 
     def __init__(
@@ -114,8 +114,8 @@ class TracedEntry:
         """A loop that computes entry after entry.
 
         Args:
-            across: what a vector holds.
-            carried: what is carried besides the entry's own.
+            across: the contents of a vector.
+            carried: the carry in addition to the entry's own.
             sums, stored, blocks: see `Loop`.
         """
         return Loop(

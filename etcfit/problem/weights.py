@@ -1,4 +1,4 @@
-"""How much each sample of a problem counts: filters that know no dynamics, and noise that is not as declared.
+"""Weights of samples: filters without dynamics, and noise that differs from the declared one.
 
 `free_running` and `forgiving` make filters for `EstimationProblem.weighted` where the Kalman filter would mislead: far
 from the data, what the model lacks is larger than all that the filter knows of. `timed`, `outliers_weighed` and
@@ -18,24 +18,24 @@ from .prediction_error import columns
 from .problem import EstimationProblem
 from .process_noise import order_of
 
-_TELLING = 1e4  # sum of q^2 below which nothing is said about the clock
+_TELLING = 1e4  # sum of q^2 below which the jitter is not estimated
 _MOST_JITTER = 0.3
-_OUTLIER = 5.0  # robust standard deviations beyond which a sample is weighed down
+_OUTLIER = 5.0  # robust standard deviations beyond which a sample gets less weight
 
 
 def free_running(problem: EstimationProblem) -> InnovationsFilter:
-    """r = (y - y_hat) / sigma: least squares of the free run, each sample weighed by its own noise."""
+    """r = (y - y_hat) / sigma: least squares of the free run, each sample weighted by its own noise."""
     return plain(problem.slots, order_of(problem.layout.types))
 
 
 def forgiving(problem: EstimationProblem, late: float = 0.0) -> InnovationsFilter:
     """r = (y - y_hat) / sqrt(sigma^2 + (d/2)^2), d the largest distance of a sample from its neighbours in time.
 
-    A simulation that reaches a value a little early or late differs by about d: so much is not held against it.
+    A simulation that reaches a value a little early or late differs by about d, which this filter tolerates.
 
     Args:
         problem: the data.
-        late: by how much an instant may be off, s; neighbours are at least one sample away.
+        late: tolerated error of an instant, s; neighbours are at least one sample away.
     """
     slots = problem.slots
     bend = np.zeros_like(slots.sigma)
@@ -55,11 +55,11 @@ def farthest(data: Float[np.ndarray, "n M"], reach: int) -> Float[np.ndarray, "n
 
 
 def _highest(data: np.ndarray, reach: int) -> np.ndarray:
-    """Of each sample and its neighbours up to `reach` samples away, shape (n, M)."""
+    """The maximum of each sample and its neighbours up to `reach` samples away, shape (n, M)."""
     count, width = data.shape[0], 2 * reach + 1
     highest = np.concatenate((np.repeat(data[:1], reach, axis=0), data, np.repeat(data[-1:], reach, axis=0)))
     seen = 1
-    while 2 * seen <= width:  # twice as wide each time; two of them, overlapping, make any width
+    while 2 * seen <= width:  # twice as wide each time; two overlapping windows make any width
         highest = np.maximum(highest[:-seen], highest[seen:])
         seen *= 2
     return np.maximum(highest[:count], highest[width - seen : width - seen + count])
@@ -70,8 +70,8 @@ def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.nd
 
         a <- a + 1/2 sum q (r^2 - 1) / sum q^2,    a = jitter^2,  q = (dy/dt dt)^2 / S
 
-    One step of Fisher scoring for a component of variance, halved, for the parameters follow; none where samples change
-    too slowly to tell.
+    This is one step of Fisher scoring for a component of variance, halved because the parameters follow; there is no
+    step if samples change too slowly.
 
     Args:
         problem: the data.
@@ -90,17 +90,17 @@ def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.nd
 def outliers_weighed(
     problem: EstimationProblem, whitened: Sequence[Float[np.ndarray, "_ _"]]
 ) -> tuple[EstimationProblem, int]:
-    """The problem with outliers weighed down, sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of a
+    """The problem with less weight for outliers, sigma <- sigma max(1, |r| / 5 s), s = max(1, 1.4826 median |r|) of a
     channel.
 
     Source: Huber 1981, Robust statistics, ch. 7. Differs from source: the weight 5 s / |r| multiplies r, not r^2: an
-    outlier counts as if it lay 5 s away.
+    outlier counts as if it were 5 s away.
 
     Args:
         problem: the data; its sigma starts from the declared one.
         whitened: residuals r of each trace, shape (n, M) each, dimensionless.
     Returns:
-        the problem, and how many samples count less.
+        The problem, and the number of samples with less weight.
     """
     sigma = problem.batch.slots.sigma.copy()
     count = 0
@@ -113,7 +113,7 @@ def outliers_weighed(
 
 
 def discounted(problem: EstimationProblem, x: Float[np.ndarray, " P"]) -> EstimationProblem:
-    """The problem with channels that the model cannot explain weighed down, so that they do not spoil the others:
+    """The problem with less weight for channels that the model cannot explain, so that they do not distort the others:
 
         sigma <- sigma max(1, rms((y - y_hat) / sigma)) of each channel of each trace, y_hat under the problem's guide
 
