@@ -1,5 +1,5 @@
-"""The way in: foreign files become a measurement folder, a reader a format, guesses with reasons; a new rig gets a
-rig.toml that explains itself.
+"""Import: foreign files become a measurement folder, with one reader per format and guesses with reasons; a new rig
+gets a rig.toml that explains every key.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _BUS = ".dbc"
 
 @dataclass(frozen=True)
 class Imported:
-    """What came of an import."""
+    """The result of an import."""
 
-    folder: Path  # that was written
-    traces: tuple[tuple[str, str, str], ...]  # file in it -> where it came from, and why it is this test
-    warnings: tuple[str, ...]  # what the recordings lack, and what the folder's reader found
+    folder: Path  # the folder that was written
+    traces: tuple[tuple[str, str, str], ...]  # file in it, its source, and why it is this test
+    warnings: tuple[str, ...]  # missing parts of the recordings, and findings of the folder's reader
 
 
 def import_files(
@@ -44,23 +44,23 @@ def import_files(
     servo: str | None = None,
     report: Callable[[str, float], None] = lambda stage, done: None,
 ) -> Imported:
-    """Foreign files as a measurement folder, written whole or not at all.
+    """Write foreign files as a measurement folder, completely or not at all.
 
     Args:
         files: recordings of any known format; a DBC among them decodes the bus logs.
-        to: the folder to write; must not exist, or be empty.
-        answers: what the user said.
-        resolve: what to do about guesses in doubt: take them, ask, or refuse.
-        rig: a rig.toml to take over; without it a short one is written.
-        most: bytes that the numbers of one recording may take in memory.
-        motor: the one to take of files that have several.
-        servo: family whose registers the columns are, see `formats.servo`.
-        report: is told what is being done, and the fraction of it that is.
+        to: the folder to write; it must not exist, or be empty.
+        answers: the user's answers.
+        resolve: handles doubtful guesses: accepts them, asks, or refuses.
+        rig: a rig.toml to copy; without it a short one is written.
+        most: largest size of one recording's numbers in memory, bytes.
+        motor: the motor to read from files that have several.
+        servo: family whose registers the columns hold, see `formats.servo`.
+        report: called with the current step and the share of the work that is done.
     Raises:
-        UsageError: `to` holds something already, a file needs a library that is not installed, or an answer names a
-            column that no file has.
-        MeasurementError: a file cannot be read, is damaged or too large, a guess is in doubt and nobody settles it,
-            or the folder's reader refuses what the guesses make.
+        UsageError: `to` is not empty, a file needs a library that is not installed, or an answer names a column that no
+            file has.
+        MeasurementError: a file cannot be read, is damaged or too large, a doubtful guess is not settled, or the
+            folder's reader refuses the result of the guesses.
     """
     refuse_to_overwrite(to)
     refuse_foreign_names(str(to), *(str(file) for file in files))

@@ -1,5 +1,5 @@
-"""What the user says about columns and files: options of a script, or answers on a terminal; and the guesses in doubt
-that somebody should confirm, each with what settles it.
+"""The user's answers about columns and files, from options or on a terminal; and the doubtful guesses that the user
+should confirm, each with the option that settles it.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ IGNORE = "ignore"
 
 @dataclass(frozen=True)
 class Target:
-    """What a column shall be."""
+    """The meaning that the user gives a column."""
 
-    quantity: str  # IGNORE where it shall be left out
-    unit: str = ""  # "" where the file's is right
+    quantity: str  # IGNORE: the column is left out
+    unit: str = ""  # "": the file's unit is right
 
 
 @dataclass(frozen=True)
 class Answers:
-    """All that was said.
+    """All answers of the user.
 
     Args:
-        columns: (file or "" for all, label or name of the column) -> what it shall be.
+        columns: (file or "" for all, label or name of the column) -> its meaning.
         tests: file -> rig test.
-        accepted: keys of doubts whose guess was taken.
-        period: between the samples of a file without a time, s; None where nobody said.
+        accepted: keys of doubts whose guess was accepted.
+        period: sampling period of a file without a time, s; None if not given.
     Raises:
-        UsageError: a period in which time stands or runs backwards.
+        UsageError: a period that is not positive.
     """
 
     columns: Mapping[tuple[str, str], Target] = field(default_factory=dict)
@@ -53,19 +53,19 @@ class Answers:
             raise UsageError(f"--period: found {self.period:g} s. It must be longer than 0. Write, say, --period 1ms.")
 
     def wanted(self, file: str, column: Column) -> Target | None:
-        """What was said of this column; of this file before all files."""
+        """The answer for this column; an answer for this file takes precedence over one for all files."""
         keys = [(each, label) for each in (*_names_of(file), "") for label in _labels_of(column)]
         return next((self.columns[key] for key in keys if key in self.columns), None)
 
     def test_of(self, file: str) -> str | None:
-        """The rig test that was said for this file."""
+        """The rig test that the user gave for this file."""
         return next((self.tests[each] for each in _names_of(file) if each in self.tests), None)
 
     def refuse_unused(self, sheets: Sequence[Sheet]) -> None:
-        """Refuse a column that no file has: a slip of the pen must not pass for an answer.
+        """Refuse an answer for a column that no file has, such as a misspelt one.
 
         Raises:
-            UsageError: naming the columns that there are.
+            UsageError: with the names of the existing columns.
         """
         for file, label in self.columns:
             mine = [sheet for sheet in sheets if not file or file in _names_of(sheet.file)]
@@ -74,41 +74,41 @@ class Answers:
                 raise UsageError(f"--column '{label}': no file has it. There are: {there}.")
 
     def options(self, of_files: bool) -> list[str]:
-        """What was said of columns, as `parsed` takes it.
+        """The answers about columns as options, in the form for `parsed`.
 
         Args:
-            of_files: what was said of one file's columns too.
+            of_files: include answers for the columns of single files.
         """
         said = [(f"{file}:{label}" if file else label, wanted) for (file, label), wanted in self.columns.items()
                 if of_files or not file]  # fmt: skip
         return [f"{place}={to.quantity}" + (f" [{to.unit}]" if to.unit else "") for place, to in said]
 
     def accepting(self, keys: Iterable[str]) -> Answers:
-        """With these guesses taken."""
+        """The answers with these guesses accepted."""
         return replace(self, accepted=self.accepted | frozenset(keys))
 
 
 def _labels_of(column: Column) -> tuple[str, ...]:
-    """How the user may name a column: as it stands in the file, with or without its unit."""
+    """Names that the user may use for a column: that in the file, with or without its unit."""
     unit = column.unit or column.stated
     return column.label, column.name, f"{column.name} [{unit}]", f"{column.name} ({unit})"
 
 
 def _names_of(file: str) -> tuple[str, ...]:
-    """How the user may name a file."""
+    """Names that the user may use for a file."""
     return file, Path(file).name, Path(file).stem
 
 
 def parsed(columns: Sequence[str], tests: Sequence[str], files: Sequence[str], period: float | None = None) -> Answers:
-    """The answers that options give.
+    """The answers from options.
 
     Args:
         columns: `HEADER=QUANTITY [UNIT]` or `FILE:HEADER=QUANTITY [UNIT]`.
         tests: `FILE=TEST`.
-        files: that are imported.
-        period: between the samples of a file without a time, s.
+        files: the imported files.
+        period: sampling period of a file without a time, s.
     Raises:
-        UsageError: an option of another form, or a file, quantity or test that is none.
+        UsageError: an option in another form, or an unknown file, quantity or test.
     """
     known = {name for file in files for name in _names_of(file)}
     return Answers(
@@ -130,7 +130,7 @@ def target(wanted: str, where: str) -> Target:
     """`position [deg]`, `position_deg`, `position` or `ignore`.
 
     Raises:
-        UsageError: no quantity, or a unit that is not one of it.
+        UsageError: an unknown quantity, or a unit of another quantity.
     """
     wanted = " ".join(wanted.split())
     if wanted.casefold() in DROP:
@@ -159,37 +159,37 @@ def _test(text: str, files: set[str]) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class Doubt:
-    """A guess that somebody should confirm."""
+    """A guess that the user should confirm."""
 
     where: str  # file, and column if it is about one
-    taken: str  # the guess; "" where there is none
-    reason: str  # in words
+    taken: str  # the guess; "" if there is none
+    reason: str  # the reason in words
     mend: str  # the option that settles it
-    choices: str  # what an answer may be, in a few words
-    # the answers with a text as this one, a UsageError where it is none; None where only the guess can be taken
+    choices: str  # possible answers, in a few words
+    # adds a text as the answer, or raises a UsageError; None if only the guess can be accepted
     answer: Callable[[str, Answers], Answers] | None = None
 
     @property
     def key(self) -> str:
-        """Identifies the doubt when the guesses are made anew."""
+        """Identifies the doubt when the guesses are made again."""
         return f"{self.where}: {self.taken}"
 
     def accepted(self, answers: Answers) -> Answers:
-        """The answers with this guess taken.
+        """The answers with this guess accepted.
 
         Raises:
-            UsageError: there is none.
+            UsageError: there is no guess.
         """
         if not self.taken:
             raise UsageError(f"{self.where}: there is no guess to take. Name {self.choices}.")
         return answers.accepting([self.key])
 
     def answered(self, text: str, answers: Answers) -> Answers:
-        """The answers with this one.
+        """The answers with this answer added.
 
         Raises:
-            UsageError: the text is none.
-            MeasurementError: only the guess could be taken.
+            UsageError: the text is no valid answer.
+            MeasurementError: only the guess could be accepted.
         """
         if self.answer is None:
             raise refused([self])
@@ -197,7 +197,7 @@ class Doubt:
 
 
 def column_doubt(sheet: Sheet, label: str, taken: str, reason: str) -> Doubt:
-    """What a column is."""
+    """The doubt about the meaning of a column."""
     where = f"{sheet.where}, column '{label}'"
 
     def answer(text: str, answers: Answers) -> Answers:
@@ -208,7 +208,7 @@ def column_doubt(sheet: Sheet, label: str, taken: str, reason: str) -> Doubt:
 
 
 def rig_test_doubt(sheet: Sheet, taken: str, reason: str) -> Doubt:
-    """Which rig test a file shows."""
+    """The doubt about the rig test of a file."""
     file = sheet.file
 
     def answer(text: str, answers: Answers) -> Answers:
@@ -219,13 +219,14 @@ def rig_test_doubt(sheet: Sheet, taken: str, reason: str) -> Doubt:
 
 
 def rig_doubt(taken: str, reason: str) -> Doubt:
-    """What a nameplate should say: sensor or travel."""
+    """The doubt about the nameplate: sensor or travel."""
     mend = "--rig RIG.TOML, a rig.toml that says it (make one with `etcfit new`)"
     return Doubt("rig.toml", taken, reason, mend, "Enter takes it, anything else stops")
 
 
 def loss_doubt(sheet: Sheet) -> Doubt:
-    """Whether what is left of a damaged file is enough: it may lack what tells one rig test from another."""
+    """The doubt whether the rest of a damaged file is enough: it may lack what distinguishes one rig test from
+    another."""
     taken, reason = f"{sheet.rows} whole rows of {len(sheet.columns)} columns", "; ".join(sheet.missing)
     return Doubt(sheet.where, taken, reason, "a whole copy of the file",
                  "Enter takes what is there, anything else stops")  # fmt: skip
@@ -235,10 +236,10 @@ Resolve = Callable[[Sequence[Doubt], Answers], Answers]
 
 
 def accept_all(doubts: Sequence[Doubt], answers: Answers) -> Answers:
-    """Every guess is taken, but for a file of which nothing says what test it is.
+    """Accept every guess, but refuse a file without any guess for its test.
 
     Raises:
-        MeasurementError: there is one.
+        MeasurementError: there is such a file.
     """
     if without := [doubt for doubt in doubts if not doubt.taken]:
         raise refused(without)
@@ -246,16 +247,16 @@ def accept_all(doubts: Sequence[Doubt], answers: Answers) -> Answers:
 
 
 def refuse(doubts: Sequence[Doubt], answers: Answers) -> Answers:
-    """Nobody is there to ask.
+    """Refuse all doubts, if no user can be asked.
 
     Raises:
-        MeasurementError: always, naming each doubt and what settles it.
+        MeasurementError: always, with each doubt and the option that settles it.
     """
     raise refused(doubts)
 
 
 def refused(doubts: Sequence[Doubt]) -> MeasurementError:
-    """The message on the first doubt, the others listed."""
+    """The error for the first doubt, with a list of the others."""
     first, others = doubts[0], doubts[1:]
     more = "".join(f"\n  {each.where}: {each.taken}? ({each.reason}.) {each.mend}" for each in others)
     listed = f"\n{len(others)} more to settle:{more}" if others else ""

@@ -1,5 +1,5 @@
-"""All guesses together: which traces there will be, and what of them is in doubt; then the texts of a measurement
-folder, read back by the folder's own reader before anything is written.
+"""All guesses together: the planned traces and their doubts; then the texts of a measurement folder, which the folder's
+own reader reads before anything is written.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ from .record import FEWEST, Record, cut, whole
 from .sheet import TIME, Sheet
 from .take import LEFT_OUT, Take
 
-_MOST = 60  # columns that a message lists
-_DIGITS = "%.15g"  # of a cell: as many as a float64 surely has
+_MOST = 60  # largest number of columns in a message
+_DIGITS = "%.15g"  # digits of a cell: as many as a float64 always has
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One CSV to be."""
+    """One planned CSV."""
 
     record: Record  # its rows and columns
     file: str  # `<test>/<name>.csv`
-    reason: str  # of the rig test
+    reason: str  # reason for the rig test
 
     @property
     def test(self) -> str:
@@ -53,7 +53,7 @@ class Trace:
         return sorted(takes, key=lambda take: take.quantity != TIME)
 
     def table(self) -> Table:
-        """The CSV as the folder's reader has it."""
+        """The CSV as the folder's reader reads it."""
         rows, shown = self.record.rows, self.shown
         cells = np.column_stack([take.column.values[rows] for take in shown])
         filled = np.isfinite(cells).any(axis=1)
@@ -63,23 +63,23 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A measurement folder to be."""
+    """A planned measurement folder."""
 
     traces: tuple[Trace, ...]  # in order
-    nameplate: tuple[NameplateGuess, ...]  # guesses that rig.toml needs
-    unused: Mapping[str, str]  # sheet -> why nothing of it was taken
-    doubts: tuple[Doubt, ...]  # what somebody should confirm
+    nameplate: tuple[NameplateGuess, ...]  # guesses for rig.toml
+    unused: Mapping[str, str]  # sheet -> why it is not used
+    doubts: tuple[Doubt, ...]  # guesses that the user should confirm
 
 
 def drafted(sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None) -> Draft:
-    """The folder that these sheets make.
+    """Plan the folder for these sheets.
 
     Args:
-        sheets: of all files.
-        answers: what the user said.
-        known: a rig.toml that was given; None where there is none.
+        sheets: sheets of all files.
+        answers: the user's answers.
+        known: the given rig.toml, or None.
     Raises:
-        MeasurementError: a file of which nothing can be taken, or whose columns contradict themselves.
+        MeasurementError: a file without usable content, or with contradicting columns.
     """
     records, unused = _records(sheets, answers)
     records = turned(records)
@@ -96,7 +96,7 @@ def drafted(sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None) 
 
 
 def _records(sheets: Sequence[Sheet], answers: Answers) -> tuple[list[Record], dict[str, str]]:
-    """The traces that the sheets hold; a part of a file without any is set aside, a file without any refused."""
+    """The traces in the sheets; a part of a file without any is set aside, a file without any is refused."""
     records: list[Record] = []
     unused: dict[str, MeasurementError] = {}
     for sheet in sheets:
@@ -125,7 +125,8 @@ def _refuse_useless(sheet: Sheet, takes: Sequence[Take]) -> None:
 
 
 def _at_one_row_an_instant(sheet: Sheet, takes: list[Take]) -> tuple[Sheet, list[Take]]:
-    """An engine computer may write several rows a tick of its clock: their last readings make one row."""
+    """Merge rows at one instant: an engine computer may write several rows per tick; their last readings make one
+    row."""
     time = next(take for take in takes if take.quantity == TIME).column.values
     more = np.flatnonzero(np.diff(time) == 0.0)
     if not more.size or not sheet.is_ecu:
@@ -147,7 +148,7 @@ def _at_one_row_an_instant(sheet: Sheet, takes: list[Take]) -> tuple[Sheet, list
 
 
 def _refuse_falling_time(record: Record) -> None:
-    """A clock may begin anew, once for each trace; one that falls at every other row is none."""
+    """Refuse a clock that falls at every other row; it may begin again once for each trace."""
     time = record.time
     falls = np.flatnonzero(~(np.diff(time) > 0.0))
     if FEWEST * falls.size < time.size and falls.size < max(1, time.size - 1):
@@ -173,7 +174,7 @@ def _traces(records: Sequence[Record], answers: Answers) -> tuple[list[Trace], l
             if not said and not (shown.sure and test):
                 doubts.append(rig_test_doubt(record.sheet, test, reason))
             name = f"{test or 'unknown'}/{_slug(record.sheet)}{f'_{k}' if len(parts) > 1 else ''}"
-            # two folders may hold a scope.csv each
+            # two folders may each hold a scope.csv
             taken, free, number = {trace.file for trace in traces}, f"{name}.csv", 1
             while free in taken:
                 number += 1
@@ -183,7 +184,7 @@ def _traces(records: Sequence[Record], answers: Answers) -> tuple[list[Trace], l
 
 
 def _one_a_sheet(records: Sequence[Record]) -> list[Record]:
-    """The first of each sheet's."""
+    """The first record of each sheet."""
     firsts: dict[int, Record] = {}
     for record in records:
         firsts.setdefault(id(record.sheet), record)
@@ -201,9 +202,9 @@ def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str) -> di
     """Path inside the folder -> text.
 
     Args:
-        draft, name: what is to be written, and the rig's name.
+        draft, name: the planned folder, and the rig's name.
         digests: file -> SHA-256.
-        given: text of a rig.toml that was given; "" where there is none.
+        given: text of the given rig.toml, or "".
     """
     head = hash_comment(_story(draft, digests))
     body = given if given.strip() else _rig_toml(draft, name)
@@ -211,10 +212,10 @@ def texts(draft: Draft, name: str, digests: Mapping[str, str], given: str) -> di
 
 
 def read_back(draft: Draft, files: Mapping[str, str], to: Path) -> Rig:
-    """What the reader makes of it.
+    """Read the planned folder with the folder's reader.
 
     Raises:
-        MeasurementError: it refuses it, or physics does; then a guess was wrong.
+        MeasurementError: the reader refuses it, or it is physically impossible; then a guess was wrong.
     """
     path = f"{to}/rig.toml"
     toml = Toml(path, files["rig.toml"], parse(files["rig.toml"], path))
@@ -237,7 +238,7 @@ def read_back(draft: Draft, files: Mapping[str, str], to: Path) -> Rig:
 
 
 def _with_guesses(error: MeasurementError, trace: Trace) -> MeasurementError:
-    """The reader's message, with what was guessed and the options that change it."""
+    """The reader's error, with the guesses and the options that change them."""
     taken = ", ".join(f"'{take.column.label}' as {take.header}" for take in trace.shown)
     file = Path(trace.record.sheet.file).name
     mend = (f"{error.mend} Guessed were {taken}, and the test {trace.test}. "

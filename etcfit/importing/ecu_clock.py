@@ -1,44 +1,44 @@
-"""Rows of a log, brought to the ticks of the ECU whose values they have.
+"""Rows of a log, moved to the ticks of the ECU whose values they have.
 
-A row is written up to a period after the tick that it shows, sooner or later by what else the logger does. Of a noisy
-duty that is held from tick to tick, a share s of a period too late is as good as a kick of s times its change: the free
-run of a plate with dry friction strays by ten times the noise of its sensor, with the right model. Where the rows come
+A row is written up to one period after its tick, with a delay that depends on the logger's other work. For a noisy duty
+that is held from tick to tick, an error of a share s of a period acts as a push of s times its change: even with the
+right model, the free run of a plate with dry friction is then off by ten times the noise of its sensor. If the rows are
 in step with the clock,
 
     t_k = phi + T (1 + eps) n_k + age_k,        0 <= age_k < T
 
-n_k is found and t_k becomes phi + T (1 + eps) n_k: what all columns of the row have in common. eps, by which the
-logger's clock is off, and the phase are those at which the rows agree best, |mean exp(2 pi i t_k / (T (1 + eps)))|.
+n_k is determined and t_k becomes phi + T (1 + eps) n_k, for all columns of the row. eps, the error of the logger's
+clock, and the phase are those at which the rows agree best, |mean exp(2 pi i t_k / (T (1 + eps)))|.
 
 Source: Fisher 1993, Statistical Analysis of Circular Data, ch. 2 (mean resultant length). Differs from source: of many
-periods the one with the largest is taken.
+periods the one with the largest length is taken.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_IN_STEP = 0.5  # mean resultant length: ages spread over 0.6 of a period; rows at any instant have about 1/sqrt(n)
-_OFF = 5e-4  # by which the logger's clock may be off, a share: two crystals and a logger's rounding
-_FEW = 50  # rows, below which nothing is said
-_EARLIEST = 0.01  # share of the rows that may come before the tick that they show, by jitter
+_IN_STEP = 0.5  # mean resultant length: ages over 0.6 of a period; rows at random instants have about 1/sqrt(n)
+_OFF = 5e-4  # largest relative error of the logger's clock: two crystals and a logger's rounding
+_FEW = 50  # number of rows below which no verdict is given
+_EARLIEST = 0.01  # share of the rows that may precede their tick, by jitter
 
 
 def ticks(time: np.ndarray, fresh: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Which rows to keep, one a tick, and the instants of their ticks; None where the rows are not in step.
+    """The rows to keep, one per tick, and the instants of their ticks; None if the rows are not in step.
 
     Args:
-        time: of the rows, s, shape (n,).
-        fresh: rows that surely show a new tick, as a duty that changed does, shape (n,).
-        period: of the ECU's clock, s.
+        time: time of the rows, s, shape (n,).
+        fresh: rows that certainly show a new tick, such as a changed duty, shape (n,).
+        period: period of the ECU's clock, s.
     Returns:
-        kept rows, shape (m,) of int, and their instants, s, shape (m,).
+        Kept rows, shape (m,) of int, and their instants, s, shape (m,).
     """
     seen = time[fresh] - time[0]
     if seen.size < _FEW:
         return None
     turns = seen / period
-    tried = np.arange(-1.0, 1.0, 0.25 / max(1.0, _OFF * turns[-1]))  # a quarter of a turn from one to the next
+    tried = np.arange(-1.0, 1.0, 0.25 / max(1.0, _OFF * turns[-1]))  # a quarter of a turn between neighbours
     waves = [np.mean(np.exp(2j * np.pi * turns * (1.0 - _OFF * each))) for each in tried]
     best = int(np.argmax(np.abs(waves)))
     if abs(waves[best]) < _IN_STEP:

@@ -1,8 +1,8 @@
-"""What records show: which columns are turned round, which rig test each is, and what rig.toml needs and no file says.
+"""Guesses from records: columns with a wrong sign, the rig test of each record, and values for rig.toml.
 
 i v >= 0 on average                  a motor takes power
 e < 0 while a released plate closes  e = K_b N d theta/dt
-w v > 0                              a motor alone runs the way it is driven
+w v > 0                              a motor alone runs in the direction of its voltage
 theta rises with voltage             positive voltage opens
 """
 
@@ -21,15 +21,15 @@ from ..rig.units import is_percent
 from . import shapes
 from .record import ONE_LEVEL, RELEASE_S, Record, drive_of, is_release, plate_of
 
-_TURNS, _SURELY_TURNS = 0.3, 0.6  # strength of a vote, 0 to 1, from which a sign is believed
-_EXCHANGED = 0.8  # part of a drive that must be negative for its leads to count as exchanged
-_RESOLVED = 3  # samples on the way of a rise from which its time constant can be read
-_BENCH_S = 60.0  # of a setpoint; a longer one is a drive's
-_HELD = 0.9  # share of the current's variance that v/R explains where the plate is held
-_RAMP_S = 1.0  # that a slow ramp takes each way, at least
-_USUAL_DEG, _BEYOND_DEG = (0.0, 90.0), 4.0  # travel, and how far a reading may lie beyond it before it is another
-_END_QUANTILE = 0.001  # of what was read that counts as an end stop
-_CHARGED_V, _BENCH_V = 13.8, 12.0  # a lead battery's charger; a supply for its nominal voltage
+_TURNS, _SURELY_TURNS = 0.3, 0.6  # strength of a vote, 0 to 1, above which a sign is turned, and is certain
+_EXCHANGED = 0.8  # share of a drive that must be negative for its leads to count as exchanged
+_RESOLVED = 3  # least number of samples on a rise to determine its time constant
+_BENCH_S = 60.0  # longest setpoint on a bench; a longer one is from a drive in the car
+_HELD = 0.9  # share of the current's variance that v/R explains if the plate is held
+_RAMP_S = 1.0  # least duration of a slow ramp in each direction
+_USUAL_DEG, _BEYOND_DEG = (0.0, 90.0), 4.0  # usual travel, and largest excess of a reading within this travel
+_END_QUANTILE = 0.001  # quantile of the readings that counts as an end stop
+_CHARGED_V, _BENCH_V = 13.8, 12.0  # voltage of a charged battery in a car, and of a bench's supply
 # tests between which only the operator or a name can decide
 _FAMILIES = (
     {"resistance", "inductance"},
@@ -52,14 +52,14 @@ _NAMES = (
 
 
 class Vote(NamedTuple):
-    """What one record says of one quantity."""
+    """The vote of one record on the sign of one quantity."""
 
-    label: str  # of the column; its other records are turned with it
-    strength: float  # -1, turned round for sure, to 1, right for sure
+    label: str  # label of the column; it is turned in all records
+    strength: float  # from -1, certainly wrong, to 1, certainly right
 
 
 def turned(records: Sequence[Record]) -> list[Record]:
-    """The records, columns that run the wrong way with -1 before their unit."""
+    """The records, with -1 before the unit of columns with a wrong sign."""
     for quantity, strength_of, why in _VOTES:
         votes = []
         for record in records:
@@ -71,9 +71,9 @@ def turned(records: Sequence[Record]) -> list[Record]:
 
 
 def _turn(record: Record, quantity: str, why: str, votes: Sequence[Vote | None], own: Vote | None) -> Record:
-    """By its own vote where that is clear, else by the clearest of the same column elsewhere.
+    """Turn by its own vote if that is clear, else by the clearest vote of the same column in other records.
 
-    A plate that is driven fast runs behind its voltage: its own record says little where a slow one is at hand.
+    A plate that is driven fast lags its voltage: its own record is a weak vote if there is a slow one.
     """
     take = record.take(quantity)
     if take is None or take.said:
@@ -89,7 +89,7 @@ def _turn(record: Record, quantity: str, why: str, votes: Sequence[Vote | None],
 
 
 def _leads(record: Record) -> float | None:
-    """Driven open by negative volts: leads exchanged."""
+    """Vote on exchanged leads: negative volts open the plate."""
     signals = record.signals
     if "position" not in signals or is_release(record):
         return None
@@ -114,7 +114,7 @@ def _speed(record: Record) -> float | None:
 
 
 def _emf(record: Record, name: str = "emf") -> float | None:
-    """A released plate closes, so its EMF is negative."""
+    """Vote on the EMF: a released plate closes, so its EMF is negative."""
     signals = record.signals
     plate = plate_of(signals)
     if plate is None or not is_release(record):
@@ -126,7 +126,7 @@ def _emf(record: Record, name: str = "emf") -> float | None:
 
 
 def opening(record: Record) -> float:
-    """How clearly a rising reading means an opening plate, -1 to 1: with the drive, or from the fall of a release."""
+    """Vote on the position, -1 to 1: whether a rising reading means an opening plate, by the drive or a release."""
     signals = record.signals
     plate, drive = plate_of(signals), drive_of(signals)
     if plate is None:
@@ -141,7 +141,7 @@ def opening(record: Record) -> float:
     return shapes.correlation(shapes.smooth(drive, samples), shapes.smooth(plate, samples))
 
 
-# quantity -> how strongly a record says that it is right, -1 to 1, or None; and what a negative vote means
+# quantity -> vote of a record, -1 to 1, or None; and the meaning of a negative vote
 _VOTES: tuple[tuple[str, Callable[[Record], float | None], str], ...] = (
     ("voltage", _leads, "negative volts open the plate"),
     ("current", _power, "it runs against the voltage"),
@@ -157,7 +157,7 @@ _VOTES: tuple[tuple[str, Callable[[Record], float | None], str], ...] = (
 
 
 class Shown(NamedTuple):
-    """A rig test; "" where nothing fits."""
+    """A rig test; "" if none fits."""
 
     test: str
     reason: str
@@ -165,14 +165,14 @@ class Shown(NamedTuple):
 
 
 def rig_test_of(record: Record) -> Shown:
-    """The rig test by the record's signals; a name of file, folder or group settles what these leave open."""
+    """The rig test from the record's signals; if they leave it open, from the name of file, folder or group."""
     shown, named = _by_signals(record), _by_name(record)
     if not named:
         signals = record.signals
         lacks = plate_of(signals) is None or drive_of(signals) is None
         if not record.unexplained or not lacks or "setpoint" in signals:
             return shown
-        # known by what was not logged, and a column that nothing explains may be just that
+        # the test follows from a signal that was not logged, and an unexplained column may be that signal
         told = f"{shown.reason}; but nothing tells what '{record.unexplained[0]}' is, which moves"
         return shown._replace(reason=told, sure=False)
     if named == shown.test:
@@ -183,7 +183,7 @@ def rig_test_of(record: Record) -> Shown:
 
 
 def _by_name(record: Record) -> str:
-    """The test that file, folder or group is called after."""
+    """The test in the name of file, folder or group."""
     parts = record.sheet.file.replace("\\", "/").split("/")[-2:]
     for text in (record.sheet.part, parts[-1].rpartition(".")[0], *parts[:-1]):
         slug = re.sub(r"[^\wäöü]+", "_", text.casefold())
@@ -226,7 +226,7 @@ def _without_plate(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Shown
     rise = shapes.steps_followed(time, drive, current)
     if rise >= _RESOLVED:
         return Shown("inductance", f"no plate, and the current rises over {rise} samples after a step", True)
-    # where the current is no function of the voltage the motor turns
+    # if the current is no function of the voltage, the motor turns
     samples = max(1, drive.size // 20)
     volts, amperes = shapes.smooth(drive, samples), shapes.smooth(current, samples)
     still = shapes.span(volts) < max(4.0 * shapes.noise(drive), ONE_LEVEL * float(np.max(np.abs(volts))))
@@ -248,7 +248,7 @@ def _released(plate: np.ndarray, signals: Mapping[str, np.ndarray], time: np.nda
 
 @dataclass(frozen=True)
 class NameplateGuess:
-    """One table or key of rig.toml: its lines, in a few words, and why."""
+    """A guess for one table or key of rig.toml: its lines, a short text, and the reason."""
 
     text: str
     short: str
@@ -256,7 +256,7 @@ class NameplateGuess:
 
 
 def nameplate_guesses(records: Sequence[Record], known: RigConfig | None) -> list[NameplateGuess]:
-    """What rig.toml needs and nobody gave, from all records together: sensor, travel, supply."""
+    """Guesses for missing values of rig.toml, from all records together: sensor, travel, supply."""
     found = []
     if known is None or known.tps is None:
         found.append(_sensor([record for record in records if record.take("tps") is not None]))
@@ -283,7 +283,7 @@ def _sensor(records: Sequence[Record]) -> NameplateGuess | None:
 
 
 def _travel(records: Sequence[Record]) -> NameplateGuess | None:
-    """travel_deg where angles leave the usual 0 to 90 degrees."""
+    """travel_deg if angles exceed the usual 0 to 90 degrees."""
     if not records:
         return None
     low, high = (math.degrees(each) for each in _ends([record.signals["position"] for record in records]))
@@ -295,7 +295,7 @@ def _travel(records: Sequence[Record]) -> NameplateGuess | None:
 
 
 def _supply(records: Sequence[Record]) -> NameplateGuess | None:
-    """supply_V where a duty is all that says what drives the plate: a car's battery that is charged, or a bench's."""
+    """supply_V if a duty is the only input: that of a car's charged battery, or of a bench."""
     if not records:
         return None
     car = any(record.sheet.is_ecu for record in records)
@@ -305,6 +305,6 @@ def _supply(records: Sequence[Record]) -> NameplateGuess | None:
 
 
 def _ends(readings: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Lowest and highest end over the records, each by itself: a long one must not hide what a short one reached."""
+    """Lowest and highest end over the records, each by itself, so that a long record does not hide a short one's."""
     low = min(float(np.quantile(each, _END_QUANTILE)) for each in readings)
     return low, max(float(np.quantile(each, 1.0 - _END_QUANTILE)) for each in readings)

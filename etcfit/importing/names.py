@@ -1,7 +1,7 @@
-"""What the name of a column says, in the words of benches, scopes and engine computers.
+"""The meaning of a column's name, in the words of benches, scopes and engine computers.
 
-A row of `MAKERS` is a maker, as its own programs write the names; `plain_words` makes them alike:
-`ETB: position target`, `etbTarget` and `dbw/target` are parted by single spaces, in small letters.
+Each entry of `MAKERS` is a maker with the names in its own programs. `plain_words` gives names one form:
+`ETB: position target`, `etbTarget` and `dbw/target` become lower-case words separated by single spaces.
 
 Source: rusEFI's and FOME's output channels, TunerStudio's .ini of Speeduino and MegaSquirt, exports of Haltech NSP,
 ECUMaster EMU Pro and Black, HP Tuners VCM Scanner, Motorsport Electronics ME221, MoTeC M1 and AiM Race Studio as public
@@ -86,7 +86,7 @@ MAKERS: dict[str, dict[str, tuple[str, ...]]] = {
         "setpoint": ("throttle target", "target throttle", "throttle position target", "throttle setpoint"),
     },
 }  # fmt: skip
-# what `etcfit drive` shows of a log beside plate and setpoint; the surest first, without what is no letter or number
+# further signals that `etcfit drive` shows; the surest first, letters and numbers only
 LOGGED_DUTY = ("duty", "etbduty", "etbdutycycle", "dbwduty", "dbwdutycycle", "dbwmotorduty", "ethrottleduty",
                "throttleduty", "ethrottlemotorduty", "throttlemotorduty", "etbmotorduty", "motorduty", "etb1duty",
                "ethrottle1motordc")  # fmt: skip
@@ -95,9 +95,9 @@ FIRST_SENSOR = ("tps1", "tps", "tpmain", "tpsmain", "tpsa", "tps1a", "rawtps1pri
                 "tpmainvoltage")  # fmt: skip
 SECOND_SENSOR = ("tps2", "tpsub", "tpssub", "tpsb", "tps1b", "rawtps1secondary", "tps1secondary", "tps1sec",
                  "throttleposition2", "throttlepositionb", "etbposition2", "tps2voltage", "tpsubvoltage")  # fmt: skip
-PEDAL_IN_SOME = frozenset({"tp", "tps", "tps1"})  # beside a name of the plate's own it is the pedal (MaxxECU)
+PEDAL_IN_SOME = frozenset({"tp", "tps", "tps1"})  # the pedal, if another column has the plate's own name (MaxxECU)
 
-# what only engines, gearboxes and cars have
+# words of engines, gearboxes and cars only
 _ENGINE = re.compile(
     r"\b(engine|eng|rpm|afr\w*|lambda|ego\w*|gego|wbo?2?|wideband|o2|oxygen|nox|egr|scr|cataly\w*|clt|coolant|iat|mat|"
     r"map|maf|baro\w*|egt\w*|ign\w*|spark|timing|dwell|adv(ance)?|inj\w*|fuel\w*|pw\d?|boost|turbo|wastegate|wg|idle|"
@@ -107,7 +107,7 @@ _ENGINE = re.compile(
     r"stoich\w*|cruise|secl|sync|manifold|exhaust|intake|ambient|warmup|accel(erator)?|pedal|pps\d?|apps?\d?|aps)\b"
 )
 _MOTOR = re.compile(r"\b(mot(or)?|omega|tacho?(meter)?|armature)\b")
-# of the plate's drive, by the name
+# words of the plate's drive
 _PLATE = re.compile(
     r"\b(etb\d?|dbw\d?|e ?throttle|throttle\d?|drive by wire|plate|blade|tp|tps\d?|\w*klappe\w*|motor|servo)\b"
 )
@@ -116,16 +116,16 @@ _PLATES_POSITION = re.compile(
     r" pos(ition)?( (actual|main|sub|real|feedback|sensor|\d))*$"
 )
 _TPS_LIKE = re.compile(r"(\w+ )?(tps\d?|throttle( angle| opening)?)( (main|sub|\d))?( (pos(ition)?|value))?")
-# what is about a signal and is not it: its raw reading, its error, what is added to something else
+# words of quantities derived from a signal: its raw reading, its error, a correction
 _ABOUT = re.compile(
     r"\b(adc|raw|error|err|errors|delta|dot|acc|acceleration|rate|status|state|fault|diagnostic|mod|trim|comp|correction|"
     r"corr|table|limit|min|max|threshold|delay|learn\w*|cal|calibration|idle|fuel|ign\w*|gain|integral|[pid]|"
     r"[pid] term|transient|sensor state|count|moving|mode|active|enabled?|flags?|bias|feed ?forward)\b"
 )
-# first match wins; matched against lower-case words parted by single spaces
+# the first match counts; matched against lower-case words separated by single spaces
 _WORDS: tuple[tuple[str, str], ...] = (
     ("time", r"^(t|x|time|zeit|temps|timestamp|zeitstempel|seconds?|x value)$|^(time|zeit|elapsed|timestamp)\b"),
-    ("", r"\b(pedal|accelerator|app)\b"),  # of the driver's foot, never of the plate
+    ("", r"\b(pedal|accelerator|app)\b"),  # the driver's pedal, never the plate
     ("setpoint", r"\b(set ?point|target|desired|demand(ed)?|soll(wert)?|reference|ref|command(ed)?|request(ed)?)\b"),
     ("emf", r"\b(b ?emf|emf|e ?b|emk|gegen ?emk|induced|generator)\b"),
     ("supply", r"\b(supply|batt?(ery)?|[uv] ?batt?|kl ?30|versorgung\w*|vcc|v ?supply|u ?b)\b"),
@@ -139,7 +139,7 @@ _WORDS: tuple[tuple[str, str], ...] = (
     ("voltage", r"\b(voltages?|volts?|\w*spannung|terminals?|klemmen?)\b|\b[uv]( ?(a|m|in|out|dc|arm|mot|motor))?$"),
 )  # fmt: skip
 _PATTERNS = tuple((quantity, re.compile(pattern)) for quantity, pattern in _WORDS)
-_NUMBERED = re.compile(r"(voltage|signal|channel|analog) ?\d*")  # what data loggers call any input
+_NUMBERED = re.compile(r"(voltage|signal|channel|analog) ?\d*")  # names of any input in data loggers
 _OF_THE_MOTOR = re.compile(r"\b(mot(or)?|omega|w|tacho?(meter)?)\b")
 
 
@@ -163,38 +163,38 @@ _KNOWN = _ranked()
 
 
 def known(name: str) -> tuple[str, int] | None:
-    """The quantity that a maker calls so, and how sure that is, 0 the surest; None where no maker does."""
+    """The quantity with this name in a maker's programs, and its rank, 0 the surest; None if there is none."""
     return _KNOWN.get(plain_words(name)) or _KNOWN.get(plain_words(name.rpartition("/")[2]))
 
 
 def is_engines(name: str) -> bool:
-    """True for what only an engine, a gearbox or a car has."""
+    """Whether a name belongs to an engine, a gearbox or a car."""
     said = plain_words(name)
     return known(name) is None and _ENGINE.search(said) is not None and _MOTOR.search(said) is None
 
 
 def is_plates(name: str) -> bool:
-    """True for a name with a word of the throttle or its drive in it."""
+    """Whether a name has a word of the throttle or its drive."""
     return _PLATE.search(plain_words(name)) is not None
 
 
 def is_plates_position(name: str) -> bool:
-    """True for a position that is the plate's own by its words, as no TPS is."""
+    """Whether a name is the plate's own position by its words, which a TPS is not."""
     return _PLATES_POSITION.search(plain_words(name)) is not None and not is_about(name)
 
 
 def may_be_position(name: str) -> bool:
-    """True for what may be the plate's position in an engine computer's log, though no maker writes it so."""
+    """Whether a name may be the plate's position in an engine computer's log, although no maker uses it."""
     return is_plates_position(name) or (_TPS_LIKE.fullmatch(plain_words(name)) is not None and not is_about(name))
 
 
 def is_about(name: str) -> bool:
-    """True for what is about a signal and is not it: a raw reading, an error, a correction."""
+    """Whether a name is derived from a signal: a raw reading, an error, a correction."""
     return known(name) is None and _ABOUT.search(plain_words(name)) is not None
 
 
 def quantity_named(name: str) -> str | None:
-    """The quantity that a name says; "" where it is something else than the rig's, None where it says nothing."""
+    """The quantity of a name; "" if it does not belong to the rig, None if the name has no meaning."""
     if found := known(name):
         return found[0]
     said = plain_words(name)
@@ -204,5 +204,5 @@ def quantity_named(name: str) -> str | None:
 
 
 def is_of_the_motor(name: str) -> bool:
-    """True for a speed that is the motor's by its name; an ECU's RPM is the engine's."""
+    """Whether a speed is the motor's by its name; an ECU's RPM is the engine's."""
     return _OF_THE_MOTOR.search(plain_words(name)) is not None

@@ -1,4 +1,4 @@
-"""A folder for a new rig: a rig.toml in which every key is explained, and a folder for each rig test."""
+"""A folder for a new rig: a rig.toml that explains every key, and a folder for each rig test."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..rig import TESTS
 from ..rig.base import AbstractRigTest
 from ..rig.toml import closest
 
-UNKNOWN = "..."  # no TOML: the reader stops at its line until somebody fills it in
+UNKNOWN = "..."  # invalid TOML: the reader stops at this line until it is filled in
 
 
 @dataclass(frozen=True)
 class Nameplate:
-    """What stands on a throttle, or in its data sheet; a text where a number must be filled in."""
+    """Values on a throttle or in its data sheet; a text where a number must be filled in."""
 
     title: str  # `name` in rig.toml
-    source: str  # who says so
+    source: str  # source of the values
     # gear_ratio, supply_V: N; V
     gear_ratio: str = UNKNOWN
     supply_V: str = "12.0"
     travel_deg: str = "[0.0, 90.0]"  # closed and open stop
-    # closed_V, open_V: of the position sensor at these stops
+    # closed_V, open_V: reading of the position sensor at these stops
     closed_V: str = UNKNOWN
     open_V: str = UNKNOWN
 
@@ -39,7 +39,7 @@ NAMEPLATES: dict[str, Nameplate] = {
         closed_V="4.59", open_V="0.702",
     ),
 }  # fmt: skip
-# rig test -> how to record one trace of it; a new rig test says it here, or has only the list of what it needs
+# rig test -> how to record one trace of it; a new rig test without an entry has only its list of signals
 RECORD: dict[str, str] = {
     "resistance": "Hold the plate. Put on 4 to 7 constant voltages, 0.5 to 3 V, a file each, half a second at 1 kHz.",
     "inductance": "Hold the plate. Step from 0 to 1 V; sample at 20 kHz or more, 20 ms with 2 ms before the step.",
@@ -55,13 +55,13 @@ RECORD: dict[str, str] = {
 
 
 def new_folder(to: Path, like: str | None = None) -> Path:
-    """Write rig.toml and a folder for each rig test, whole or not at all.
+    """Write rig.toml and a folder for each rig test, completely or not at all.
 
     Args:
-        to: the folder; must not exist, or be empty.
-        like: a known nameplate; None for one to be filled in.
+        to: the folder; it must not exist, or be empty.
+        like: a known nameplate; None for an empty one.
     Raises:
-        UsageError: `to` holds something already, or nobody knows that nameplate.
+        UsageError: `to` is not empty, or the nameplate is unknown.
     """
     refuse_to_overwrite(to)
     if like is not None and like not in NAMEPLATES:
@@ -72,14 +72,14 @@ def new_folder(to: Path, like: str | None = None) -> Path:
 
 
 def how_to_record(test: AbstractRigTest) -> str:
-    """What goes into the folder of a rig test."""
+    """Text of the README in the folder of a rig test."""
     needs = "; ".join(" or ".join(group) for group in test.needs)
     says = RECORD.get(test.name, "")
     return f"{test.title}. One CSV a trace.\n{says}\nNeeded: time; {needs}.\n"
 
 
 def template(plate: Nameplate) -> str:
-    """A rig.toml with every key explained; what must be filled in is written as `...`, which no reader takes."""
+    """A rig.toml that explains every key; values to fill in are written as `...`, which the reader refuses."""
     fill = f"# Fill in every `{UNKNOWN}`; a line that you cannot fill in, put a # before it.\n"
     lacks = UNKNOWN in (plate.gear_ratio, plate.closed_V, plate.open_V)
     return _TEMPLATE.format(fill=fill if lacks else "", **asdict(plate))

@@ -1,10 +1,10 @@
-"""What each column of a sheet is: as the user said, by its name, by its unit, else by what follows from what.
+"""The meaning of each column of a sheet: from the user, its name, its unit, or its relation to other columns.
 
 current follows voltage          R^2 of i over v, with the plate's speed beside it
 EMF follows the plate's speed    correlation of e and d theta/dt with the terminals open
 a sensor stays between 0 and 5 V and moves smoothly
 
-In an engine computer's log a signal is the throttle's only by a name of its maker or a word of the plate.
+In an engine computer's log, only a name of its maker or a word of the plate makes a signal the throttle's.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from .sheet import TIME, Column, Sheet, fits, is_unknown_unit, quantities_in
 from .take import LEFT_OUT, UNEXPLAINED, Take, left_out, signed, time_of, unit_by_range
 
 _PLATE = ("position", "tps")
-_OF_TRAVEL = ("position", "setpoint", "duty")  # that an engine computer logs in per cent where it gives no unit
-_LEAD = 0.2  # in share of variance, by which the better of two must lead to be sure
-_SENSOR = -0.2, 5.7  # what a position sensor can read, V
-_MOST_DEG = 400.0  # a whole number beyond is no angle of a plate
-_LEAST = 0.5  # correlation with the setpoint, at its best delay, below which a column is no plate beside a better one
+_OF_TRAVEL = ("position", "setpoint", "duty")  # logged in per cent by an engine computer if it gives no unit
+_LEAD = 0.2  # least difference in the share of variance for a certain choice between two columns
+_SENSOR = -0.2, 5.7  # possible readings of a position sensor, V
+_MOST_DEG = 400.0  # larger whole numbers are no angle of a plate
+_LEAST = 0.5  # correlation with the setpoint, at its best delay, below which a column is no plate if another is above
 
 
 def takes_of(sheet: Sheet, answers: Answers) -> list[Take]:
-    """What every column is taken for, time first.
+    """The meaning of every column, time first.
 
     Raises:
         MeasurementError: no time, or a column whose name and unit contradict each other.
@@ -61,7 +61,7 @@ def takes_of(sheet: Sheet, answers: Answers) -> list[Take]:
 
 
 def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | None:
-    """By what was said, by name, by unit; None where none of them says it.
+    """The meaning from the user, the name, or the unit; None if none of them gives it.
 
     Raises:
         MeasurementError: its name and its unit contradict each other, or the unit is not known.
@@ -88,7 +88,7 @@ def take_by_itself(column: Column, sheet: Sheet, answers: Answers) -> Take | Non
 
 
 def quantity_of(column: Column, sheet: Sheet) -> str | None:
-    """The quantity that a column's name says; in an engine computer's log LEFT_OUT for what is not the throttle's."""
+    """The quantity of a column's name; in an engine computer's log LEFT_OUT for signals of other parts."""
     if (found := known(column.name)) is not None:
         return found[0]
     if (sheet.is_ecu or not column.unit) and is_about(column.name):
@@ -126,7 +126,7 @@ def _as_said(column: Column, said: Target, sheet: Sheet) -> Take:
 
 
 def _by_name(column: Column, named: str, sheet: Sheet) -> Take | None:
-    """Quantity by the name; unit by the file, else by the range."""
+    """Quantity from the name; unit from the file, else from the range."""
     if column.stated:
         return left_out(
             column, f"named as {named.replace('_', ' ')}, which is not logged in {column.stated}", sheet.is_ecu
@@ -166,7 +166,7 @@ def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> Mea
 
 
 def _by_unit(column: Column) -> Take | None:
-    """Quantity by a unit that no other quantity has."""
+    """Quantity from a unit that only this quantity has."""
     if not column.unit or is_percent(column.unit):
         return None
     possible = quantities_in(column.unit)
@@ -179,8 +179,8 @@ def _by_unit(column: Column) -> Take | None:
 
 
 def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) -> list[Take]:
-    """Columns of unknown name and unit, by how they follow from each other."""
-    # no unit, volts or per cent; a unit that the file states and that is none of these is another
+    """Columns with unknown name and unit, from their relations."""
+    # no unit, volts or per cent; another unit in the file means another quantity
     moving = [c for c in nameless if (c.unit in ("", "V", "mV") or is_percent(c.unit)) and not c.stated and c.varies]
     still = [c for c in nameless if c not in moving]
     by = {take.quantity: shapes.filled(take.si) for take in known if take.quantity}
@@ -201,7 +201,7 @@ def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) 
 def _beside_current(
     volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> list[Take]:
-    """Voltage, or duty, is what current follows; the one left within a sensor's range is the sensor."""
+    """The current follows voltage or duty; the remaining column within a sensor's range is the sensor."""
     out: list[Take] = []
     rest = list(volts)
     if not {"voltage", "duty"} & set(by) and rest:
@@ -221,7 +221,7 @@ def _beside_current(
 def _what_current_follows(
     volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> tuple[Column, bool, str]:
-    """The column, whether that is sure, and the reason."""
+    """The column that the current follows, whether that is certain, and the reason."""
     current, clock = by["current"], time.si
     if len(volts) == 1:
         (only,) = volts
@@ -243,7 +243,7 @@ def _what_current_follows(
 def _without_current(
     volts: Sequence[Column], by: dict[str, np.ndarray], plate: np.ndarray | None, time: Take
 ) -> list[Take]:
-    """Terminals open: the EMF follows the speed of the plate, or of the sensor."""
+    """With open terminals the EMF follows the speed of the plate, or of the sensor."""
     clock = time.si
     if plate is not None:
         speed = shapes.slope(plate, clock)
@@ -287,7 +287,7 @@ def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
 
 
 def _unexplained(column: Column, known_kind: bool) -> Take:
-    """A column of which nothing says what it is; one that could matter is asked about."""
+    """A column without a known meaning; if it could matter, it is in doubt."""
     if not column.varies:
         return left_out(column, f"neither name nor unit tells what it is, and it stays at {column.values[0]:.4g}")
     matters = not known_kind or is_percent(column.unit) or bool(set(quantities_in(column.unit)) & set(SI_UNIT))
@@ -295,7 +295,7 @@ def _unexplained(column: Column, known_kind: bool) -> Take:
 
 
 def _without_engine(takes: Sequence[Take]) -> list[Take]:
-    """An ECU's log has the speed of the engine, not of the throttle's motor."""
+    """Leave out the engine's speed in an ECU's log, which is not that of the throttle's motor."""
     has_plate = any(take.quantity in (*_PLATE, "setpoint") for take in takes)
     return [
         left_out(take.column, "by its name the speed of the engine, not of the throttle's motor")
@@ -305,10 +305,10 @@ def _without_engine(takes: Sequence[Take]) -> list[Take]:
 
 
 def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take]:
-    """A trace has one column for each quantity: the one that was said, else that of the surest name, else the first.
+    """Keep one column for each quantity: the user's choice, else the one with the surest name, else the first.
 
-    An engine computer's per cent go before its sensor's volts, for these need a calibration. A plate follows its
-    setpoint: of several columns one that does not is none. The first of several is doubted.
+    An engine computer's per cent take precedence over its sensor's volts, which need a calibration. A plate follows its
+    setpoint: of several columns, one that does not is not the plate. The first of several is in doubt.
     """
     out = list(takes)
     setpoint = next((take.column for take in takes if take.quantity == "setpoint"), None)
@@ -334,21 +334,21 @@ def one_each(takes: Sequence[Take], answers: Answers, sheet: Sheet) -> list[Take
 
 
 def _rank(column: Column) -> int:
-    """How sure the name is, 0 the surest."""
+    """Rank of the name, 0 the surest."""
     found = known(column.name)
     return found[1] if found is not None else 50 if is_plates_position(column.name) else 1000
 
 
 def _follows(column: Column, setpoint: Column) -> bool:
-    """True where it moves with the setpoint, at most a tenth of the record behind it."""
+    """Whether a column moves with the setpoint, with a delay of at most a tenth of the record."""
     there = np.isfinite(column.values) & np.isfinite(setpoint.values)
     if np.sum(there) < 3:
-        return True  # logged in rows of their own: nothing is known
+        return True  # logged in different rows: unknown
     y, u = column.values[there], setpoint.values[there]
     lags = np.unique(np.linspace(0, max(1, y.size // 10), 40).astype(int))
     return max(shapes.correlation(y[lag:], u[: u.size - lag]) for lag in lags) > _LEAST or bool(np.ptp(u) == 0.0)
 
 
 def _place(take: Take) -> str:
-    """Position and sensor volts are one thing."""
+    """The quantity, with position and sensor volts as one."""
     return "position" if take.quantity == "tps" else take.quantity

@@ -1,5 +1,5 @@
-"""A stretch of a sheet as signals in SI, for guesses about sign and rig test; and where one recording holds several
-traces: the clock begins anew or pauses, the rig rests, the plate is let go.
+"""A stretch of a sheet as signals in SI, for guesses about sign and rig test; and the places at which one recording is
+cut into several traces: the clock begins again or pauses, the rig rests, the plate is released.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from . import shapes
 from .sheet import TIME, Sheet
 from .take import LEFT_OUT, UNEXPLAINED, Take
 
-FEWEST = 10  # samples of a trace
-ONE_LEVEL = 0.05  # part of a voltage within which it counts as one level
-RELEASE_S = 0.7  # that a plate let go takes at most for the middle of its way
-_PAUSE, _PAUSE_S = 50.0, 0.2  # times the usual step, and seconds, without a sample that part two traces
-_REST_S, _REST_LEVEL = 1.0, 0.03  # seconds at less than this part of the largest drive that part two traces
-_SHORTEST_S = 0.3  # of a piece between two rests
-_ANEW = 0.5  # part of the time gone by that a clock must fall back to have begun anew
-_STANDS = 0.02  # part of its range within which a plate stands
-_OPEN_END = 0.1  # part of the range below the top from which a plate is let go
+FEWEST = 10  # least number of samples of a trace
+ONE_LEVEL = 0.05  # relative range of a voltage that counts as one level
+RELEASE_S = 0.7  # longest time of a released plate for the middle of its travel
+_PAUSE, _PAUSE_S = 50.0, 0.2  # pause between two traces: times the usual step, and seconds, without a sample
+_REST_S, _REST_LEVEL = 1.0, 0.03  # rest between two traces: seconds below this share of the largest drive
+_SHORTEST_S = 0.3  # least duration of a piece between two rests
+_ANEW = 0.5  # share of the elapsed time by which a clock must fall back to count as begun again
+_STANDS = 0.02  # share of its range within which a plate counts as standing still
+_OPEN_END = 0.1  # share of the range below the top from which a plate is released
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What will be one trace."""
+    """A future trace."""
 
-    sheet: Sheet  # whose rows these are
-    rows: slice  # which
-    takes: tuple[Take, ...]  # of the sheet's columns, time among them
-    cut: str = ""  # why the sheet was cut here; "" where it was not
+    sheet: Sheet  # its sheet
+    rows: slice  # its rows
+    takes: tuple[Take, ...]  # meanings of the sheet's columns, with the time
+    cut: str = ""  # why the sheet was cut here; "" if it was not
 
     @property
     def time(self) -> np.ndarray:
@@ -48,7 +48,7 @@ class Record:
 
     @property
     def unexplained(self) -> tuple[str, ...]:
-        """Labels of columns that move, and of which nothing tells what they are."""
+        """Labels of columns that vary and have no known meaning."""
         return tuple(take.column.label for take in self.takes if take.reason == UNEXPLAINED)
 
     def take(self, quantity: str) -> Take | None:
@@ -56,7 +56,7 @@ class Record:
         return next((take for take in self.takes if take.quantity == quantity), None)
 
     def with_take(self, new: Take) -> Record:
-        """With one column taken otherwise."""
+        """The record with another meaning of one column."""
         return replace(self, takes=tuple(new if take.column is new.column else take for take in self.takes))
 
     def within(self, rows: slice, cut: str) -> Record:
@@ -73,7 +73,7 @@ def plate_of(signals: Mapping[str, np.ndarray]) -> np.ndarray | None:
 def drive_of(
     signals: Mapping[str, np.ndarray], among: Sequence[str] = ("voltage", "duty", "torque")
 ) -> np.ndarray | None:
-    """What drives the motor: the first of these that was logged."""
+    """The motor's input: the first of these that was logged."""
     return next((signals[name] for name in among if name in signals), None)
 
 
@@ -83,7 +83,7 @@ def whole(sheet: Sheet, takes: Sequence[Take]) -> Record:
 
 
 def is_release(record: Record) -> bool:
-    """True where nobody drives the plate: no drive was logged, or a voltage that follows the speed of a released plate.
+    """Whether the plate is not driven: no input was logged, or a voltage that follows the speed of a released plate.
 
     A slow ramp of voltage follows a motor's speed as well; but a released plate comes to rest before the log ends.
     """
@@ -100,7 +100,7 @@ def is_release(record: Record) -> bool:
 
 
 def _is_step(voltage: np.ndarray) -> bool:
-    """True for a voltage that jumps from zero to its top within a sample and stands there: no plate speeds up so."""
+    """Whether a voltage jumps from zero to its top within a sample and stays there, faster than any plate's EMF."""
     size = np.abs(voltage)
     top = float(np.quantile(size, 0.99))
     flat = size > (1.0 - ONE_LEVEL) * top
@@ -109,10 +109,10 @@ def _is_step(voltage: np.ndarray) -> bool:
 
 
 def cut(record: Record) -> list[Record]:
-    """The traces that a record holds, in order; itself alone where it holds one.
+    """The traces in a record, in order; the record itself if it holds one.
 
     Raises:
-        MeasurementError: every stretch of it is too short to be one.
+        MeasurementError: every stretch of it is too short for a trace.
     """
     pieces = [part for piece in _by_clock(record) for part in _by_pause(piece)]
     if not pieces:
@@ -123,7 +123,7 @@ def cut(record: Record) -> list[Record]:
 
 
 def _by_clock(record: Record) -> list[Record]:
-    """Several runs, one below the other."""
+    """Cut where the clock begins again, for several runs one below the other."""
     time, first, starts = record.time, 0, [0]
     for k in np.flatnonzero(np.diff(time) <= 0.0) + 1:
         if time[k - 1] - time[k] > _ANEW * (time[k - 1] - time[first]):
@@ -150,7 +150,7 @@ def _pieces(record: Record, starts: list[int], why: str) -> list[Record]:
 
 
 def _by_rest(record: Record) -> list[Record]:
-    """A driven plate that stood still with nothing on for a second or more: half of the rest to each neighbour."""
+    """Cut where a driven plate rested without a drive for a second or more; half of the rest goes to each neighbour."""
     signals, time = record.signals, record.time
     drive = drive_of(signals)
     if drive is None or plate_of(signals) is None or "setpoint" in signals or time.size < FEWEST:
@@ -166,12 +166,12 @@ def _by_rest(record: Record) -> list[Record]:
 
 
 def _by_release(record: Record) -> list[Record]:
-    """Each fall of the plate alone, from a while before it until somebody lifts the plate again."""
+    """Cut out each fall of the plate, from some time before it until the plate is lifted again."""
     plate = plate_of(record.signals)
     if plate is None:
         return [record]
     ends = max(1, plate.size // 50)
-    # the plate's larger reading is the open one where it is held there before its first quick move
+    # the larger reading is the open end if the plate is held there before its first quick move
     level = plate if np.mean(plate[:ends]) > np.mean(plate[-ends:]) else -plate
     falls = shapes.falls(level)
     if len(falls) < 2:
@@ -180,7 +180,7 @@ def _by_release(record: Record) -> list[Record]:
     begins = zip([0, *(low for _, low in falls[:-1])], falls, strict=True)
     starts = [_held_since(level, after, high) for after, (high, _) in begins]
     if not all(_is_fall(record.time, level, start, *fall) for start, fall in zip(starts, falls, strict=True)):
-        return [record]  # a plate that somebody drives, unlogged
+        return [record]  # a driven plate whose input was not logged
     before = [*(high for high, _ in falls[1:]), level.size]
     kept = [(start, _until_lifted(level, low, end)) for start, (_, low), end in zip(starts, falls, before, strict=True)]
     why = "the plate is let go several times; lifting it is left out"
@@ -188,14 +188,14 @@ def _by_release(record: Record) -> list[Record]:
 
 
 def _is_fall(time: np.ndarray, level: np.ndarray, start: int, high: int, low: int) -> bool:
-    """True where the plate stood at its open end, for no shorter than it then took to fall quickly."""
+    """Whether the plate stood at its open end for at least the duration of its following quick fall."""
     took = float(time[low] - time[high])
     is_open = float(level[start]) > float(np.max(level)) - _OPEN_END * shapes.span(level)
     return is_open and took < min(RELEASE_S, float(time[high] - time[start]))
 
 
 def _held_since(level: np.ndarray, after: int, high: int) -> int:
-    """The row from which the plate stood where it was let go."""
+    """The row from which on the plate stood at the place of its release."""
     near, before = _STANDS * shapes.span(level), level[after : high + 1]
     stood = after + int(np.flatnonzero(before > np.max(before) - near)[-1])
     away = np.flatnonzero(np.abs(level[after:stood] - level[stood]) > 1.5 * near)
@@ -203,7 +203,7 @@ def _held_since(level: np.ndarray, after: int, high: int) -> int:
 
 
 def _until_lifted(level: np.ndarray, low: int, before: int) -> int:
-    """The row before which the plate, once down, is not lifted yet."""
+    """The row up to which the fallen plate is not lifted."""
     near, rest = _STANDS * shapes.span(level), level[low:before]
     lifted = np.flatnonzero(rest > np.minimum.accumulate(rest) + 3.0 * near)
     if not lifted.size:

@@ -1,14 +1,14 @@
-"""Shapes of signals that guesses rest on: smooth slopes, correlations, falls, ramps, steps."""
+"""Shapes of signals for guesses: smooth slopes, correlations, falls, ramps, steps."""
 
 from __future__ import annotations
 
 import numpy as np
 
-FOLLOWS, SURELY_FOLLOWS = 0.6, 0.7  # correlation, or share of the variance, from which one signal follows another
+FOLLOWS, SURELY_FOLLOWS = 0.6, 0.7  # correlation, or share of the variance, above which a signal follows another
 
 
 def filled(values: np.ndarray) -> np.ndarray:
-    """Gaps bridged by straight lines, shape (n,); zeros where nothing was logged."""
+    """Values with gaps bridged by straight lines, shape (n,); zeros if nothing was logged."""
     there = np.isfinite(values)
     if there.all():
         return values
@@ -17,7 +17,7 @@ def filled(values: np.ndarray) -> np.ndarray:
 
 
 def smooth(values: np.ndarray, samples: int) -> np.ndarray:
-    """Mean over so many samples about each, fewer at the ends, shape (n,)."""
+    """Mean over this number of samples about each, fewer at the ends, shape (n,)."""
     samples = max(1, min(samples, values.size))
     first = np.arange(values.size) - samples // 2
     begin, end = np.clip(first, 0, values.size), np.clip(first + samples, 0, values.size)
@@ -26,37 +26,37 @@ def smooth(values: np.ndarray, samples: int) -> np.ndarray:
 
 
 def slope(values: np.ndarray, time: np.ndarray, part: float = 0.01) -> np.ndarray:
-    """Rate of change, smoothed over this part of the record, shape (n,)."""
+    """Rate of change, smoothed over this share of the record, shape (n,)."""
     samples = max(3, int(part * values.size))
     return smooth(np.gradient(smooth(values, samples), time), samples)
 
 
 def comes_to_rest(speed: np.ndarray) -> bool:
-    """Whether it is slower at the end than half of its highest."""
+    """Whether the speed at the end is below half of its maximum."""
     size, end = np.abs(speed), max(3, speed.size // 20)
     return bool(np.median(size[-end:]) < 0.5 * np.quantile(size, 0.98))
 
 
 def correlation(a: np.ndarray, b: np.ndarray) -> float:
-    """Pearson's; 0 where either is constant."""
+    """Pearson's correlation; 0 if either is constant."""
     return along(a - np.mean(a), b - np.mean(b))
 
 
 def along(a: np.ndarray, b: np.ndarray) -> float:
-    """Correlation about zero instead of the means: 1 where both always have the same sign and proportion."""
+    """Correlation about zero instead of the means: 1 if both always have the same sign and proportion."""
     size = float(np.sqrt(np.sum(a**2)) * np.sqrt(np.sum(b**2)))
     return float(np.sum(a * b)) / size if size > 0.0 else 0.0
 
 
 def span(values: np.ndarray) -> float:
-    """Range between the 0.5 and 99.5 % quantiles: single spikes aside."""
+    """Range between the 0.5 and 99.5 % quantiles, without single spikes."""
     low, high = np.quantile(values, [0.005, 0.995])
     return float(high - low)
 
 
 def noise(values: np.ndarray) -> float:
-    """Standard deviation of what changes from sample to sample; coarse steps of a converter count too."""
-    # the 68 % quantile, for the median of a coarse converter's steps is 0
+    """Standard deviation of the changes from sample to sample; coarse steps of a converter count too."""
+    # the 68 % quantile, because the median of a coarse converter's steps is 0
     return float(np.quantile(np.abs(np.diff(values)), 0.683) / np.sqrt(2.0)) if values.size > 1 else 0.0
 
 
@@ -70,7 +70,7 @@ def explained(y: np.ndarray, *columns: np.ndarray) -> float:
 
 
 def falls(values: np.ndarray, high: float = 0.7, low: float = 0.3) -> list[tuple[int, int]]:
-    """Each way from the upper to the lower part of the range: last row above, first row below."""
+    """Each transition from the upper to the lower part of the range: last row above, first row below."""
     level = smooth(values, 5)
     bottom, top = np.quantile(level, [0.01, 0.99])
     share = (level - bottom) / max(top - bottom, 1e-300)
@@ -81,7 +81,8 @@ def falls(values: np.ndarray, high: float = 0.7, low: float = 0.3) -> list[tuple
 
 
 def is_ramp(time: np.ndarray, values: np.ndarray, slowest: float = 1.0, jump: float = 0.1) -> bool:
-    """Up once and down once, neither faster than in `slowest` s, no jump of more than this part of the range."""
+    """Whether values rise once and fall once, each in at least `slowest` s, without a jump above this share of the
+    range."""
     level = smooth(values, max(3, int(0.02 * values.size)))
     size = float(np.ptp(level))
     if size <= 8.0 * noise(values) / np.sqrt(max(3, int(0.02 * values.size))):
@@ -101,7 +102,7 @@ def is_ramp(time: np.ndarray, values: np.ndarray, slowest: float = 1.0, jump: fl
 
 
 def one_frequency(time: np.ndarray, values: np.ndarray, share: float = 0.9) -> bool:
-    """True where one line of the spectrum, its neighbours with it, holds this share of the power."""
+    """Whether one line of the spectrum, with its neighbours, has this share of the power."""
     even = np.interp(np.linspace(time[0], time[-1], time.size), time, values)
     power = np.abs(np.fft.rfft((even - np.mean(even)) * np.hanning(even.size))) ** 2
     power[0] = 0.0
@@ -110,7 +111,7 @@ def one_frequency(time: np.ndarray, values: np.ndarray, share: float = 0.9) -> b
 
 
 def steps_followed(time: np.ndarray, drive: np.ndarray, response: np.ndarray) -> int:
-    """Samples that the response takes for 63 % of its way after the drive's largest jump; 0 where it has no jump."""
+    """Samples that the response takes for 63 % of its change after the drive's largest jump; 0 without a jump."""
     jumps = np.abs(np.diff(drive))
     k = int(np.argmax(jumps))
     if jumps[k] < max(0.3 * span(drive), 8.0 * noise(drive)) or k < 2 or k > drive.size - 6:

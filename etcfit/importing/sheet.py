@@ -1,6 +1,6 @@
-"""What a foreign file holds, before anybody says what its columns mean.
+"""The content of a foreign file, before its columns have a meaning.
 
-A label holds a name and a unit: `Strom (mA)`, `U_mot [V]`, `Zeit in ms`, `U / V`, `pos_deg`, `CH1V`.
+A label has a name and a unit: `Strom (mA)`, `U_mot [V]`, `Zeit in ms`, `U / V`, `pos_deg`, `CH1V`.
 """
 
 from __future__ import annotations
@@ -17,47 +17,47 @@ from ..rig.units import SI_UNIT, UnitError, conversion, is_percent, is_unit_text
 from .names import PEDAL_IN_SOME, is_engines, known, may_be_position, plain_words, quantity_named
 
 TIME = "time"
-_VOLTS = 6.0  # that no sensor's reading exceeds
-_SEVERAL = 3  # signals of an engine
+_VOLTS = 6.0  # largest reading of a sensor
+_SEVERAL = 3  # least number of an engine's signals in an ECU's log
 _OF_A_BENCH = ("voltage", "current", "emf")
 
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*?)\s*[\])]\s*")
 _PARTED = re.compile(r"(?P<name>.+?)(?:\s+in\s+|\s*/\s*|,\s+)(?P<unit>[^\s/]+(?:/[^\s/]+)?)")
 _SUFFIXED = re.compile(r"(?P<name>.+?)_(?P<unit>us|ms|s|mV|V|mA|A|deg|rad|pct|rpm|rad_s|Nm|degC)")
 _SCOPE = re.compile(r"(?P<name>CH\d)(?P<unit>[VA])")
-_STATED = re.compile(r"(?P<name>.+?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*")  # square brackets hold nothing but a unit
+_STATED = re.compile(r"(?P<name>.+?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*")  # square brackets always contain a unit
 _COUNTS = frozenset({"adc", "raw", "count", "counts", "tick", "ticks", "step", "steps", "lsb", "digits"})
-_NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # what stands where there is none
-# as instruments write them, where our spellings differ
+_NO_UNIT = ("", "-", "n/a", "none", "None", "N/A")  # texts for a missing unit
+# spellings of instruments -> ours
 _SPELLED = {"second": "s", "sec": "s", "volt": "V", "ampere": "A", "amp": "A", "°": "deg", "grad": "deg",
             "%tps": "%", "% tps": "%", "perc": "%", "prc": "%", "v dc": "V", "vdc": "V",
             "1/min": "rpm", "/min": "rpm", "min-1": "rpm", "min^-1": "rpm", "sek": "s", "usec": "us", "msec": "ms",
             "unix time": "s"}  # fmt: skip
-# a scope may save each channel in a file of its own: F0001CH1.CSV and F0001CH2.CSV are one recording
+# a scope may save each channel in its own file: F0001CH1.CSV and F0001CH2.CSV are one recording
 _CHANNEL = re.compile(r"(?P<stem>.*?)_?(?:CH|ch)(?P<number>[1-8])(?P<suffix>\.\w+)")
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column as its file has it."""
+    """One column of a file."""
 
-    label: str  # as it stands in the file, `Strom (mA)`: what the user calls it
+    label: str  # label in the file, `Strom (mA)`, by which the user names it
     name: str  # the label without its unit
-    unit: str  # as the file gives it; "" where it gives none
+    unit: str  # unit in the file, or ""
     values: np.ndarray  # in that unit, shape (n,); NaN where the file has no value
-    quantity: str = ""  # where the format itself says it (a scope's time base); "" elsewhere
+    quantity: str = ""  # quantity, if the format itself defines it (a scope's time base)
     # reading of all columns with this label, in any file: one instrument has one unit; NaN if only this one
     largest: float = float("nan")
-    stated: str = ""  # a unit that the file gives and that nothing of a throttle is logged in; "" elsewhere
+    stated: str = ""  # a unit in the file that no signal of a throttle has, or ""
 
     @property
     def finite(self) -> np.ndarray:
-        """Values that are there."""
+        """The values without gaps."""
         return self.values[np.isfinite(self.values)]
 
     @property
     def peak(self) -> float:
-        """Largest magnitude, spikes aside, of this column and of its like."""
+        """Largest magnitude, without spikes, of this column and of all with its label."""
         own = float(np.quantile(np.abs(self.finite), 0.999)) if self.finite.size else 0.0
         return max(own, self.largest) if np.isfinite(self.largest) else own
 
@@ -67,7 +67,7 @@ class Column:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it holds whole numbers alone."""
+        """Whether all values are whole numbers."""
         return bool(np.all(self.finite == np.round(self.finite)))
 
 
@@ -76,11 +76,11 @@ class Sheet:
     """Columns of one length, logged together."""
 
     file: str  # path, as the user gave it
-    part: str  # of the file, where it has several (a group, a structure, a segment); "" elsewhere
+    part: str  # part of the file, if it has several (a group, a structure, a segment), or ""
     columns: tuple[Column, ...]  # each of shape (n,)
-    remarks: tuple[str, ...] = ()  # what the reader had to decide
-    losses: tuple[str, ...] = ()  # rows or columns that were left out because they are damaged, each in a sentence
-    # sentences: what the file says it holds and does not, and what cannot be read; somebody must accept that
+    remarks: tuple[str, ...] = ()  # decisions of the reader
+    losses: tuple[str, ...] = ()  # sentences on damaged rows or columns that were left out
+    # sentences on missing or unreadable content, which the user must accept
     missing: tuple[str, ...] = ()
 
     @property
@@ -90,7 +90,7 @@ class Sheet:
 
     @property
     def motor(self) -> str:
-        """Motor of this part of a file: its part is called `motor` or `motor: test`."""
+        """Motor of this part of a file, whose name is `motor` or `motor: test`."""
         return self.part.partition(": ")[0]
 
     @property
@@ -99,10 +99,10 @@ class Sheet:
 
     @cached_property
     def is_ecu(self) -> bool:
-        """True for the log of an engine computer: it has several signals of an engine.
+        """Whether this is the log of an engine computer, with several signals of an engine.
 
-        Where no voltage or current tells a bench, a setpoint by a maker's name is enough, a TPS beside one signal of an
-        engine, or a TPS in per cent.
+        If no voltage or current shows a bench, one of these is enough: a setpoint with a maker's name, a TPS with one
+        signal of an engine, or a TPS in per cent.
         """
         names = [column.name for column in self.columns]
         engines = sum(map(is_engines, names))
@@ -118,17 +118,17 @@ class Sheet:
 
 
 def time_base(seconds: np.ndarray) -> Column:
-    """A time that the format gives in seconds."""
+    """The time column of a format that gives seconds."""
     return Column("time", "time", "s", np.asarray(seconds, dtype=float), TIME)
 
 
 def column(label: str, values: np.ndarray, unit: str = "") -> Column:
-    """A column by its label, which may hold the unit.
+    """A column from its label, which may contain the unit.
 
     Args:
-        label: as it stands in the file.
+        label: label in the file.
         values: shape (n,).
-        unit: where the file gives it in another place; then the label's own counts only if this one is none.
+        unit: unit given elsewhere in the file; the label's own counts only if this one is empty.
     """
     label = " ".join(label.split())
     name, own = split(label)
@@ -141,7 +141,7 @@ def column(label: str, values: np.ndarray, unit: str = "") -> Column:
 
 
 def split(label: str) -> tuple[str, str]:
-    """Name and unit; the whole label and "" where it holds no unit that a throttle could have."""
+    """Name and unit; the whole label and "" if it contains no unit of a throttle's signal."""
     for form in (_BRACKETS, _PARTED, _SUFFIXED, _SCOPE):
         match = form.fullmatch(label)
         if match and is_unit(unit := spelled(match["unit"])):
@@ -150,30 +150,30 @@ def split(label: str) -> tuple[str, str]:
 
 
 def spelled(unit: str) -> str:
-    """A unit as `rig.units` reads it: brackets off, an instrument's spelling made ours."""
+    """A unit in the form for `rig.units`: without brackets, in our spelling."""
     bare = " ".join(unit.split()).strip("[]() ")
     folded = bare.casefold().removesuffix("s") if len(bare) > 2 else bare.casefold()
     return "rad/s" if bare == "rad_s" else _SPELLED.get(bare.casefold(), _SPELLED.get(folded, bare))
 
 
 def is_unit(unit: str) -> bool:
-    """True for a unit of anything that a rig logs."""
+    """Whether a rig has signals in this unit."""
     return bool(unit) and (is_percent(unit) or bool(quantities_in(unit)))
 
 
 def is_unknown_unit(stated: str) -> bool:
-    """True for a unit that nothing is measured in, and for counts, of which only the user knows what one is."""
+    """Whether a unit is unknown, or counts, whose size only the user knows."""
     return stated.casefold() in _COUNTS or not is_unit_text(stated)
 
 
 @cache
 def quantities_in(unit: str) -> tuple[str, ...]:
-    """Quantities that can be logged in this unit; a current is the motor's until somebody says that it is not."""
+    """Quantities that can be logged in this unit; a current counts as the motor's unless the user says otherwise."""
     return tuple(quantity for quantity in SI_UNIT if quantity != SUPPLY_CURRENT and fits(quantity, unit))
 
 
 def fits(quantity: str, unit: str) -> bool:
-    """True where a column of this quantity can be logged in this unit."""
+    """Whether a column of this quantity can be logged in this unit."""
     if is_percent(unit):
         return quantity in ("position", "setpoint", "duty")
     try:
@@ -184,7 +184,7 @@ def fits(quantity: str, unit: str) -> bool:
 
 
 def merged(sheets: Sequence[Sheet]) -> list[Sheet]:
-    """The sheets, those of one recording in several files side by side."""
+    """The sheets, with those of one recording in several files merged."""
     out: dict[object, Sheet] = {}
     for k, sheet in enumerate(sheets):
         match = _CHANNEL.fullmatch(sheet.file)
@@ -203,7 +203,7 @@ def merged(sheets: Sequence[Sheet]) -> list[Sheet]:
 
 
 def with_common_peaks(sheets: Sequence[Sheet]) -> list[Sheet]:
-    """The sheets, each column knowing the largest reading under its label, by which its unit is guessed."""
+    """The sheets, each column with the largest reading under its label, for the guess of its unit."""
     largest: dict[str, float] = {}
     for column in (column for sheet in sheets for column in sheet.columns):
         largest[column.label] = max(column.peak, largest.get(column.label, 0.0))

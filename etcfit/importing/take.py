@@ -1,4 +1,4 @@
-"""What a column is taken for, why, and how sure that is: its unit by the size of its numbers, its sign, the time."""
+"""The meaning of a column, with the reason and whether it is certain: unit by the size of its numbers, sign, time."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .names import quantity_named
 from .sheet import TIME, Column, Sheet, fits, quantities_in, time_base
 
 UNEXPLAINED = "neither its name nor what it does tells what it is"
-LEFT_OUT = ""  # the quantity of a column that no trace gets
-_SLOWEST_LOG = 2.0  # s between rows of an engine computer's log
-_FINEST_IN_SECONDS, _COARSEST_IN_SECONDS = 1e-7, 0.5  # between samples
+LEFT_OUT = ""  # the quantity of a column that is left out
+_SLOWEST_LOG = 2.0  # longest time between rows of an engine computer's log, s
+_FINEST_IN_SECONDS, _COARSEST_IN_SECONDS = 1e-7, 0.5  # range of the time between samples in s
 _END = float("inf")
-# quantity by its name -> (peaks up to this one, are of this quantity, in this unit, whether that is sure); a position
-# between 0 and 1 is a share of the usual 90 degrees
+# quantity by its name -> (largest peak, quantity, unit, whether that is certain); a position between 0 and 1 is a share
+# of the usual 90 degrees
 _RANGES: dict[str, tuple[tuple[float, str, str, bool], ...]] = {
     "voltage": ((40.0, "voltage", "V", True), (150.0, "voltage", "V", False), (_END, "voltage", "mV", True)),
     "current": ((30.0, "current", "A", True), (150.0, "current", "A", False), (_END, "current", "mA", True)),
@@ -40,14 +40,14 @@ _RANGES: dict[str, tuple[tuple[float, str, str, bool], ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """One column, named."""
+    """One column with its meaning."""
 
-    column: Column  # as its file has it
-    quantity: str  # of a measurement folder's CSV; LEFT_OUT where it is none
-    unit: str  # as that CSV will have it, a number before it where the sign is turned; "" if not yet known
-    reason: str  # in words
-    sure: bool = True  # False where somebody should be asked
-    said: bool = False  # by the user, so that no guess changes it
+    column: Column  # the column of the file
+    quantity: str  # quantity of a measurement folder's CSV; LEFT_OUT for none
+    unit: str  # unit in that CSV, with a number before it if the sign is turned; "" if not yet known
+    reason: str  # the reason in words
+    sure: bool = True  # False if the user should confirm it
+    said: bool = False  # whether the user gave it, so that no guess changes it
 
     @property
     def header(self) -> str:
@@ -56,7 +56,7 @@ class Take:
 
     @property
     def si(self) -> np.ndarray:
-        """Values in SI, shape (n,); a share of the travel where they are per cent of it, sensor volts for `tps`."""
+        """Values in SI, shape (n,); a share of the travel for per cent of it, sensor volts for `tps`."""
         if is_percent(self.unit):
             return 0.01 * self.column.values
         told = conversion(self.quantity, self.unit)
@@ -64,7 +64,7 @@ class Take:
 
     def turned(self, why: str, sure: bool) -> Take:
         """The take with its sign turned."""
-        if is_percent(self.unit):  # a header cannot turn a share of the travel, but it can an angle
+        if is_percent(self.unit):  # a header cannot turn the sign of a share of the travel, but of an angle
             why, unit = f"{why} (100 % as 90 degrees)", "-0.9 deg"
         else:
             unit = self.unit.removeprefix("-1 ") if self.unit.startswith("-1 ") else f"-1 {self.unit}"
@@ -72,25 +72,25 @@ class Take:
 
 
 def left_out(column: Column, reason: str, sure: bool = True) -> Take:
-    """A column that no trace gets."""
+    """A column that is left out."""
     return Take(column, LEFT_OUT, "", reason, sure)
 
 
 def unit_by_range(quantity: str, peak: float) -> tuple[str, str, bool]:
-    """The unit in which numbers of this size would be a rig's.
+    """The unit in which numbers of this size are plausible for a rig.
 
     Args:
-        quantity: by its name.
+        quantity: quantity from the name.
         peak: largest magnitude.
     Returns:
-        quantity (`tps` may have become `position`, or the other way round), unit, and whether that is sure.
+        Quantity (`tps` may have become `position`, or vice versa), unit, and whether that is certain.
     """
     _, found, unit, sure = next(each for each in _RANGES[quantity] if peak <= each[0])
     return found, unit, sure
 
 
 def signed(take: Take) -> Take:
-    """The column with its sign taken out of a bit of its own; as it is where there is no such bit.
+    """The column with its sign decoded from a sign bit; unchanged if there is no such bit.
 
     Feetech's STS has it in bit 10 of the load and in bit 15 of speed and position, older Dynamixels in bit 10.
 
@@ -112,7 +112,7 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
     """The time of a sheet.
 
     Raises:
-        MeasurementError: it has none, or one in an unknown unit.
+        MeasurementError: the sheet has no time, or one in an unknown unit.
     """
     for column in sheet.columns:
         if (said := answers.wanted(sheet.file, column)) and said.quantity == TIME:
@@ -142,7 +142,7 @@ def time_of(sheet: Sheet, answers: Answers) -> Take:
 
 
 def _rises(values: np.ndarray) -> bool:
-    """Mostly: several runs in one file begin anew."""
+    """Whether values mostly rise: several runs in one file begin again."""
     steps = np.diff(values)
     return bool(np.isfinite(values).all()) and steps.size > 0 and float(np.mean(steps > 0.0)) > 0.99
 
@@ -153,7 +153,7 @@ def _is_even(values: np.ndarray) -> bool:
 
 
 def _united(column: Column, unit: str, reason: str, ecu: bool) -> Take:
-    """The time with its unit, by the usual step where neither file nor user gives one."""
+    """The time with its unit, from the usual step if neither file nor user gives one."""
     if unit or column.unit:
         return Take(column, TIME, unit or column.unit, reason)
     step = float(np.median(np.diff(column.values))) if column.values.size > 1 else 0.0

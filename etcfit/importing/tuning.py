@@ -1,19 +1,18 @@
-"""Logs of a car -> a measurement folder that a fit takes: what drives the model, what is held out, and whether the logs
-can give gains at all.
+"""Logs of a car -> a measurement folder for a fit: the input of the model, the held-out part, and whether the logs are
+sufficient for gains.
 
-The input of the model is the logged duty where each tick of the ECU has a row of its own. A slower log does not say
-what the duty did between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the
-gains that are in it now. That fit begins where a regression on the motion and the logged duty does (`rig.driven`), for
-which a slow log will do: from setpoint and position alone a search often ends in another valley.
+The input of the model is the logged duty if each tick of the ECU has a row of its own. A slower log does not show the
+duty between two rows; then the ECU itself becomes a part of the model, which needs the setpoint and the present gains.
+That fit starts from a regression on the motion and the logged duty (`rig.driven`), for which a slow log is sufficient:
+from setpoint and position alone a search often ends in another valley.
 
-A row of a log has what the ECU knew at its last tick, which is up to a period T old. Where rows come in step with the
-clock they are moved to their ticks (`ecu_clock`). Of others, and with an ECU in the model, the position is believed
-within
+A row of a log has the ECU's values at its last tick, which is up to a period T old. Rows in step with the clock are
+moved to their ticks (`ecu_clock`). For other rows, and with an ECU in the model, the position's standard deviation is
 
     sigma^2 = sigma_sensor^2 + v^2 T^2 / 12,    v the rms of the plate's speed while it moves.
 
-What a logged duty drives is cut where the plate rests: a piece begins at a known angle, so that the free run does not
-carry along what dry friction made of an early error; and pieces are simulated side by side.
+With the duty as input, logs are cut where the plate rests: a piece begins at a known angle, so that an early error that
+dry friction would preserve does not persist in the free run; and pieces are simulated in parallel.
 """
 
 from __future__ import annotations
@@ -36,32 +35,33 @@ from ..rig.user_text import toml_string
 from .ecu_clock import ticks
 
 DUTY, ECU = "duty", "ecu"
-EFFECTS = ("limp_home_spring", "stribeck_friction")  # which every electronic throttle has
+EFFECTS = ("limp_home_spring", "stribeck_friction")  # effects of every electronic throttle
 LATE = "actuation_delay"  # a logged duty acts later: the ECU computes, its bridge waits for the next cycle
 HELD_AT_NOMINAL = {"R_a": 1.5, "J_m": 1e-6, "B_m": 1e-9, "B_L": 0.0}
-"""Held, SI: position and volts tell J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m, and no more; a search
-along what they do not determine costs half of the time, and often the optimum."""
+"""Held values, SI: position and volts determine only J R_a/K_m, L_a/R_a, torques over K_m/R_a and K_b + B R_a/K_m; a
+search along undetermined directions takes twice the time, and often misses the optimum."""
 _PERCENT = 100.0
 _SLOWER = 0.6  # share of the rows of a log in which the plate moves least
-_OTHER_SIDE = 0.03  # least share of these that an angle must bring to the side of their sign
-_STILL = 0.03  # s on either side of a cut, in which the plate should rest
-_A_TICK = 0.8  # rows per period of the ECU's clock from which on the duty is the input
-_REACH = 0.2  # share of the travel over which the plate must move at least
-_MOVES = 6  # of the plate by 5 % of the travel, at least
+_OTHER_SIDE = 0.03  # least share of these rows that an angle must bring to the side of their sign
+_STILL = 0.03  # s on either side of a cut in which the plate should rest
+_A_TICK = 0.8  # rows per period of the ECU's clock above which the duty is the input
+_REACH = 0.2  # least share of the travel over which the plate must move
+_MOVES = 6  # least number of moves by 5 % of the travel
 _SATURATED = 0.2  # share of the rows with the duty at its limit above which the log is doubtful
-_BLIND = 0.6  # the same, above which it tells nothing
+_BLIND = 0.6  # share of these rows above which the log is useless
 _AT_LIMIT = 0.98  # share of the largest duty of the ECU that counts as its limit
-PIECE = 2.5  # length of what is fitted as one trace, about, s
+PIECE = 2.5  # approximate length of one trace, s
 
 
 @dataclass(frozen=True)
 class TuneSettings:
-    """What of the logs of a car is fitted.
+    """Which part of the logs of a car is fitted.
 
     Args:
-        hold_out: share of the longest log, its end, that is predicted and not fitted.
-        most_samples: that are fitted of all logs together; of more, the pieces in which the plate travels most.
-        supply: V, where neither the log nor the user says it.
+        hold_out: share of the longest log, at its end, that is predicted and not fitted.
+        most_samples: largest number of fitted samples of all logs; of longer logs the pieces with most motion are
+            fitted.
+        supply: supply voltage, V, if neither the log nor the user gives it.
     """
 
     hold_out: float = real(0.4, 0.0, 0.8)
@@ -73,49 +73,49 @@ class TuneSettings:
 
 @dataclass(frozen=True)
 class KnownEcu:
-    """What is known of the ECU that drove the logs."""
+    """Known properties of the ECU that drove the logs."""
 
-    title: str  # of its make
-    ecu: Ecu  # its controller, the gains apart; its delay is one period where nobody said it, see `api.tuned`
-    clock_known: bool  # its period is published, or was said
+    title: str  # name of its make
+    ecu: Ecu  # its controller without gains; its delay is one period if not given, see `api.tuned`
+    clock_known: bool  # whether its period is published or given
     notation: Notation  # how it writes gains
-    gains: Terms | None = None  # that are in it now, as it writes them; None where nobody said
-    supply: float | None = None  # V; None where nobody said
-    # gains under which each log was made, where somebody said so; else those of all logs are `gains`
+    gains: Terms | None = None  # its present gains, in its own numbers; None if not given
+    supply: float | None = None  # V; None if not given
+    # gains under which each log was made, if given; else `gains` are those of all logs
     of_logs: tuple[Terms, ...] = ()
     bias: BiasPoints = ()  # its bias table, % of the travel and % of duty
 
 
 @dataclass(frozen=True)
 class LogCheck:
-    """One thing that a log must have."""
+    """One requirement for a log."""
 
-    name: str  # of it
-    passed: bool  # whether it has it
-    stops: bool  # without it there are no gains
+    name: str  # its name
+    passed: bool  # whether the log meets it
+    stops: bool  # whether there are no gains without it
     says: str  # what was found
-    cure: str = ""  # what to record, or to say; "" where it passed
+    cure: str = ""  # what to record or to give; "" if it is met
 
 
 @dataclass(frozen=True)
 class TuneInput:
-    """A measurement folder to be, and why it is so."""
+    """A planned measurement folder, with the reasons."""
 
-    model: str  # DUTY or ECU: what drives the model
-    why: str  # in words
-    checks: tuple[LogCheck, ...]  # of the logs
+    model: str  # DUTY or ECU: the input of the model
+    why: str  # the reason in words
+    checks: tuple[LogCheck, ...]  # checks of the logs
     files: Mapping[str, str]  # path inside the folder -> text
-    held_out: str  # the file that is predicted only; "" where none is
+    held_out: str  # the file that is only predicted, or ""
     supply: float  # V
-    noise: float  # of one reading of the sensor, rad
-    delay: float = 0.0  # of the ECU, from its reading to its output, said or taken, s
-    # where an ECU is in the model: likewise, of the same logs with their duty as the input. What these graphs tell is
-    # where the fit begins; nothing where no duty was logged.
+    noise: float  # noise of one reading of the sensor, rad
+    delay: float = 0.0  # delay of the ECU from its reading to its output, given or assumed, s
+    # with an ECU in the model: files of the same logs with their duty as the input. Their graphs give the start of the
+    # fit; empty if no duty was logged.
     duty_files: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def stopped_by(self) -> tuple[LogCheck, ...]:
-        """What the logs lack, without which there are no gains."""
+        """Requirements that the logs fail and without which there are no gains."""
         return tuple(check for check in self.checks if check.stops and not check.passed)
 
 
@@ -124,11 +124,11 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
 
     Args:
         rig: the logs as the importer reads them.
-        name: of the new rig.
-        known: of the ECU.
-        settings: what of the logs is fitted.
+        name: name of the new rig.
+        known: properties of the ECU.
+        settings: which part of the logs is fitted.
     Raises:
-        MeasurementError: no log has a position with a duty or a setpoint beside it.
+        MeasurementError: no log has a position together with a duty or a setpoint.
     """
     logs = [log for log in rig.measurements if "position" in log.channels and {"duty", "setpoint"} & set(log.channels)]
     if not logs:
@@ -141,7 +141,7 @@ def tune_input(rig: Rig, name: str, known: KnownEcu, settings: TuneSettings = Tu
     placed = [at_ticks(log, known.ecu.period) for log in logs]
     checks = (rate, *_motion(logs, rig), _saturation(logs, known))
     noise = float(np.median([log.channels["position"].sigma for log in logs]))
-    # an ECU in the model ticks by a clock of its own phase, and its own noise moves the plate
+    # the clock of an ECU in the model has an unknown phase, and its noise moves the plate
     old = 0.0 if all(placed) and model == DUTY else _speed(logs) * known.ecu.period / math.sqrt(12.0)
     logs = [log if at is None else at for log, at in zip(logs, placed, strict=True)]
     known, within = replace(known, supply=supply), math.hypot(noise, old)
@@ -159,7 +159,7 @@ def _speed(logs: Sequence[Measurement]) -> float:
 
 
 def _supply(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings) -> float:
-    """Supply as the user said, else the median logged, else the assumed one, V."""
+    """Supply voltage, V: the user's, else the median of the log, else the assumed one."""
     if known.supply is not None:
         return known.supply
     logged = [log.channels["supply"].value for log in logs if "supply" in log.channels]
@@ -167,7 +167,7 @@ def _supply(logs: Sequence[Measurement], known: KnownEcu, settings: TuneSettings
 
 
 def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu) -> tuple[str, str, LogCheck]:
-    """What drives the model, why, and whether the log is fast enough for it."""
+    """The input of the model, the reason, and whether the log is fast enough for it."""
     rate = 1.0 / max(float(np.median(np.diff(log.time))) for log in logs)  # rows a second
     rows = rate * known.ecu.period
     slow = next((finding for finding in rig.findings if finding.kind == SLOW_LOG), None)
@@ -202,7 +202,7 @@ def _model(rig: Rig, logs: Sequence[Measurement], known: KnownEcu) -> tuple[str,
 
 
 def _motion(logs: Sequence[Measurement], rig: Rig) -> tuple[LogCheck, ...]:
-    """How far and how often the plate moves."""
+    """Checks of the range and the number of the plate's moves."""
     low, high = rig.config.travel
     shares = [(log.channels["position"].value - low) / (high - low) for log in logs]
     reach = max(float(np.max(each)) for each in shares) - min(float(np.min(each)) for each in shares)
@@ -218,10 +218,10 @@ def _motion(logs: Sequence[Measurement], rig: Rig) -> tuple[LogCheck, ...]:
 
 
 def _moves(share: np.ndarray, size: float) -> int:
-    """Strokes of a size at least, one way, from one turning point to the next."""
+    """Number of strokes of at least this size, from one turning point to the next."""
     count, way, low, high = 0, 0, share[0], share[0]
     for value in share:
-        # since the last stroke began only the end that it runs towards is of interest, else both
+        # during a stroke only the end that it runs towards matters, otherwise both
         low, high = min(low, value), max(high, value)
         if way <= 0 and value - low >= size:
             count, way, high = count + 1, 1, value
@@ -231,7 +231,7 @@ def _moves(share: np.ndarray, size: float) -> int:
 
 
 def _saturation(logs: Sequence[Measurement], known: KnownEcu) -> LogCheck:
-    """How often the duty is at its limit."""
+    """Check of the share of rows with the duty at its limit."""
     duties = [log.channels["duty"].value for log in logs if "duty" in log.channels]
     if not duties:
         return LogCheck("duty within its limit", True, False, "no duty was logged, so its limit is not seen")
@@ -243,7 +243,7 @@ def _saturation(logs: Sequence[Measurement], known: KnownEcu) -> LogCheck:
 
 
 def at_ticks(log: Measurement, period: float) -> Measurement | None:
-    """A log with its rows at the ticks of the ECU that they show; None where they are not in step with its clock."""
+    """A log with its rows moved to their ticks of the ECU; None if they are not in step with its clock."""
     fresh = np.ones(log.time.size, dtype=bool)
     if "duty" in log.channels:
         fresh[1:] = np.diff(_on(log.channels["duty"], log.time)) != 0.0
@@ -260,10 +260,10 @@ def at_ticks(log: Measurement, period: float) -> Measurement | None:
 
 
 def limp_home_angle(logs: Sequence[Measurement]) -> float | None:
-    """Angle at which the springs hold the plate without a duty, rad, read from logs with a duty.
+    """Angle at which the springs hold the plate without a duty, rad, from logs with a duty.
 
-    Below it a resting plate is held by a negative duty, above it by a positive one: read is the angle that parts the
-    signs best, over the slower part of the rows. None where hardly any row is on the other side, or no log has a duty.
+    Below it a resting plate is held by a negative duty, above it by a positive one: the result is the angle that best
+    separates the signs, over the slower part of the rows. None if hardly any row is on one side, or no log has a duty.
     """
     angles, signs = [], []
     for log in logs:
@@ -277,7 +277,7 @@ def limp_home_angle(logs: Sequence[Measurement]) -> float | None:
         return None
     order = np.argsort(angle)
     sign = np.concatenate(signs)[order]
-    # of the k lowest rows those with a negative duty count, of the others those with a positive one
+    # count the rows with a negative duty among the k lowest, and those with a positive one among the others
     agree = np.sum(sign) - 2.0 * np.concatenate(([0.0], np.cumsum(sign)[:-1]))
     k = int(np.argmax(agree))
     return float(angle[order][k]) if agree[k] - agree[0] > _OTHER_SIDE * sign.size else None
@@ -286,7 +286,7 @@ def limp_home_angle(logs: Sequence[Measurement]) -> float | None:
 def _texts(
     logs: Sequence[Measurement], name: str, model: str, known: KnownEcu, within: float, settings: TuneSettings
 ) -> tuple[dict[str, str], str]:
-    """The folder, and the file in it that is held out."""
+    """The files of the folder, and the held-out file."""
     longest = max(logs, key=lambda log: float(log.time[-1] - log.time[0]))
     files, held_out, parts = dict[str, str](), "", list[tuple[Measurement, int, int]]()
     for log in logs:
@@ -296,7 +296,7 @@ def _texts(
             end = int(np.searchsorted(log.time, log.time[-1] - settings.hold_out * whole_time))
             held_out = f"drive/{_stem(log)}_held_out.csv"
             files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
-        # under an ECU in the model feedback keeps the plate near, and each piece would have an integral to be found
+        # with an ECU in the model feedback keeps the error small, and each piece would need its own initial integral
         most = settings.most_samples
         cuts = _cuts(log, end, PIECE) if model == DUTY else list(_busiest(log, 0, end, most))
         parts += [(log, a, b) for a, b in pairwise(cuts)]
@@ -311,14 +311,14 @@ def _stem(log: Measurement) -> str:
 
 
 def _way(log: Measurement) -> np.ndarray:
-    """Travelled by the plate up to each row, rad, shape (n,)."""
+    """Distance travelled by the plate up to each row, rad, shape (n,)."""
     position = log.channels["position"]
     way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(position.value)))))
     return np.interp(log.time, position.time, way)
 
 
 def _cuts(log: Measurement, end: int, length: float) -> list[int]:
-    """Rows at which to cut what comes before a row: about so far apart, s, and where the plate moves least."""
+    """Rows at which to cut the part before `end`: about `length` s apart, where the plate moves least."""
     time, way = log.time[:end], _way(log)[:end]
     moved = np.interp(time + _STILL, time, way) - np.interp(time - _STILL, time, way)
     cuts = [0]
@@ -329,7 +329,7 @@ def _cuts(log: Measurement, end: int, length: float) -> list[int]:
 
 
 def _most_telling(parts: Sequence[tuple[Measurement, int, int]], most: int) -> list[tuple[Measurement, int, int]]:
-    """The pieces in which the plate travels most a row, as many as there is room for, in their order."""
+    """The pieces with the most motion per row, at most `most` samples, in their order."""
     way = {id(log): _way(log) for log, _, _ in parts}
     telling = sorted(parts, key=lambda part: (way[id(part[0])][part[1]] - way[id(part[0])][part[2] - 1])
                      / (part[2] - part[1]))  # fmt: skip
@@ -339,7 +339,7 @@ def _most_telling(parts: Sequence[tuple[Measurement, int, int]], most: int) -> l
 
 
 def _busiest(log: Measurement, begin: int, end: int, most: int) -> tuple[int, int]:
-    """The stretch of so many rows within a part of a log in which the plate travels furthest."""
+    """The stretch of `most` rows within a part of a log in which the plate moves most."""
     if end - begin <= most:
         return begin, end
     way = _way(log)[begin:end]
@@ -356,7 +356,7 @@ _WRITTEN = {
 
 
 def _csv(log: Measurement, model: str, begin: int, end: int) -> str:
-    """One trace, from a row up to another; without the duty where the ECU makes it."""
+    """The CSV of one trace, from a row up to another; without the duty if an ECU in the model computes it."""
     wanted = ("position", "setpoint") if model == ECU else ("position", "setpoint", "duty", "supply")
     columns = {"time [s]": log.time}
     for quantity in wanted:

@@ -1,4 +1,4 @@
-"""Foreign formats: one file each, registered here and nowhere else."""
+"""Foreign formats: one file each, registered only here."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ FORMATS: tuple[Format, ...] = (
     json_log.FORMAT,
 )
 BY_SUFFIX = {suffix: format_ for format_ in FORMATS for suffix in format_.suffixes}
-# formats that no maker publishes, and the program that writes a CSV
+# unpublished formats, and the program that exports them as CSV
 CLOSED = {".llg": "PCLink", ".llgx": "PCLink", ".llg5": "PCLink"}
 
 
 def require_file(path: Path, where: str, required: str) -> None:
-    """A path is that of a file.
+    """Refuse a path that is not a file.
 
     Args:
-        where, required: for the message.
+        where, required: texts of the message.
     Raises:
-        MeasurementError: a folder, a pipe or a device, which may never end, or nothing.
+        MeasurementError: a folder, a pipe or a device, which may never end, or no such file.
     """
     if path.is_dir():
         raise MeasurementError(where, "it is a folder.", required, f"Name the files in it: {where}/*.")
@@ -55,10 +55,10 @@ def closed_error(path: Path, where: str, then: str) -> MeasurementError:
 
 
 def require_readable(source: Source) -> None:
-    """A file is there and can be read here, found out without reading it.
+    """Refuse a file that cannot be read here, without reading it.
 
     Raises:
-        MeasurementError: no such file, a pipe or a device, of a format that nobody knows, or too large.
+        MeasurementError: no such file, a pipe or a device, an unknown format, or too large a file.
         UsageError: its format needs a library that is not installed.
     """
     require_file(source.path, source.where, "A log or a recording is required.")
@@ -102,7 +102,7 @@ def read_sheets(source: Source) -> list[Sheet]:
 
 
 def _of_one_motor(sheets: list[Sheet], source: Source) -> list[Sheet]:
-    """The sheets of the motor that is wanted."""
+    """The sheets of the chosen motor."""
     motors = list(dict.fromkeys(sheet.motor for sheet in sheets))
     if source.motor is None and len(motors) < 2:
         return sheets
@@ -117,7 +117,7 @@ def _of_one_motor(sheets: list[Sheet], source: Source) -> list[Sheet]:
 
 
 def _possible(sheet: Sheet) -> Sheet:
-    """The sheet with gaps where a number is infinite or larger than any reading, which is said."""
+    """The sheet with gaps in place of numbers that are infinite or too large for a reading, and a remark on them."""
     with np.errstate(invalid="ignore"):
         odd = {column.label: np.abs(column.values) > HUGE for column in sheet.columns}
     told = tuple(

@@ -1,4 +1,4 @@
-"""What every format offers, what it says when it cannot be read, and what several of them do alike."""
+"""The interface of a format, its errors, and functions shared by several formats."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ import numpy as np
 from ...errors import MeasurementError
 from ..sheet import Sheet
 
-MOST_BYTES = 256 * 10**6  # of a recording, unpacked: six channels at 50 kHz for 100 s
-_ANOTHER_RATE = 0.5  # of the longest channel's values: fewer are another rate, not an end that is missing
+MOST_BYTES = 256 * 10**6  # largest size of an unpacked recording: six channels at 50 kHz for 100 s
+_ANOTHER_RATE = 0.5  # share of the longest channel's values: fewer are another rate, not a missing end
 
 
 @dataclass(frozen=True)
 class Source:
-    """A file to be read."""
+    """A file to read."""
 
-    path: Path  # of the file
-    where: str  # what messages call it, as the user gave it
-    buses: tuple[Path, ...] = ()  # DBC files that say what the frames of a bus log mean
-    most: int = MOST_BYTES  # bytes that its numbers may take in memory
-    motor: str | None = None  # the one to take of a file that has several; None where nobody said
-    servo: str | None = None  # family whose registers the columns are, see `servo`; None where they are quantities
+    path: Path  # path of the file
+    where: str  # its name in messages, as the user gave it
+    buses: tuple[Path, ...] = ()  # DBC files with the meaning of a bus log's frames
+    most: int = MOST_BYTES  # largest size of its numbers in memory, bytes
+    motor: str | None = None  # the motor to read from a file that has several; None if not given
+    servo: str | None = None  # family whose registers the columns hold, see `servo`; None for physical quantities
 
     def refuse_larger(self, size: int) -> None:
-        """Refuse a recording by its own counts, before it is unpacked.
+        """Refuse a recording that is too large by its own counts, before it is unpacked.
 
         Args:
-            size: bytes that its numbers will take.
+            size: size of its numbers, bytes.
         Raises:
-            MeasurementError: more than `most`.
+            MeasurementError: larger than `most`.
         """
         if size > self.most:
             raise MeasurementError(self.where, f"its numbers take {_shown(size)} in memory.",
@@ -45,7 +45,7 @@ class Source:
 
 
 def _shown(size: int, up: bool = False) -> str:
-    """A number of bytes in words; `up` rounds it to what an option can be given."""
+    """A number of bytes in words; `up` rounds it up to a value for an option."""
     if size >= 10**9:
         return f"{-(-size // 10**9)}GB" if up else f"{size / 1e9:.1f} GB"
     return f"{-(-size // 10**6)}MB" if up else f"{size / 1e6:.0f} MB"
@@ -55,22 +55,22 @@ def _shown(size: int, up: bool = False) -> str:
 class Format:
     """A kind of file."""
 
-    name: str  # for messages
-    suffixes: tuple[str, ...]  # of its files, in lower case with the dot
-    read: Callable[[Source], list[Sheet]]  # every sheet of a file; imports what is heavy when it is called
-    library: str = ""  # of the extra `import` that reads it; "" where the main install does
-    motors: bool = False  # its parts are motors, `motor` or `motor: test`, of which one makes a rig
+    name: str  # name in messages
+    suffixes: tuple[str, ...]  # suffixes of its files, in lower case with the dot
+    read: Callable[[Source], list[Sheet]]  # reads every sheet of a file; imports heavy modules when called
+    library: str = ""  # library of the extra `import` that it needs; "" for the main install
+    motors: bool = False  # whether its parts are motors, `motor` or `motor: test`, one of which is the rig
 
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:
-    """The message on a file that is not what its name says."""
+    """The error for a file that is not what its name says."""
     told = f"{found} ({' '.join(str(error).split())[:200]})" if error else found
     return MeasurementError(where, f"{told.rstrip('.')}.", f"It must be {kind}.", "Export it again, or as CSV.")
 
 
 @contextmanager
 def reading(source: Source, kind: str) -> Iterator[None]:
-    """Whatever a library's parser makes of bytes that are no such file becomes a message on it.
+    """Turn any exception of a library's parser into an error about the file.
 
     Raises:
         MeasurementError: in place of any other exception.
@@ -85,10 +85,10 @@ def reading(source: Source, kind: str) -> Iterator[None]:
 
 @contextmanager
 def warnings_of(*names: str) -> Iterator[list[str]]:
-    """What libraries warn of while they read, kept from the terminal.
+    """Collect the warnings of libraries while they read, instead of printing them.
 
     Args:
-        names: of their loggers.
+        names: names of their loggers.
     """
     heard: list[str] = []
     handler = logging.Handler(logging.WARNING)
@@ -104,7 +104,7 @@ def warnings_of(*names: str) -> Iterator[list[str]]:
 
 
 def seconds(instants: np.ndarray) -> np.ndarray:
-    """Seconds since the first instant, shape (n,); NaN where there is none."""
+    """Seconds since the first instant, shape (n,); NaN for a missing instant."""
     there = ~np.isnat(instants)
     if not there.any():
         return np.full(instants.size, np.nan)
@@ -121,14 +121,14 @@ def flat_numbers(value: Any, name: str = "") -> Iterator[tuple[str, float]]:
 
 
 def common_rows(source: Source, instants: Sequence[np.ndarray], columns: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Channels at rates of their own as one table: every instant of any of them a row.
+    """Channels with different rates as one table: one row for every instant of any of them.
 
     Args:
-        source: whose numbers these are.
-        instants: of each channel.
-        columns: that the table will have besides its time.
+        source: the file.
+        instants: instants of each channel.
+        columns: number of columns of the table in addition to the time.
     Returns:
-        all instants, rising, shape (n,), and the rows of each channel's own.
+        All instants, rising, shape (n,), and the rows of each channel.
     Raises:
         MeasurementError: the table would be too large.
     """
@@ -145,16 +145,16 @@ def with_gaps(count: int, rows: np.ndarray, values: Any) -> np.ndarray:
 
 
 def common_ends(names: Sequence[str], found: Sequence[int], said: Sequence[int]) -> tuple[list[int], tuple[str, ...]]:
-    """Where channels end that were recorded together, in a file that may be cut off or damaged.
+    """The common end of channels that were recorded together, in a file that may be cut off or damaged.
 
-    Channels of which the file says the same number of values belong together; so do those of about one length.
+    Channels with the same stated number of values belong together; so do those of about the same length.
 
     Args:
-        names: of the channels.
-        found: values of each.
-        said: values that the file itself says each has; 0 where it says nothing.
+        names: names of the channels.
+        found: number of values of each.
+        said: number of values of each according to the file; 0 if it does not state it.
     Returns:
-        rows of each that all of its group have, and what the others lack, each in a sentence.
+        For each channel the number of rows that all of its group have, and sentences on the missing rows.
     """
     longest = max((n for n, each in zip(found, said, strict=True) if not each), default=0)
     keys = [(each, each or (0 if n >= _ANOTHER_RATE * longest else n)) for n, each in zip(found, said, strict=True)]

@@ -1,6 +1,6 @@
-"""Text logs of a bus: frames as bytes, which no signal can be read from without the bus's DBC.
+"""Text logs of a bus: frames as bytes, which cannot be decoded without the bus's DBC.
 
-They are recognised, so that the refusal says what they are; frames are decoded from MDF alone (`mdf`).
+They are recognised only to give a clear error; frames are decoded from MDF only (`mdf`).
 
     (1436509052.249713) can0 044#2A366C2BBA                  candump
     Time Stamp,ID,Extended,Bus,LEN,D1,D2,...                 SavvyCAN (GVRET)
@@ -31,15 +31,15 @@ def _program(text: str) -> str | None:
 
 
 def is_bus(text: str) -> bool:
-    """True for frames of a bus."""
+    """Whether a text has frames of a bus."""
     return _program(text) is not None
 
 
 def refuse_bus(text: str, where: str) -> list[Sheet]:
-    """Say what it is.
+    """Refuse it.
 
     Raises:
-        MeasurementError: always.
+        MeasurementError: always, with the name of the program.
     """
     found = f"frames of a bus as bytes, as {_program(text)} logs them."
     raise MeasurementError(where, found, "Signals are needed: position, setpoint, duty.",

@@ -1,7 +1,7 @@
 """JSON: SysId's tests, and telemetry as a list of records or as lists by name.
 
-[{"t": 0.0, "motor": "pan", "position": 2042, "load": 40}, ...]      records; `motor` or `id` parts the motors
-{"pan": {"t": [0.0, ...], "position": [2042, ...]}, ...}             lists by name, a motor each
+[{"t": 0.0, "motor": "pan", "position": 2042, "load": 40}, ...]      records; `motor` or `id` separates the motors
+{"pan": {"t": [0.0, ...], "position": [2042, ...]}, ...}             lists by name, one motor each
 {"model": "sts3215", "entries": [...]}                              either, within an object
 
 SysId's tests of one mechanism are rows of time, voltage, position and velocity:
@@ -11,8 +11,8 @@ SysId's tests of one mechanism are rows of time, voltage, position and velocity:
 
 A drivetrain has rows of time, V left and right, positions and velocities likewise, angle and its rate: two motors.
 
-Source: WPILib, sysid/docs/data-collection.md. Differs from source: units of length are refused, for a motor's equation
-is one of angles.
+Source: WPILib, sysid/docs/data-collection.md. Differs from source: units of length are refused, because a motor's
+equation needs angles.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from .base import Format, Source, flat_numbers, unreadable
 _KIND = "JSON of SysId, a list of records, or lists by name"
 _TESTS = ("slow-forward", "slow-backward", "fast-forward", "fast-backward", "track-width")
 _ANGLES = {"rotations": "turn", "radians": "rad", "degrees": "deg"}
-_SIMPLE = "motor_voltage", "position", "motor_speed"  # columns behind the time
+_SIMPLE = "motor_voltage", "position", "motor_speed"  # columns after the time
 _DRIVE = 9  # cells of a drivetrain's row
 _MOTORS = ("motor", "id", "name", "servo", "joint")  # keys of a record that name its motor
 
@@ -50,7 +50,7 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _sheets(content: Any, where: str, part: str) -> Iterator[Sheet]:
-    """Every table within, by the path that leads to it."""
+    """Every table in the content, with its path."""
     if isinstance(content, list) and content and all(isinstance(each, dict) for each in content):
         yield from _of_records(content, where, part)
     elif isinstance(content, dict):
@@ -88,7 +88,7 @@ def _sheet(columns: Mapping[str, list[float]], where: str, part: str) -> Sheet:
 
 
 def _sysid(content: Mapping[str, Any], where: str) -> list[Sheet]:
-    """One sheet a motor and test."""
+    """One sheet per motor and test."""
     units = str(content.get("units", "")).casefold()
     if units not in _ANGLES:
         raise MeasurementError(where, f"its units are '{content.get('units')}'.",

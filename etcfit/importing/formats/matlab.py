@@ -31,24 +31,24 @@ _KIND = "a MATLAB file of vectors or structures of vectors"
 _STEP = ("Tinterval", "Ts", "dt", "T_s", "sample_time")
 _RATE = ("fs", "Fs", "f_s", "sample_rate")
 _START = ("Tstart", "t0")
-_FEWEST = 3  # values of a vector to be a signal
-_WIDEST = 64  # columns of a matrix of signals
-_DEEPEST = 32  # structures within structures
+_FEWEST = 3  # least number of values of a signal
+_WIDEST = 64  # largest number of columns of a matrix of signals
+_DEEPEST = 32  # largest depth of structures within structures
 _ODD = {"MATLAB_object_decode": "a MATLAB object", "MATLAB_sparse": "sparse"}
 _HEADER = 128
 _ARRAY, _COMPRESSED = 14, 15
-_SIZES_AT = 24  # in an array: behind its own tag and its flags
-_ENOUGH = 512  # bytes of an array that hold its tags
+_SIZES_AT = 24  # offset in an array: after its own tag and its flags
+_ENOUGH = 512  # bytes of an array that contain its tags
 _MOST_SHRUNK = 100
 _NUMERIC = range(6, 16)  # classes: double to uint64
-_APART = 0.9  # of a vector's length: one that is shorter by less ends too early, one by more is something else
+_APART = 0.9  # share of a vector's length: a vector above it ends too early, one below it is another signal
 
 
 def _read(source: Source) -> list[Sheet]:
     missing: list[str] = []
     with reading(source, _KIND):
         with source.path.open("rb") as file:
-            is_hdf5 = b"MATLAB 7.3" in file.read(128)  # behind a block of 512 bytes
+            is_hdf5 = b"MATLAB 7.3" in file.read(128)  # after a block of 512 bytes
         inside = _hdf5(source, missing) if is_hdf5 else _level_5(source, missing)
         sheets = [sheet for part, scope in _scopes(inside) for sheet in _sheets(source.where, part, scope, missing)]
     if missing and not sheets:
@@ -68,7 +68,7 @@ def _level_5(source: Source, missing: list[str]) -> dict[str, Any]:
 
 
 def _plain(source: Source, missing: list[str], scope: Mapping[str, Any], part: str) -> dict[str, Any]:
-    """The structure without what is no number, text or structure; sparse arrays made full."""
+    """The structure with its numbers, texts and structures only; sparse arrays become full."""
     out: dict[str, Any] = {}
     for name, value in scope.items():
         path = f"{part}.{name}" if part else name
@@ -100,7 +100,7 @@ def _hdf5(source: Source, missing: list[str]) -> dict[str, Any]:
 
 
 def _datasets(source: Source, h5py: Any, group: Any, part: str, depth: int) -> Iterator[Any]:
-    """Every array of numbers, before any is read. MATLAB links nothing: a link leads in a circle or out of the file."""
+    """Every array of numbers, before any is read. MATLAB writes no links: a link is circular or leaves the file."""
     for name in group:
         path = f"{part}.{name}" if part else name
         link = group.get(name, getlink=True)
@@ -116,7 +116,7 @@ def _datasets(source: Source, h5py: Any, group: Any, part: str, depth: int) -> I
 
 
 def _branch(missing: list[str], h5py: Any, group: Any, part: str) -> dict[str, Any]:
-    """A structure; MATLAB writes arrays the other way round, and texts as numbers of letters."""
+    """A structure; MATLAB writes arrays transposed, and texts as numbers of letters."""
     out: dict[str, Any] = {}
     for name, value in group.items():
         path = f"{part}.{name}" if part else name
@@ -128,7 +128,7 @@ def _branch(missing: list[str], h5py: Any, group: Any, part: str) -> dict[str, A
         elif isinstance(value, h5py.Group):
             out[name] = _branch(missing, h5py, value, path)
         elif value.attrs.get("MATLAB_class", b"") == b"char":
-            # what is no text becomes a question mark
+            # an invalid character becomes a question mark
             out[name] = np.asarray(np.ravel(value[()]), dtype="<u2").tobytes().decode("utf-16-le", "replace")
         elif value.dtype.kind in "iuf":
             out[name] = np.asarray(value[()]).T
@@ -138,14 +138,14 @@ def _branch(missing: list[str], h5py: Any, group: Any, part: str) -> dict[str, A
 
 
 def _refers_to_vectors(cell: Any) -> Iterator[bool]:
-    """For each array that a cell array refers to: whether it is a vector of numbers."""
+    """Whether each array that a cell array refers to is a vector of numbers."""
     for reference in np.ravel(cell[()]):
         value = cell.file[reference]
         yield value.attrs.get("MATLAB_class", b"") != b"char" and _is_vector(value)
 
 
 def _scopes(tree: Mapping[str, Any], part: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """Each structure with what it holds itself; a Simulink structure flattened."""
+    """Each structure with its own fields; a Simulink structure is flattened."""
     series = {
         name: value for name, value in tree.items() if isinstance(value, Mapping) and {"Time", "Data"} <= set(value)
     }
@@ -163,7 +163,7 @@ def _scopes(tree: Mapping[str, Any], part: str = "") -> Iterator[tuple[str, Mapp
 
 
 def _of_equal_times(series: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Time series side by side, each under its structure's name with the unit that it gives."""
+    """Time series with equal times, each under its structure's name with its unit."""
     found: dict[bytes, dict[str, Any]] = {}
     for name, each in series.items():
         unit = each.get("Units") or (each["DataInfo"].get("Units") if isinstance(each.get("DataInfo"), Mapping) else "")
@@ -173,7 +173,7 @@ def _of_equal_times(series: Mapping[str, Mapping[str, Any]]) -> list[dict[str, A
 
 
 def _sheets(where: str, part: str, scope: Mapping[str, Any], missing: Sequence[str]) -> list[Sheet]:
-    """Vectors of one length belong together."""
+    """One sheet for the vectors of each length."""
     by_length: dict[int, list[Column]] = {}
     for name, value in scope.items():
         for label, vector in _vectors(name, value):
@@ -190,7 +190,8 @@ def _sheets(where: str, part: str, scope: Mapping[str, Any], missing: Sequence[s
 
 
 def _cut_to_one_length(by_length: dict[int, list[Column]]) -> list[str]:
-    """Vectors without a time of their own, nearly as long as others: cut to what all have; and what that lacks."""
+    """Cut vectors without a time of their own, of nearly the same length, to the common length; return remarks on
+    it."""
     lacking = []
     timed = {n for n, columns in by_length.items() if any(np.all(np.diff(each.values) > 0.0) for each in columns)}
     for length in [n for n in by_length if n not in timed]:
@@ -219,7 +220,7 @@ def _vectors(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _clock(scope: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Start and step, s, where the file gives them as numbers."""
+    """Start and step, s, if the file gives them as numbers."""
 
     def number(names: tuple[str, ...]) -> float | None:
         found = (np.asarray(scope[name]) for name in names if name in scope and not isinstance(scope[name], Mapping))
@@ -232,7 +233,7 @@ def _clock(scope: Mapping[str, Any]) -> tuple[float, float] | None:
 
 
 def _unpacked(path: Path) -> int:
-    """How large a level 5 file unpacks, by its own tags: a few bytes of each variable are unpacked for that.
+    """Unpacked size of a level 5 file by its own tags; only a few bytes of each variable are unpacked.
 
         file      128 bytes, the last two "IM" or "MI" for the order of bytes; then variables
         variable  type, length, content: an array (14), or one compressed (15)
@@ -240,7 +241,7 @@ def _unpacked(path: Path) -> int:
 
     Source: MathWorks, MAT-file level 5 format. Differs from source: no.
     Returns:
-        bytes in memory of all its variables, numbers as float64; the file's own size where it is no such file.
+        Size in memory of all its variables, bytes, with numbers as float64; the file's own size if it is no such file.
     """
     size, at, total = path.stat().st_size, _HEADER, 0
     with path.open("rb") as file:
@@ -259,9 +260,9 @@ def _unpacked(path: Path) -> int:
 
 
 def _of_array(head: bytes, order: str, stored: int) -> int:
-    """Bytes of one array: what it says of its numbers, or of its whole content where it holds other arrays.
+    """Bytes of one array: from its count of numbers, or from its whole content if it contains other arrays.
 
-    These may be numbers of a byte, eight in memory; nobody's measurements shrink to a hundredth.
+    These may be numbers of one byte, eight in memory; measurements do not compress to a hundredth.
     """
     if len(head) < _SIZES_AT + 8:
         return len(head)

@@ -1,10 +1,10 @@
 """MCAP, by mcap: channels whose messages are JSON, nested numbers by dotted names, `/topic.field.inner`.
 
-Channels that were logged at their own rates become one sheet: every instant of any of them a row, gaps elsewhere.
-The time is the log time, one clock for all channels; the publish time where messages of a channel share a log time.
+Channels with different rates become one sheet: one row for every instant of any of them, with gaps elsewhere.
+The time is the log time, one clock for all channels, or the publish time if messages of a channel share a log time.
 
 Source: MCAP specification, version 0; units from `unit` in a channel's JSON Schema, else from its metadata.
-Differs from source: texts, truth values and lists are left out; so are channels of other encodings, which is said.
+Differs from source: texts, truth values and lists are left out; so are channels of other encodings, with a remark.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ _MAGIC = b"\x89MCAP0\r\n"  # at both ends of a whole file
 _RECORD, _CHUNK, _COUNT = struct.Struct("<BQ"), struct.Struct("<QQQ"), struct.Struct("<Q")  # heads of records
 _IS_CHUNK, _IS_STATISTICS = 0x06, 0x0B  # a chunk: first and last time, bytes unpacked; statistics: messages
 _UNITS = ("unit", "units", "Unit")
-_NAMELESS = ("data", "value")  # fields that say nothing: the topic does
-_TICK = 1000  # ns: instants nearer than a microsecond are one
+_NAMELESS = ("data", "value")  # fields without a meaningful name: the topic names them
+_TICK = 1000  # ns: instants nearer than a microsecond are equal
 
 
 @dataclass
 class _Channel:
-    """Messages of one topic, in the order of the log; times in ns, of each number the message's place and its value."""
+    """Messages of one topic, in the order of the log; times in ns, and for each number the message's index and its
+    value."""
 
     topic: str
     units: dict[str, str]
@@ -82,9 +83,9 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _counts(source: Source) -> tuple[int, int | None]:
-    """What a file says of itself: bytes of its chunks, unpacked, and messages; None where it does not say.
+    """Unpacked bytes of the file's chunks and number of messages, as the file states them; None if it does not.
 
-    By the heads of its records, none of which is unpacked.
+    Only the heads of its records are read.
     """
     size, at = source.path.stat().st_size, len(_MAGIC)
     unpacked, messages = size, None
@@ -120,7 +121,7 @@ def _check_ends(source: Source) -> None:
 
 
 def _units(schema: Any, channel: Any) -> dict[str, str]:
-    """By dotted name; what holds for the whole channel under ""."""
+    """Units by dotted name; the unit of the whole channel under ""."""
     found = {"": next((channel.metadata[key] for key in _UNITS if key in channel.metadata), "")}
     if schema is not None and schema.encoding == "jsonschema" and schema.data:
         found |= dict(_units_of_fields(json.loads(schema.data), ""))
@@ -155,7 +156,7 @@ def _united(source: Source, channels: list[_Channel]) -> tuple[tuple[Column, ...
             remarks.append(f"'{channel.topic}': of messages at one instant the last counts; {lost} left out")
         for name, (own, numbers) in channel.numbers.items():
             values = with_gaps(ticks.size, rows[np.array(own)], numbers)
-            # its label is its path; what it is is guessed by its field, or by the path where the field says nothing
+            # its label is its path; its meaning is guessed from its field, or from the path if the field has no name
             path = f"{channel.topic}.{name}" if name else channel.topic
             told = name if names.count(name) == 1 and name and name not in _NAMELESS else path
             made = column(told, values, channel.units.get(name) or channel.units[""])

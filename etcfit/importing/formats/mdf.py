@@ -1,8 +1,8 @@
-"""ASAM MDF (.mf4, .mdf), by asammdf; the frames of a bus log are decoded by a DBC given beside it.
+"""ASAM MDF (.mf4, .mdf), by asammdf; the frames of a bus log are decoded by a DBC among the files.
 
-Groups that were sampled at their own rates become one sheet: every instant of any of them a row, gaps elsewhere.
+Groups with different rates become one sheet: one row for every instant of any of them, with gaps elsewhere.
 
-Source: ASAM MDF 4.2, as asammdf reads it. Differs from source: texts are left out, arrays are said to be.
+Source: ASAM MDF 4.2, as asammdf reads it. Differs from source: texts are left out, and so are arrays, with a remark.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ..sheet import Column, Sheet, column, time_base
 from .base import Format, Source, common_rows, reading, warnings_of, with_gaps
 
 _KIND = "a measurement file of ASAM MDF"
-_TICK = 6  # decimals of a second: instants nearer than a microsecond are one
-_FRAMES = ("CAN_", "LIN_")  # names of a bus log's raw parts, whose numbers mean nothing
-_FLAGS = slice(60, 64)  # of the file's first block: what its logger left undone
+_TICK = 6  # decimals of a second: instants nearer than a microsecond are equal
+_FRAMES = ("CAN_", "LIN_")  # names of a bus log's raw parts, whose numbers have no meaning
+_FLAGS = slice(60, 64)  # bytes of the file's first block: tasks that its logger did not finish
 
 
 def _read(source: Source) -> list[Sheet]:
@@ -39,7 +39,7 @@ def _read(source: Source) -> list[Sheet]:
                     with mdf.extract_bus_logging(databases) as decoded:
                         signals = [*_meant(signals), *_signals(decoded, odd)]
         except Exception as err:
-            # what asammdf was building when it failed is closed: else its destructor fails too, and prints that
+            # close the object that asammdf was building when it failed: else its destructor fails too, and prints that
             for frame, _ in traceback.walk_tb(err.__traceback__):
                 with suppress(Exception):
                     frame.f_locals["self"].close()  # a second call returns at once
@@ -53,7 +53,7 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _opened(path: Path) -> io.BytesIO | io.BufferedReader:
-    """A stream, which is closed whatever happens; a copy where it must finish what the logger left undone."""
+    """A stream, which is always closed; a copy if the unfinished tasks of the logger must be completed."""
     with path.open("rb") as file:
         head = file.read(_FLAGS.stop)
     return io.BytesIO(path.read_bytes()) if any(head[_FLAGS]) else path.open("rb")
@@ -64,11 +64,11 @@ def _meant(signals: list[Any]) -> list[Any]:
 
 
 def _signals(mdf: Any, odd: list[str]) -> list[Any]:
-    """Numbers over time, of every group.
+    """Signals of numbers over time, of every group.
 
     Args:
-        mdf: of asammdf.
-        odd: gets a sentence on each array, which cannot be read.
+        mdf: the file's object of asammdf.
+        odd: a sentence on each array, which cannot be read, is added to it.
     """
     found = []
     for group, _ in enumerate(mdf.groups):

@@ -13,8 +13,8 @@ from .base import Format, Source, reading, seconds, unreadable
 
 _KIND = "a Parquet file"
 _UNITS = (b"unit", b"units", b"Unit")
-_TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # of Arrow's times, s
-_LOOKED_AT = 1000  # texts of a column, to see whether they are numbers
+_TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # units of Arrow's times, s
+_LOOKED_AT = 1000  # number of a column's texts that are tested for being numbers
 _NO_SIGNAL = ("texts", "truth values", "it is empty")
 
 
@@ -36,7 +36,7 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _why_no_signal(file: Any, field: Any) -> str:
-    """Why a field is no column of numbers; "" where it is one."""
+    """Why a field is no column of numbers; "" if it is one."""
     from pyarrow import types
 
     kind = field.type.value_type if types.is_dictionary(field.type) else field.type
@@ -56,7 +56,7 @@ def _why_no_signal(file: Any, field: Any) -> str:
 
 
 def _column(field: Any, values: Any) -> Column:
-    """Its numbers; NaN where there is none."""
+    """The column of numbers; NaN for missing ones."""
     from pyarrow import compute, float64, int32, int64, types
 
     metadata = field.metadata or {}

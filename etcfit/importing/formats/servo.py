@@ -1,11 +1,12 @@
 """Registers of bus servos as physical quantities: counts per turn, signs in a bit or in two's complement.
 
     sign in bit b:        x = (raw mod 2^b) (1 - 2 bit_b(raw))         1056 -> -32 for b = 10
-    two's complement:     x = raw - 2^B where raw >= 2^(B - 1)
+    two's complement:     x = raw - 2^B if raw >= 2^(B - 1)
 
-A column is a register by its name, `Present_Load`, `load (5)` or `shoulder_pan.load`; what names a motor in it, or a
-column `id`, parts the motors. The load of a Feetech or an AX is the duty of its bridge, not a torque; that of an X is
-an estimate, and left out beside its PWM. A speed is that of the output, which the position tells: it is left out too.
+A column is a register by its name, `Present_Load`, `load (5)` or `shoulder_pan.load`; the part of the name for a motor,
+or a column `id`, separates the motors. The load of a Feetech or an AX is the duty of its bridge, not a torque; that of
+an X is an estimate, and is left out if its PWM is logged. A speed is that of the output, which follows from the
+position: it is left out too.
 
 Source: Feetech, memory tables of STS/SMS and SCS servos (counts a turn and signs as LeRobot's
 motors/feetech/tables.py; load 0.1 % of the duty, sign in bit 10; voltage 0.1 V; current 6.5 mA, sign in bit 15: units
@@ -30,25 +31,25 @@ from ..sheet import TIME, Column, Sheet
 
 
 class Register(NamedTuple):
-    """How one register is read."""
+    """The meaning of one register."""
 
-    quantity: str  # of a measurement folder's CSV
-    unit: str  # of one count, as `rig.units` reads it
-    sign: int | None = None  # bit that is the sign; None where there is none
-    width: int = 0  # bits of a number in two's complement; 0 where it is not
-    most: int | None = None  # largest magnitude in counts that it can have; None for any
+    quantity: str  # quantity of a measurement folder's CSV
+    unit: str  # unit of one count, as `rig.units` reads it
+    sign: int | None = None  # sign bit, or None
+    width: int = 0  # bits of a number in two's complement; 0 for other numbers
+    most: int | None = None  # largest possible magnitude in counts; None for any
 
 
 @dataclass(frozen=True)
 class Servo:
-    """One family: its title, and its registers by the word that their names hold."""
+    """One family: its title, and its registers by the word in their names."""
 
     title: str
     registers: Mapping[str, Register]
 
 
 def _servo(title: str, position: Register, **more: Register) -> Servo:
-    """What every family has, and its own: the drive's register and the current's."""
+    """A family with the common registers and its own ones for drive and current."""
     return Servo(title, {"goal": position._replace(quantity="setpoint"), "position": position, **more,
                          "voltage": Register("supply", "0.1 V"), "temperature": Register("temperature", "degC")}
                  )  # fmt: skip
@@ -69,20 +70,20 @@ SERVOS: Mapping[str, Servo] = {
     "dynamixel-xl330": _x("DYNAMIXEL XL330, XC330", 1.0),
     "dynamixel-ax": _servo("DYNAMIXEL AX", _SCS, load=Register("duty", "0.1 %", sign=10, most=1023)),
 }
-"""By the name that `--servo` takes."""
+"""Servos by the name for `--servo`."""
 
-# word in a name -> register, the first that is found
+# word in a name -> register; the first match counts
 _WORDS = (("goal", r"goal|target|command"), ("position", r"pos(ition)?"), ("pwm", r"pwm"), ("load", r"load"),
           ("current", r"current"), ("voltage", r"voltage|volt"), ("temperature", r"temp(erature)?"))  # fmt: skip
-_AGAINST = 0.5  # share of the power that must be negative before a duty counts as one of the other sign
+_AGAINST = 0.5  # share of the power that must be negative for a duty to count as having the wrong sign
 _TIMES = re.compile(r"t|time|timestamp\w*|ts|seconds", re.IGNORECASE)
-_IDS = ("id", "motor", "servo", "motor_id", "servo_id")  # of a column that says whose row it is
+_IDS = ("id", "motor", "servo", "motor_id", "servo_id")  # names of a column with the motor of each row
 _NUMBER = re.compile(r"(?P<name>.*?)\s*\((?P<motor>\d+)\)")  # load (5)
 _PATH = re.compile(r"(?P<motor>.+)[./](?P<name>[^./]+)")  # shoulder_pan.load
 
 
 def named(name: str) -> Servo:
-    """The servo of a name.
+    """The servo with this name.
 
     Raises:
         UsageError: there is none.
@@ -93,7 +94,7 @@ def named(name: str) -> Servo:
 
 
 def decoded(sheet: Sheet, servo: Servo) -> list[Sheet]:
-    """Registers as quantities, one sheet a motor.
+    """Registers as quantities, one sheet per motor.
 
     Raises:
         MeasurementError: no register among the columns, or a number that a register cannot have.
@@ -124,9 +125,10 @@ def decoded(sheet: Sheet, servo: Servo) -> list[Sheet]:
 
 
 def _driving(columns: tuple[Column, ...]) -> tuple[tuple[Column, ...], str]:
-    """With the duty turned where it is of the other sign than the speed, as a Feetech's load is; and a word on it.
+    """The columns with the duty's sign turned if it is opposite to the speed, as a Feetech's load is; and a remark on
+    it.
 
-    A motor that is driven takes power: sum(duty dtheta/dt) > 0.
+    A driven motor takes power: sum(duty dtheta/dt) > 0.
     """
     found = {each.name: each for each in columns}
     if not {"position", "duty"} <= set(found):
@@ -140,7 +142,7 @@ def _driving(columns: tuple[Column, ...]) -> tuple[tuple[Column, ...], str]:
 
 
 def _register(label: str) -> tuple[str, str] | None:
-    """Motor and register of a column's label; None where it is none."""
+    """Motor and register of a column's label; None if it is no register."""
     match = _NUMBER.fullmatch(label) or _PATH.fullmatch(label)
     motor, name = (match["motor"].strip(), match["name"]) if match else ("", label)
     spoken = " ".join(re.sub(r"[^a-zA-Z]+", " ", name).split()).casefold()
@@ -169,7 +171,7 @@ def _columns(sheet: Sheet, servo: Servo, columns: list[tuple[str, Column]]) -> I
 
 
 def _signed(raw: np.ndarray, register: Register) -> np.ndarray:
-    """Counts with their sign, shape (n,); what is negative already stays."""
+    """Counts with their sign, shape (n,); negative counts stay as they are."""
     values = np.array(raw, dtype=float)
     if register.sign is not None:
         return without_sign_bit(values, register.sign)

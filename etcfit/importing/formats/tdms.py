@@ -22,7 +22,7 @@ _KIND = "a TDMS file"
 _UNITS = ("unit_string", "NI_UnitDescription", "Unit", "unit")
 _CLOCK = ("start_offset", "increment")
 _LOGGERS = ("nptdms.reader", "nptdms.tdms_segment", "nptdms.base_segment")
-_LEAD_IN, _NEXT = struct.Struct("<4sIIQQ"), struct.Struct(">Q")  # of a segment; its length where it is big-endian
+_LEAD_IN, _NEXT = struct.Struct("<4sIIQQ"), struct.Struct(">Q")  # head of a segment; its length if it is big-endian
 _BIG_ENDIAN, _NEVER_CLOSED = 1 << 6, (1 << 64) - 1
 
 
@@ -45,7 +45,7 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _cut(path: Path) -> str:
-    """Where the file ends within a segment; "" where it ends with one."""
+    """A sentence if the file ends within a segment, else ""."""
     at, size = 0, path.stat().st_size
     with path.open("rb") as stream:
         while at < size:
@@ -62,7 +62,7 @@ def _cut(path: Path) -> str:
 
 
 def _sheets(where: str, file: Any, group: Any, cut: str) -> list[Sheet]:
-    """Channels of one length and one clock belong together."""
+    """One sheet for the channels of each length and clock."""
     part = group.name if len(file.groups()) > 1 else ""
     by_clock: dict[tuple[float, float], list[Any]] = {}
     odd: dict[str, str] = {}
@@ -91,7 +91,7 @@ def _sheets(where: str, file: Any, group: Any, cut: str) -> list[Sheet]:
 
 
 def _said(channel: Any, lost: Mapping[str, Any]) -> int:
-    """Values that a cut file says the channel has; 0 where the file is whole."""
+    """Number of values of the channel according to a file that is cut off; 0 if the file is whole."""
     status = lost.get(channel.path)
     return len(channel) + status.expected_length - status.read_length if status is not None else 0
 

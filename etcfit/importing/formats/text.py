@@ -1,7 +1,7 @@
 """Reads text files: CSV of Tektronix and Rigol scopes, LabVIEW's .lvm, MegaLogViewer's .msl, any other table.
 
-The first lines show which of `DIALECTS` a file is in. What is in none of them is read by `rig.layout`, which finds
-header, separator and units by itself. MegaLogViewer's binary log (.mlg) is here too, beside its text form.
+The first lines show the dialect of a file (`DIALECTS`). Files in none of them are read by `rig.layout`, which finds
+header, separator and units by itself. MegaLogViewer's binary log (.mlg) is here too, with its text form.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _CLOCK = re.compile(r"(?P<key>t0|tInc)\s*=\s*(?P<value>[-+0-9.eE]+)\s*s?")
 
 
 def _sheet_of(found: TextTable, where: str, losses: tuple[str, ...] = ()) -> Sheet:
-    """A column for each name; those without name and number, which a trailing separator makes, left out."""
+    """A column for each name, without the empty columns of a trailing separator."""
     names, cells = found.layout.names, found.numbers.cells
     columns = tuple(
         column(name or f"column {k + 1}", cells[:, k], found.units[k])
@@ -45,7 +45,7 @@ def _sheet_of(found: TextTable, where: str, losses: tuple[str, ...] = ()) -> She
 
 
 def _tektronix(text: str, where: str) -> list[Sheet]:
-    """Tektronix's CSV: settings beside the samples, or above them.
+    """Tektronix's CSV: settings to the left of the samples, or above them.
 
         Record Length,2.500000e+03,,-0.500000000000,  0.04000,      TDS1000, TDS2000, TBS1000: one channel a file
         Sample Interval,4.000000e-04,,-0.499600000000,  0.00000,
@@ -64,7 +64,7 @@ def _tektronix(text: str, where: str) -> list[Sheet]:
     settings = {cells[0].strip(": "): cells[1:] for line in lines[:60] if (cells := cells_of(line, ","))[0]}
 
     def missing(rows: int) -> tuple[str, ...]:
-        """What the scope says it saved and the file does not hold."""
+        """Sentences on samples that the scope saved and the file lacks."""
         cell = settings.get("Record Length", [""])[0]
         said = int(float(cell)) if is_number(cell) else rows
         told = f"it is cut off or damaged: its record length is {said}, and it holds {rows} rows"
@@ -124,7 +124,7 @@ def _rigol(text: str, where: str) -> list[Sheet]:
         cut_off = len(cells) > 1 and len(cells[-1]) < len(cells[0])
         cells = cells[:-1] if cut_off else cells
         _refuse_shifted_rows(cells, head[0] == "X")
-        # logic channels, in hexadecimal, are none here
+        # logic channels, in hexadecimal, are left out
         table = np.array([
             [float(cell) if cell and not cell.startswith("0x") else np.nan
              for cell in [*row[1 : 1 + len(names)], *[""] * len(names)][: len(names)]]
@@ -139,7 +139,7 @@ def _rigol(text: str, where: str) -> list[Sheet]:
 
 
 def _refuse_shifted_rows(rows: list[list[str]], numbered: bool) -> None:
-    """Refuse a row that would shift the clock of all below it: samples are known by their place alone."""
+    """Refuse a row that would shift the clock of all rows below: only its place gives a sample's time."""
     for k, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise ValueError(f"row {k + 1} has {len(row)} cells, the first {len(rows[0])}")
@@ -149,7 +149,7 @@ def _refuse_shifted_rows(rows: list[list[str]], numbered: bool) -> None:
 
 @dataclass(frozen=True)
 class _Dialect:
-    """How a file of LabVIEW is written: between cells, between digits, and `X_Columns`."""
+    """The dialect of a LabVIEW file: separator of cells, decimal point, and `X_Columns`."""
 
     separator: str
     mark: str
@@ -213,16 +213,16 @@ def _segment(header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect
     table = [dialect.cells(row) for row in rows[1:]]
     columns = [np.array([dialect.number(row[k] if k < len(row) else "") for row in table]) for k in range(len(names))]
     shown = [k for k, name in enumerate(names) if name and not name.startswith(("X_Value", "Comment"))]
-    # the first cell of a setting is its name, that of a row the time: both count from the same cell
+    # the first cell of a setting is its name, that of a row the time: both are counted from the same cell
     places = [k - any(name.startswith("X_Value") for name in names[:k]) for k in shown]
 
     def setting(key: str, place: int) -> str:
-        """A channel's own cell; "" where it has none."""
+        """A channel's own cell, or ""."""
         cells = header.get(key, [])
         return cells[place] if place < len(cells) else ""
 
     def time_of(k: int, place: int) -> np.ndarray | None:
-        """The column of times to the left of a channel's, or by the period that the header gives; None without."""
+        """The column of times to the left of a channel's column, or times from the period in the header, or None."""
         if dialect.times != "no":
             left = [j for j in range(k) if names[j].startswith("X_Value")]
             return columns[left[-1]] if left else None
@@ -231,7 +231,7 @@ def _segment(header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect
 
     said = [int(setting("Samples", place) or 0) for place in places]
     _refuse_odd_rows(table, shown, len(names), one_length=len(set(said)) < 2)
-    # up to the last row that is filled: an empty cell above it is a gap
+    # up to the last filled row: an empty cell above it is a gap
     filled = [np.flatnonzero(np.isfinite(columns[k])) for k in shown]
     ends, missing = common_ends([names[k] for k in shown], [int(f[-1]) + 1 if f.size else 0 for f in filled], said)
     groups: dict[bytes, list[Column]] = {}
@@ -241,7 +241,7 @@ def _segment(header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect
         key = kept.to_bytes(8) + (b"" if time is None else time[:kept].tobytes())
         groups.setdefault(key, []).append(column(names[k], columns[k][:kept], setting("Y_Unit_Label", place)))
         times[key] = () if time is None else (time_base(time[:kept]),)
-    # clocks that agree in most rows: one of them is damaged, and its channel is no trace of its own
+    # clocks that agree in most rows: one of them is damaged, and its channel is not a separate trace
     for first, other in combinations([each.values for base in times.values() for each in base], 2):
         if first.size == other.size and 0.5 < np.mean(first == other) < 1.0:
             raise ValueError(f"times of two channels differ in row {1 + int(np.argmin(first == other))} alone")
@@ -253,7 +253,7 @@ def _segment(header: Mapping[str, list[str]], rows: list[str], dialect: _Dialect
 
 
 def _refuse_odd_rows(table: Sequence[list[str]], shown: Sequence[int], width: int, one_length: bool) -> None:
-    """Refuse a row whose cells may stand below other names."""
+    """Refuse a row whose cells may be below wrong names."""
     for k, cells in enumerate(table):
         beyond = any(cells[width:]) or (k > 0 and any(is_number(cell) for cell in cells[shown[-1] + 1 :]))
         if beyond or (one_length and k < len(table) - 1 and len(cells) <= shown[-1]):
@@ -265,7 +265,7 @@ def _is_rigol(text: str) -> bool:
     return (first.startswith("X,") and "Increment" in first) or "tInc" in first
 
 
-# (does a file begin like it?, read it); the first that fits
+# (test of the file's beginning, reader); the first match counts
 DIALECTS: tuple[tuple[Callable[[str], bool], Callable[[str, str], list[Sheet]]], ...] = (
     (lambda text: text.startswith("LabVIEW Measurement"), _labview),
     (_is_rigol, _rigol),

@@ -1,4 +1,4 @@
-"""VCDS (VAG-COM): a clock before each group of columns, names and units above in several rows, in any language.
+"""VCDS (VAG-COM): a clock before each group of columns, names and units in several rows above, in any language.
 
     Friday,05,July,...-VCID:AA06E9...,VCDS Version: Release 24.7.1 (x64)
     ,Group A:,'060,,,Group B:,'001                 measuring blocks: groups of up to four values
@@ -11,8 +11,8 @@
     ,STAMP,Engine RPM,STAMP,Vehicle speed
     ,, /min,, km/h
 
-What heads the first clock heads every other, whatever the language. Instants of all groups are rows, with gaps where a
-group has none.
+The header of the first clock is that of every other clock, in any language. Instants of all groups are rows, with gaps
+where a group has none.
 
 Source: logs of VCDS 21 to 25 in public repositories; Ross-Tech, VCDS manual, "Logging". Differs from source: no.
 """
@@ -32,7 +32,7 @@ _ABOUT = 2  # lines of the day and of the control unit
 
 
 def is_vcds(text: str) -> bool:
-    """True for a text whose first line names the program or its licence."""
+    """Whether the first line of a text names the program or its licence."""
     first = text.partition("\n")[0]
     return "VCDS" in first or "VCID:" in first
 
@@ -51,7 +51,7 @@ def read_vcds(text: str, where: str) -> list[Sheet]:
     stamps, width = rows[clocked[-1]], max(map(len, rows[first:]))
     clocks = [k for k, cell in enumerate(stamps) if cell == stamps[1]]
     names, units = _names_and_units(rows[:first], clocked[-1], clocks, width)
-    # words say the state of a control unit and are no signal
+    # words describe the state of a control unit and are no signal
     values = np.array([[np.nan if (found := number_in(cell)) is None else found
                         for cell in [*cells, *[""] * width][:width]] for cells in rows[first:]])  # fmt: skip
     if any(np.any(np.diff(values[np.isfinite(values[:, k]), k]) < 0.0) for k in clocks):
@@ -70,13 +70,13 @@ def read_vcds(text: str, where: str) -> list[Sheet]:
 def _names_and_units(
     head: Sequence[list[str]], place: int, clocks: Sequence[int], width: int
 ) -> tuple[list[str], list[str]]:
-    """Of each column; names of measuring blocks may be parted over rows.
+    """Names and units of each column; names of measuring blocks may be split over rows.
 
     Args:
         head: rows above the numbers.
-        place: of the row that heads the clocks.
-        clocks: columns that hold one.
-        width: columns.
+        place: index of the row with the clocks' header.
+        clocks: columns with a clock.
+        width: number of columns.
     """
     above = [[*cells, *[""] * width][:width] for cells in head]
     blocks = next((k for k in range(place, -1, -1) if head[k][1:2] and head[k][1].endswith(":")), None)
@@ -84,4 +84,4 @@ def _names_and_units(
     units = above[-1] if blocks is not None or place + 1 < len(above) else [""] * width
     names = [" ".join(filter(None, (cells[k] for cells in named))) for k in range(width)]
     names = ["" if k in clocks else name for k, name in enumerate(names)]
-    return names, [unit.replace("*", "°") for unit in units]  # a degree is *C there
+    return names, [unit.replace("*", "°") for unit in units]  # VCDS writes a degree as *C

@@ -1,15 +1,15 @@
-"""WPILib's data log (`.wpilog`): one sheet a motor, every instant of any of its entries a row, gaps elsewhere.
+"""WPILib's data log (`.wpilog`): one sheet per motor, one row for every instant of any of its entries, gaps elsewhere.
 
     header   "WPILOG", version (16 bit), bytes of an extra header (32 bit), the extra header
-    record   lengths of what follows (entry 2 bits, size 2 bits, time 3 bits), entry, size, time (us), payload
-    entry 0  start: 0, entry, name, type, metadata (each text behind its length); finish: 1; metadata: 2
+    record   lengths of the next fields (entry 2 bits, size 2 bits, time 3 bits), entry, size, time (us), payload
+    entry 0  start: 0, entry, name, type, metadata (each text after its length); finish: 1; metadata: 2
 
-All little-endian. Numbers of the types double, float and int64 are read; a text entry `sysid-test-state-NAME` parts the
-tests of SysId, in which `quantity-MOTOR-NAME` are the entries of a motor. Elsewhere a motor is what stands before the
-last `/` of a name.
+All numbers are little-endian. Numbers of the types double, float and int64 are read. A text entry
+`sysid-test-state-NAME` separates the tests of SysId, in which `quantity-MOTOR-NAME` are the entries of a motor. In
+other logs the part before the last `/` of a name is the motor.
 
 Source: WPILib, datalog.adoc, version 1.0; SysIdRoutineLog.java for its names and units. Differs from source: lists,
-texts, truth values and structures are left out, which is said.
+texts, truth values and structures are left out, with a remark.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ _STATE = "sysid-test-state-"
 _SYSID = re.compile(r"(voltage|position|velocity|acceleration|current)-(?P<motor>.+)")
 _UNITS = {"volt": "V", "amp": "A", "rotation": "turn", "radian": "rad", "degree": "deg",
           "rotation per second": "turn/s", "radian per second": "rad/s", "degree per second": "deg/s"}  # fmt: skip
-# of SysId, where the name is another than ours, or says less: its voltage is what drives the motor, never an EMF
+# names of SysId that differ from ours or are less specific: its voltage is the motor's input, never an EMF
 _QUANTITY = {"velocity": "motor_speed", "voltage": "motor_voltage"}
 _TESTS = {"quasistatic": "slow", "dynamic": "fast"}  # as SysId's JSON calls them; a free wheel is no static load
-_LEAD = 200_000  # us before a test that are taken with it, where they were logged: a trace is to begin at rest
+_LEAD = 200_000  # logged us before a test that belong to its trace, so that the trace begins at rest
 _NONE = "none"  # state of SysId between two tests
 
 
 @dataclass
 class _Entry:
-    """One channel of the log: times (us) and values as they came."""
+    """One channel of the log: times (us) and values in the order of the log."""
 
     name: str
     kind: str
@@ -69,7 +69,7 @@ def _read(source: Source) -> list[Sheet]:
 
 
 def _entries(raw: bytes, where: str) -> tuple[list[_Entry], dict[str, str], str]:
-    """Entries of numbers and of states, types of all others by name, and what of the end is missing."""
+    """Entries of numbers and of states, types of all others by name, and a sentence on a missing end."""
     if len(raw) < _HEADER.size or raw[:6] != b"WPILOG":
         raise unreadable(where, "it does not begin as one", _KIND)
     _, version, extra = _HEADER.unpack_from(raw)
@@ -123,7 +123,7 @@ def _text(payload: bytes, at: int) -> tuple[str, int]:
 
 
 def _value(entry: _Entry, payload: bytes, where: str) -> float | str | None:
-    """Value of a record; None where its entry is not read."""
+    """Value of a record; None if its entry is not read."""
     if entry.name.startswith(_STATE):
         return payload.decode("utf-8", "replace")
     form = _NUMBERS.get(entry.kind)
@@ -135,7 +135,7 @@ def _value(entry: _Entry, payload: bytes, where: str) -> float | str | None:
 
 
 def _unit(metadata: str) -> str:
-    """A unit in words or in JSON: SysId writes `Rotation per Second` and leaves nothing else there."""
+    """A unit in words or in JSON: SysId writes only `Rotation per Second`."""
     text = metadata.strip()
     if text.startswith("{"):
         try:
@@ -166,7 +166,7 @@ def _by_motor(entries: list[_Entry], states: list[_Entry]) -> dict[str, list[tup
 def _sheets(
     source: Source, motor: str, mine: list[tuple[str, _Entry]], states: list[_Entry], remarks: tuple[str, ...]
 ) -> list[Sheet]:
-    """One a test of SysId, where it has them; else one."""
+    """One sheet per test of SysId, if there are any; else one sheet."""
     ticks, places = common_rows(source, [np.asarray(entry.times, dtype=np.int64) for _, entry in mine], len(mine))
     columns = []
     for (name, entry), rows in zip(mine, places, strict=True):
@@ -182,7 +182,7 @@ def _sheets(
     spans = [span for state in routines for span in _tests(state)]
     if not spans:
         return [within(motor, ticks[0], ticks[-1])]
-    made, free = [], 0  # from where on no test runs
+    made, free = [], 0  # instant from which on no test runs
     for test, begin, end in spans:
         made.append(within(f"{motor}: {test}", max(free, begin - _LEAD), end))
         free = end + 1
@@ -190,7 +190,7 @@ def _sheets(
 
 
 def _routine(state: _Entry) -> str:
-    """What the entries of a routine of SysId end in."""
+    """The end of the names of a routine's entries in SysId."""
     return f"-{state.name.removeprefix(_STATE)}"
 
 
