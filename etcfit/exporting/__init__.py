@@ -1,6 +1,6 @@
-"""The way out: a fitted model in the formats of other programs, a writer a format; each says what it cannot hold.
+"""Export: a fitted model in the formats of other programs, one writer per format; each states what it cannot hold.
 
-Formats are registered here and nowhere else.
+Formats are registered only here.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ _BY_NAME = {format_.name: format_ for format_ in FORMATS}
 
 
 def named(name: str) -> Format:
-    """The format of a name.
+    """The format with this name.
 
     Raises:
-        UsageError: there is none.
+        UsageError: there is no such format.
     """
     if name not in _BY_NAME:
         known = "; ".join(f"{each.name} ({each.title})" for each in FORMATS)

@@ -1,4 +1,4 @@
-"""What every format is given, and what it gives."""
+"""The input and the result of every format."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ BODY: Mapping[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """What is left to choose.
+    """Settings of an export.
 
     Args:
-        step: of the plant in C and of the FMU, s; the loop in which gains are tried takes the same.
-        share: of the travel, about which the transfer function is taken.
+        step: time step of the plant in C and of the FMU, s; equal to that of the loop in which gains are tried.
+        share: operating point of the transfer function, a share of the travel.
     """
 
     step: float = real(5e-4, 1e-6, 0.01)
@@ -47,18 +47,18 @@ class ExportSettings:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """A model to be exported."""
+    """A model to export."""
 
     fitted: Fitted  # the model at its optimum
     settings: ExportSettings = field(default_factory=ExportSettings)  # step and operating point
-    pid: Mapping[str, Any] | None = None  # the object of pid.json; None where no gains were designed
+    pid: Mapping[str, Any] | None = None  # the object of pid.json; None if no gains were designed
     designing: str = "etcfit design RUN"  # the command that designs them, for messages
-    into: Path | None = None  # the user's own file of that format, of which a copy is changed; None for a new file
-    anyway: bool = False  # write what is typed into an ECU even where the model behind it is no estimate
+    into: Path | None = None  # the user's own file of that format, whose copy is changed; None for a new file
+    anyway: bool = False  # write gains for an ECU even if the parameters behind them are no estimates
 
     @property
     def designed(self) -> Gains | None:
-        """Gains of pid.json, SI; None where none were designed."""
+        """Gains of pid.json, SI; None if none were designed."""
         return None if self.pid is None else Gains(*(float(self.pid["gains"][name]) for name in Gains._fields))
 
     @property
@@ -72,7 +72,7 @@ class Source:
 
     @property
     def body(self) -> Mapping[str, float]:
-        """What of the rig the plant needs, see `BODY`."""
+        """Properties of the rig for the plant, see `BODY`."""
         lower, upper = self.travel
         return {"N": self.fitted.config.gear_ratio, "lower": lower, "upper": upper}
 
@@ -88,13 +88,13 @@ class Source:
 
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:
-        """Effects of the throttle itself: neither those of the rig nor the ECU that drove its logs."""
+        """Effects of the throttle itself, without those of the rig and the ECU that drove its logs."""
         types = self.fitted.free_parameters.layout.types
         return tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
 
     @property
     def beyond_the_paper(self) -> tuple[type[AbstractEffect], ...]:
-        """Effects besides those of Eqs. 1-2."""
+        """Effects in addition to those of Eqs. 1-2."""
         return tuple(effect for effect in self.effects if effect.off is not None)
 
     @property
@@ -104,19 +104,19 @@ class Source:
 
     @property
     def title(self) -> str:
-        """One line that says whose model this is."""
+        """One line with the name of the rig."""
         config = self.fitted.config
         return f"{config.name}{' (SYNTHETIC: its measurements were simulated)' if config.synthetic else ''}"
 
     @property
     def origin(self) -> str:
-        """One line that says where the file comes from."""
+        """One line on the origin of the file."""
         names = ", ".join(effect.name for effect in self.effects)
         return f"Written by etcfit {__version__} (etcfit export). Effects in the model: {names}."
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a reader of any format must know, a sentence each."""
+        """Cautions for every format, one sentence each."""
         return (*self.fitted.state.cautions, *self._own_cautions())
 
     def _own_cautions(self) -> Iterator[str]:
@@ -137,11 +137,11 @@ class Source:
 
 @dataclass(frozen=True)
 class Export:
-    """What a format makes of a model.
+    """The result of a format.
 
     Args:
-        files: contents by name, relative to the folder that they go to.
-        cannot_hold: what the format leaves out or bends, a sentence each; the files say so too.
+        files: contents by name, relative to their folder.
+        cannot_hold: what the format leaves out or changes, one sentence each; the files say so too.
     """
 
     files: Mapping[str, str | bytes]
@@ -150,21 +150,21 @@ class Export:
 
 @dataclass(frozen=True)
 class Format:
-    """A format: its name in one tuple, `FORMATS`."""
+    """A format, registered in `FORMATS`."""
 
-    name: str  # of `--to`
-    title: str  # what it is for, one line
-    make: Callable[[Source], Export]  # makes it; imports what is heavy when it is called
+    name: str  # name for `--to`
+    title: str  # its purpose, one line
+    make: Callable[[Source], Export]  # makes the files; imports heavy modules when called
     changes: bool = False  # whether it can change a copy of the user's own file (`Source.into`)
-    tools: Callable[[], object] = lambda: None  # raises what this machine lacks to make it
+    tools: Callable[[], object] = lambda: None  # raises an error if this machine lacks a tool
 
     def require(self, into: Path | None) -> None:
-        """What can be known before there is a model.
+        """Refuse an impossible export before there is a model.
 
         Args:
             into: see `Source.into`.
         Raises:
-            UsageError: this machine lacks a tool, or a file to change is named that it cannot change.
+            UsageError: this machine lacks a tool, or the format cannot change the given file.
         """
         if into is not None and not self.changes:
             raise UsageError(f"--to {self.name} writes new files. Leave --into out.")
@@ -184,7 +184,7 @@ def write(export: Export, folder: Path) -> tuple[Path, ...]:
     """Write every file of an export, or none: the old ones stay until all new ones are written.
 
     Returns:
-        Where they are, in their order.
+        Their paths, in their order.
     """
     paths = tuple(folder / name for name in export.files)
     with ExitStack() as drafts:
@@ -195,7 +195,7 @@ def write(export: Export, folder: Path) -> tuple[Path, ...]:
 
 
 def rendered(template: str, **parts: Any) -> str:
-    """A template of this package with its gaps filled."""
+    """A template of this package with these values."""
     import jinja2
 
     environment = jinja2.Environment(

@@ -59,7 +59,7 @@ def _variable(
     name: str, unit: str, description: str, causality: str, variability: str, initial: str | None = None,
     start: float | None = None,
 ) -> dict[str, str]:  # fmt: skip
-    """A line of modelDescription.xml: attributes of a Float64, its value reference apart."""
+    """A line of modelDescription.xml: attributes of a Float64 without its value reference."""
     given = {"name": name, "description": one_line(description), "causality": causality, "variability": variability,
              "initial": initial, "unit": None if unit == "1" else unit, "start": start}  # fmt: skip
     return {key: str(value) for key, value in given.items() if value is not None}
@@ -94,7 +94,7 @@ def _described(source: Source, variables: list[dict[str, str]], token: str, lost
         Xml.SubElement(units, "Unit", {"name": unit})
     categories = Xml.SubElement(root, "LogCategories")
     Xml.SubElement(categories, "Category", {"name": _LOG, "description": "what was refused, and why"})
-    # every clock of an importer comes out at a whole number of steps if it takes this one
+    # with this step every clock of an importer is a whole number of steps
     experiment = {"startTime": "0", "stopTime": "1", "stepSize": repr(source.settings.step)}
     Xml.SubElement(root, "DefaultExperiment", experiment)
     lines = Xml.SubElement(root, "ModelVariables")
@@ -114,7 +114,7 @@ def _text(root: Xml.Element) -> str:
 
 
 def _build_description() -> str:
-    """sources/buildDescription.xml: how to build the binary for another platform."""
+    """sources/buildDescription.xml: the build of the binary for another platform."""
     root = Xml.Element("fmiBuildDescription", {"fmiVersion": "3.0"})
     build = Xml.SubElement(root, "BuildConfiguration", {"modelIdentifier": NAME})
     files = Xml.SubElement(build, "SourceFileSet", {"language": "C99"})
@@ -127,7 +127,7 @@ def compiler() -> list[str]:
     """The system's C compiler: that of the environment variable CC, else cc, gcc or clang.
 
     Raises:
-        UsageError: there is none.
+        UsageError: there is no compiler.
     """
     named = shlex.split(os.environ.get("CC", ""))
     for command in (named, ["cc"], ["gcc"], ["clang"]):
@@ -168,7 +168,7 @@ def _export(source: Source) -> Export:
             f"A communication step must be a whole number of {source.settings.step:g} s.")  # fmt: skip
     variables, notes = _variables(source, plant), (*source.cautions, *lost)
     files = c_files(source, plant, lost)
-    # the same model is the same FMU
+    # the same model gives the same FMU
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_URL, ''.join(files.values()))}}}"
     count = Counter(variable["causality"] for variable in variables)
     files["fmi3.c"] = rendered(

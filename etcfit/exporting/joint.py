@@ -14,7 +14,7 @@ from ..errors import UsageError
 from ..rig.user_text import python_comment, xml_comment
 from .base import Export, Format, Source, rendered
 
-_SOFTEST = 1e-6  # N m/rad: a spring that is preload alone still has a rest angle
+_SOFTEST = 1e-6  # N m/rad: least stiffness, so that a preload alone still has a rest angle
 # impedance of the friction's constraint: by default a stuck plate creeps by 3e-3 rad in 0.1 s, so by 1e-5
 _STICKS = "0.9999 0.9999 0.001 0.5 2"
 _SOFT = ("The stops are soft contacts of the engine, and a sticking plate creeps a little: its friction is a soft "
@@ -29,7 +29,7 @@ _ISAAC_LACKS = (
 
 @dataclass(frozen=True)
 class Joint:
-    """Constants of a hinge with a DC motor, at the plate where nothing else is said."""
+    """Constants of a hinge with a DC motor, at the plate unless stated otherwise."""
 
     armature: float  # inertia of the motor, N^2 J_m, kg m2
     inertia: float  # of the plate, J_L, kg m2
@@ -59,7 +59,7 @@ def _joint(source: Source) -> Joint:
 
 
 def _cannot_hold(source: Source) -> Iterator[str]:
-    """What such a joint leaves out."""
+    """Sentences on what such a joint leaves out."""
     yield from source.cautions
     v = source.values
     yield (f"The inductance L_a: the current follows the voltage at once instead of within L_a/R_a = "
@@ -71,7 +71,7 @@ def _cannot_hold(source: Source) -> Iterator[str]:
 def _mjcf(
     source: Source, name: str, damping: float, kind: str, actuator: Mapping[str, str], told: str, lost: tuple[str, ...]
 ) -> Export:
-    """The plate on its hinge with its actuator; what it is and what it leaves out as a comment."""
+    """The plate on its hinge with its actuator, and a comment on what it is and leaves out."""
     joint, body = _joint(source), source.body
     root = Xml.Element("mujoco", {"model": "throttle"})
     root.append(Xml.Comment(xml_comment((source.title, source.origin, told, *lost))))
@@ -129,7 +129,7 @@ def _position(source: Source) -> Export:
 
 
 def _gains(source: Source) -> tuple[Gains, str]:
-    """Gains of the designed controller, else of the one that drove the logs; and which of them."""
+    """Gains of the designed controller, else of the one that drove the logs; and its name."""
     if (designed := source.designed) is not None:
         return designed, "pid.json"
     found = gains_as_found(source.fitted)
@@ -141,7 +141,7 @@ def _gains(source: Source) -> tuple[Gains, str]:
 
 
 def _isaac(source: Source) -> Export:
-    """A configuration of the actuator, and the efforts that it has no field for."""
+    """A configuration of the actuator, and the efforts without a field in it."""
     lost = (*_cannot_hold(source), *_ISAAC_LACKS)
     notes = python_comment((source.title, source.origin, *lost))
     text = rendered("isaac.py.txt", notes=notes, joint=_joint(source), body=source.body)

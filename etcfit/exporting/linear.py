@@ -1,4 +1,4 @@
-"""The linear plant, and what it leaves out: MATLAB's .mat and a script of it, and Python without etcfit."""
+"""The linear plant and its omissions: MATLAB's .mat, the same as a script, and Python without etcfit."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ..model.effects.sensors import PositionSensorLag
 from ..rig.user_text import matlab_comment, one_line, python_comment
 from .base import BODY, Export, Format, Source, rendered
 
-_KEPT = (ActuationDelay, PositionSensorLag)  # stand beside the transfer function
+_KEPT = (ActuationDelay, PositionSensorLag)  # written in addition to the transfer function
 _GAIN_UNITS = {"Kp": "V/rad", "Ki": "V/(rad s)", "Kd": "V s/rad"}
 
 
 def _cannot_hold(source: Source) -> Iterator[str]:
-    """What a transfer function has no place for."""
+    """Sentences on what a transfer function leaves out."""
     yield from source.cautions
     reduction = source.reduction
     place = f"{100.0 * reduction.share:.0f} % of the travel ({reduction.theta:.4g} rad, {reduction.volts:.4g} V)"
@@ -29,7 +29,7 @@ def _cannot_hold(source: Source) -> Iterator[str]:
 
 
 def _gains(source: Source) -> dict[str, float]:
-    """Gains by name; {} where none were designed."""
+    """Gains by name; {} if none were designed."""
     return {} if source.designed is None else source.designed._asdict()
 
 

@@ -1,7 +1,7 @@
 """The plant as straight-line C99, for hardware in the loop: the model's own stepper, traced and printed.
 
-Nothing of the physics is written a second time. What is traced is `stepper.step`, the same function that fits and
-designs: dry friction as a set-valued law inside each implicit stage, stops, preload, memories and all effects.
+No physics is written a second time. The traced function is `stepper.step`, which fits and designs use too: dry friction
+as a set-valued law inside each implicit stage, stops, preload, memories and all effects.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ _SENSOR: Mapping[str, tuple[str, str]] = {
 }
 _STATE = ("i", "theta", "omega")
 _LEVELS = (0.0, 8.0, 3.0, 0.0, -6.0, 12.0, 5.0, -12.0, 6.5, 6.6, 6.4, 0.0)  # V, through stick, slip and both stops
-_HOLD = 0.05  # s, of each; two rows a level
+_HOLD = 0.05  # duration of each level, s; two rows per level
 
 
 class Quantity(NamedTuple):
-    """A parameter of the plant as fitted, see `model.parameters.Parameter`; its value in SI."""
+    """A fitted parameter of the plant, see `model.parameters.Parameter`; its value in SI."""
 
     symbol: str
     unit: str
@@ -47,7 +47,7 @@ class Quantity(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What an effect remembers: the effect's name, and where a run begins."""
+    """A memory of an effect: the effect's name, and the initial value."""
 
     effect: str
     start: float
@@ -56,9 +56,9 @@ class Memory(NamedTuple):
 class Late(NamedTuple):
     """Delays, in steps."""
 
-    program: Program  # of the delays of voltage, sensed angle and sensed current
-    lines: tuple[bool, bool, bool]  # which of these three there are
-    room: int  # samples that a delay line keeps
+    program: Program  # computes the delays of voltage, sensed angle and sensed current
+    lines: tuple[bool, bool, bool]  # whether each of these three exists
+    room: int  # number of samples in a delay line
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,10 @@ class Plant:
 
     step: float  # s
     quantities: tuple[Quantity, ...]  # parameters, those of the rig at the end
-    memories: tuple[Memory, ...]  # of the effects
+    memories: tuple[Memory, ...]  # memories of the effects
     advance: Program  # state and memories after a step, in the order of `names`
     read: Program  # sensed angle (rad) and sensed current (A)
-    late: Late | None  # delays; None where the model has none
+    late: Late | None  # delays; None if the model has none
     sensor: bool  # whether the position sensor's volts are known
 
     @property
@@ -88,7 +88,7 @@ def plant_of(source: Source) -> Plant:
     """Trace a model's stepper.
 
     Raises:
-        UsageError: an effect computes what straight-line C cannot.
+        UsageError: an effect cannot be written as straight-line C.
     """
     h, effects, quantities = source.settings.step, source.effects, _quantities(source)
     memories = tuple(Memory(effect.name, float(start)) for effect in effects for start in effect.z0)
@@ -154,7 +154,7 @@ def advancing(effects: tuple[type[AbstractEffect], ...], h: float) -> Callable[.
 
 
 def _late(graph: Graph, delays: list[int], source: Source) -> Late | None:
-    """The delays in steps, and room for twice what was fitted, so that a user may vary them."""
+    """The delays in steps, with space for twice the fitted delays, so that a user may vary them."""
     lines = (graph.known(delays[0]) != 0.0, graph.known(delays[1]) != 0.0, graph.known(delays[2]) != 0.0)
     if not any(lines):
         return None
@@ -171,7 +171,7 @@ def c_files(source: Source, plant: Plant, cannot_hold: tuple[str, ...] = ()) -> 
 
 
 def c_cannot_hold(source: Source) -> Iterator[str]:
-    """What differs between the C and the rig."""
+    """Sentences on differences between the C and the rig."""
     yield (f"The step is fixed at {source.settings.step:g} s and the voltage is constant over it: average a PWM "
            "over each step.")  # fmt: skip
     yield "Noise of the sensors is not in it."
@@ -180,7 +180,7 @@ def c_cannot_hold(source: Source) -> Iterator[str]:
 
 
 def _reference(source: Source) -> tuple[list[tuple[float, ...]], int]:
-    """Voltage, current, angle and speed along a run of our own stepper from the closed stop, and steps between rows."""
+    """Voltage, current, angle and speed of a simulation by our own stepper from the closed stop, and steps per row."""
     h, effects = source.settings.step, source.effects
     steps = max(1, round(_HOLD / h))
     volts = np.repeat(_LEVELS, 2 * steps)

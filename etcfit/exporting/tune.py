@@ -1,4 +1,4 @@
-"""Gains, limits and bias table as a TunerStudio tune file (.msq) that holds nothing else."""
+"""Gains, limits and bias table as a TunerStudio tune file (.msq) with no other settings."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from ..reporting.control.gains import constants
 from ..rig.user_text import one_line, xml_comment
 from .base import Export, Format, Source
 
-_NAMESPACE = "http://www.msefi.com/:msq"  # of TunerStudio's files
+_NAMESPACE = "http://www.msefi.com/:msq"  # namespace of TunerStudio's files
 _WITH_TUNE_FILES = ", ".join(each.name for each in PROFILES if each.pasting is Pasting.TUNE_FILE)
 
 
 def _written(source: Source) -> Mapping[str, Any]:
-    """Settings of the ECU that the gains were sought for."""
+    """Settings of the ECU for which the gains were designed."""
     again = f"Run `{source.designing} --ecu NAME` with one of {_WITH_TUNE_FILES}."
     if source.pid is None:
         raise UsageError(f"A .msq holds gains, and none were designed for this model. {again}")
@@ -63,7 +63,7 @@ def _export(source: Source) -> Export:
 
 
 def _new(source: Source, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
-    """A tune of these settings alone."""
+    """A tune with only these settings."""
     root = Xml.Element("msq", {"xmlns": _NAMESPACE})
     root.append(_comment(source, lost))
     about = {"author": f"etcfit {__version__}", "tuneComment": one_line(source.title)}
@@ -72,7 +72,7 @@ def _new(source: Source, written: Mapping[str, Any], lost: tuple[str, ...]) -> b
     Xml.SubElement(root, "page", {"number": "0"}).extend(constants(written))
     Xml.indent(root)
     head = '<?xml version="1.0" encoding="ISO-8859-1"?>\n'
-    # as TunerStudio reads it; what Latin-1 lacks becomes a reference
+    # in TunerStudio's form; characters that Latin-1 lacks become references
     return f"{head}{Xml.tostring(root, 'unicode')}\n".encode("iso-8859-1", "xmlcharrefreplace")
 
 
@@ -81,7 +81,7 @@ def _comment(source: Source, lost: tuple[str, ...]) -> Any:
 
 
 class _Setting(NamedTuple):
-    """A setting of a tune: attributes of its tag; where its content begins and ends, bytes."""
+    """A setting of a tune: attributes of its tag; begin and end of its content, bytes."""
 
     attributes: Mapping[str, str]
     begin: int
@@ -89,10 +89,10 @@ class _Setting(NamedTuple):
 
 
 def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple[str, ...]) -> bytes:
-    """A copy of a tune in which nothing but these settings has changed, byte for byte."""
+    """A copy of a tune in which only these settings are changed, byte for byte."""
     data, title = read_regular(path, str(path)), written["title"]
     settings, end = _read(path, data, title)
-    # ASCII alone, which every encoding of a tune has in common
+    # only ASCII, which all encodings of a tune share
     note = Xml.tostring(_comment(source, lost), "unicode").encode("ascii", "xmlcharrefreplace")
     new = [(end, end, note + b"\n")]
     for ours in constants(written):
@@ -104,12 +104,12 @@ def _changed(source: Source, path: Path, written: Mapping[str, Any], lost: tuple
 
 
 class OwnTune(NamedTuple):
-    """What a user's own tune says of the loop."""
+    """Settings of the loop in a user's own tune."""
 
     file: str
-    gains: tuple[float, float, float]  # P, I and D as the ECU writes them
-    bias: BiasPoints  # its bias table, % of the travel and % of duty; () where that is all 0, or the make has none
-    integral: float | None  # largest that its integral may hold, a share of the supply; None where it does not say
+    gains: tuple[float, float, float]  # P, I and D in the ECU's own numbers
+    bias: BiasPoints  # its bias table, % of the travel and % of duty; () if it is all 0, or the make has none
+    integral: float | None  # limit of its integral, a share of the supply; None if not given
 
 
 _INTEGRAL = ("etb_iTermMin", "etb_iTermMax")  # %
@@ -119,8 +119,8 @@ def read_tune(path: Path, profile: EcuProfile) -> OwnTune:
     """Gains, bias table and limit of the integral of a tune.
 
     Raises:
-        UsageError: that make of ECU has no tune file.
-        MeasurementError: it is no tune, one without these settings, or a setting of it is no number.
+        UsageError: this make of ECU has no tune file.
+        MeasurementError: the file is no tune, lacks these settings, or a setting of it is no number.
     """
     if profile.pasting is not Pasting.TUNE_FILE:
         raise UsageError(f"{profile.title} has no tune file of TunerStudio ({_WITH_TUNE_FILES} have). Type the gains: "
@@ -171,17 +171,17 @@ def _place(path: Path, settings: list[_Setting], ours: Mapping[str, str], title:
 
 
 def _read(path: Path, data: bytes, title: str) -> tuple[list[_Setting], int]:
-    """Settings of a tune, and where its root ends, bytes from the begin of the file.
+    """Settings of a tune, and the end of its root element, bytes from the begin of the file.
 
-    By a parser's own events, so that a setting within a comment is none.
+    It uses a parser's events, so that a setting within a comment does not count.
     """
     settings: list[_Setting] = []
-    begun: list[tuple[str, Mapping[str, str], int | None]] = []  # of each open element its name, attributes, content
+    begun: list[tuple[str, Mapping[str, str], int | None]] = []  # name, attributes, content of each open element
     ends: list[int] = []
     parser = expat.ParserCreate(namespace_separator=" ")
 
     def seen(*_: Any) -> None:
-        """The first event after a tag stands where its content begins."""
+        """The first event after a tag is at the begin of its content."""
         if begun and begun[-1][2] is None:
             begun[-1] = (*begun[-1][:2], parser.CurrentByteIndex)
 

@@ -1,8 +1,8 @@
-"""One graph of arithmetic, traced from the model's own JAX, and how it is printed and run.
+"""One graph of arithmetic, traced from the model's own JAX, its printers and its execution.
 
-    JAX  ->  lowering  ->  graph  ->  derivatives  ->  machine code (loop, llvm)   what fits, diagnoses and designs
+    JAX  ->  lowering  ->  graph  ->  derivatives  ->  machine code (loop, llvm)   fits, diagnoses, designs
                                                    ->  C99 (c)                     exports
                                                    ->  JavaScript (javascript)     the interactive page
 
-Physics is written once, in JAX, which stays the definition: ETCFIT_KERNELS=jax runs that instead.
+Physics is written once, in JAX, which is the definition: with ETCFIT_KERNELS=jax JAX itself runs.
 """

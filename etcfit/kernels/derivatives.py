@@ -1,7 +1,7 @@
 """Derivatives on the graph: forward along a direction, backward from a result.
 
-Each operation has its partial derivatives as nodes of the same graph; conditions have none. Where two operands of a
-maximum are equal each counts half, and a clamped number on its bound does not move, as in JAX.
+Each operation has its partial derivatives as nodes of the same graph; conditions have none. If two operands of a
+maximum are equal each counts half, and a clamped number on its bound has derivative 0, as in JAX.
 
 Source: Griewank and Walther 2008, ch. 3. Differs from source: no.
 """
@@ -20,11 +20,11 @@ def forward(graph: Graph, nodes: Sequence[int], ways: Mapping[int, int]) -> dict
     """Tangents along a direction.
 
     Args:
-        graph: of all nodes; it takes more.
-        nodes: to be differentiated, operands first.
-        ways: tangent of each node that moves by itself, whatever it is computed from.
+        graph: the graph of all nodes, to which nodes are added.
+        nodes: nodes to differentiate, operands first.
+        ways: given tangents, by node, which replace computed ones.
     Returns:
-        the tangent of each node that has one; those left out have 0.
+        The tangent of each node that has one; for the others it is 0.
     """
     moved = dict(ways)
     for node in nodes:
@@ -43,10 +43,10 @@ def backward(graph: Graph, nodes: Sequence[int], result: int, by: Sequence[int])
     """Derivatives of one node in others.
 
     Args:
-        graph: of all nodes; it takes more.
-        nodes: all that the result is computed from and itself, operands first.
-        result: what is differentiated.
-        by: in what, each for itself.
+        graph: the graph of all nodes, to which nodes are added.
+        nodes: the result and all nodes that it depends on, operands first.
+        result: the node to differentiate.
+        by: the nodes in which it is differentiated.
     """
     moving = set(by)
     for node in nodes:
@@ -75,7 +75,7 @@ def _times(graph: Graph, way: int, partial: int | _Branch) -> int:
 
 
 def _partials(graph: Graph, node: int, moving: Collection[int]) -> Iterator[tuple[int, int | _Branch]]:
-    """Each operand of a node that moves, and the derivative of the node in it."""
+    """Each operand of a node that has a tangent, and the derivative of the node in it."""
     operation = graph.nodes[node][0]
     if operation in _STILL:
         return

@@ -1,7 +1,7 @@
-"""Arithmetic as a graph in which equal things are one thing.
+"""Arithmetic as a graph in which equal expressions are one node.
 
-A node is a constant, a named input, or an operation on earlier nodes. What can be computed beforehand is; 0 a = 0 and
-a == a hold besides: where a simulation runs away, another of its numbers is not finite and tells.
+A node is a constant, a named input, or an operation on earlier nodes. Constant operations are computed beforehand.
+0 a = 0 and a == a are assumed: if a simulation diverges, another of its numbers is not finite and shows it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 }  # fmt: skip
 """Value of each operation, of constants."""
 
-_COMMUTATIVE = frozenset({"add", "mul"})  # to the last bit
+_COMMUTATIVE = frozenset({"add", "mul"})  # commutative to the last bit
 CONDITIONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not", "is_finite"})
 
 
@@ -56,7 +56,7 @@ class Graph:
         self._numbers: dict[tuple[Any, ...], int] = {}
 
     def input(self, name: Hashable) -> int:
-        """A named quantity; where it is printed as C, its name there."""
+        """A named quantity; in C its name there."""
         return self._number(("input", name))
 
     def constant(self, value: Any) -> int:
@@ -68,12 +68,12 @@ class Graph:
         return self.nodes[node][2] if self.nodes[node][0] == "constant" else None
 
     def make(self, name: str, *operands: int) -> int:
-        """The operation on these nodes, or what it comes to."""
+        """The operation on these nodes, or its simplification."""
         known = [self.known(node) for node in operands]
         if all(value is not None for value in known):
             try:
                 return self.constant(OPERATIONS[name](*known))
-            except (ArithmeticError, ValueError):  # as 1/0: C does it as IEEE 754 has it
+            except (ArithmeticError, ValueError):  # as 1/0: C computes it by IEEE 754
                 return self._number((name, *operands))
         simpler = self._simpler(name, operands, known)
         if simpler is None and name in _COMMUTATIVE and (name, *operands[::-1]) in self._numbers:
@@ -87,7 +87,7 @@ class Graph:
         return self._numbers[node]
 
     def _simpler(self, name: str, operands: tuple[int, ...], known: list[Any]) -> int | None:
-        """A node of the same value; None where the operation is as simple as it gets."""
+        """A simpler node of the same value, or None."""
         a, b = operands[0], operands[-1]
         match name, known:
             case ("add", [0.0, None]) | ("mul", [1.0, None]) | ("and", [True, None]) | ("or", [False, None]):
@@ -142,16 +142,16 @@ class Graph:
         return None
 
     def operands(self, node: int) -> tuple[int, ...]:
-        """Of an operation; none of a constant or an input."""
+        """Operands of an operation; () for a constant or an input."""
         name, *rest = self.nodes[node]
         return tuple(rest) if name in OPERATIONS else ()
 
     def needed(self, results: Iterable[int], given: Iterable[int] = ()) -> list[int]:
-        """These nodes and all that they are computed from, operands first.
+        """These nodes and all nodes that they depend on, operands first.
 
         Args:
-            results: nodes whose values are wanted.
-            given: nodes whose operands are not asked for.
+            results: nodes whose values are needed.
+            given: nodes with known values, whose operands are not needed.
         """
         given, seen = set(given), set()
         left = list(results)
@@ -163,7 +163,7 @@ class Graph:
         return sorted(seen)
 
     def is_condition(self, node: int) -> bool:
-        """True where its value is true or false."""
+        """Whether its value is true or false."""
         name, *rest = self.nodes[node]
         if name == "choose":
             return self.is_condition(rest[1])

@@ -1,4 +1,4 @@
-"""A graph as straight-line text, in any language that writes arithmetic as C does."""
+"""A graph as straight-line code, in any language with the arithmetic of C."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class NotWrittenError(Exception):
 
 
 class Written(NamedTuple):
-    """How a language writes an operation.
+    """The form of an operation in a language.
 
     Args:
-        text: with {0}, {1} ... for its operands.
-        binds: how strongly it holds together; operands that bind less get parentheses.
-        operands: how strongly an operand must bind at least.
+        text: text with {0}, {1} ... for its operands.
+        binds: its precedence; operands with less precedence get parentheses.
+        operands: least precedence of an operand.
     """
 
     text: str
@@ -28,12 +28,12 @@ class Written(NamedTuple):
 
 
 class Language(NamedTuple):
-    """What a language has of its own.
+    """The properties of a language.
 
     Args:
-        written: how it writes each operation.
-        literal: a constant as it writes it, to the last digit.
-        number, condition: what stands in front of the name of a number and of a truth value where it is declared.
+        written: the form of each operation.
+        literal: prints a constant, to the last digit.
+        number, condition: type in the declaration of a number and of a truth value.
     """
 
     written: Mapping[str, Written]
@@ -43,11 +43,11 @@ class Language(NamedTuple):
 
 
 class Program(NamedTuple):
-    """Straight-line text.
+    """Straight-line code.
 
     Args:
-        lines: declarations of what is used more than once or is long, in order.
-        results: expressions, one for each result asked for.
+        lines: declarations of expressions that are long or used more than once, in order.
+        results: expressions, one for each result.
         calls: names of the functions called.
         inputs: names of the inputs read.
     """
@@ -60,16 +60,16 @@ class Program(NamedTuple):
 
 _CALL, _SIGN, _TIMES, _PLUS, _COMPARE, _LOGIC, _CHOICE = 9, 8, 7, 6, 5, 4, 3
 _ALONE = 0  # the operand of a call
-_WIDEST = 88  # characters of an expression that is used once and written where it is used
+_WIDEST = 88  # largest number of characters of an expression that is used once and not declared
 
 
 def call(name: str, count: int = 1) -> Written:
-    """A function of so many operands."""
+    """A function of `count` operands."""
     return Written(f"{name}({', '.join(f'{{{k}}}' for k in range(count))})", _CALL, _ALONE)
 
 
 def calls(text: str) -> Written:
-    """Calls within each other, of operands {0}, {1} ..."""
+    """Nested calls of operands {0}, {1} ..."""
     return Written(text, _CALL, _ALONE)
 
 
@@ -95,16 +95,16 @@ OPERATORS: Mapping[str, Written] = {
     "choose": Written("{0} ? {1} : {2}", _CHOICE, _COMPARE),
     "number": Written("({0} ? 1.0 : 0.0)", _CALL, _COMPARE),
 }
-"""Operations that C and its heirs write alike."""
+"""Operations with the same form in C and related languages."""
 
 
 def program(graph: Graph, results: Sequence[int], language: Language) -> Program:
-    """Text of some nodes of a graph, and of all that they need.
+    """Code of some nodes of a graph, and of all nodes that they need.
 
     Args:
-        graph: of all nodes; its inputs are named as the language refers to them.
-        results: nodes whose values are wanted.
-        language: in which.
+        graph: the graph of all nodes; its inputs have their names in the language.
+        results: nodes whose values are needed.
+        language: the language.
     Raises:
         NotWrittenError: the language lacks an operation.
     """
@@ -130,12 +130,12 @@ def program(graph: Graph, results: Sequence[int], language: Language) -> Program
 
 
 def _called(operation: Written) -> list[str]:
-    """The functions that are called for it; none for an operator."""
+    """The functions that an operation calls; none for an operator."""
     return re.findall(r"[A-Za-z][\w.]*(?=\()", operation.text)
 
 
 def _expression(graph: Graph, node: int, texts: Mapping[int, tuple[str, int]], language: Language) -> tuple[str, int]:
-    """Text of a node whose operands are written, and how strongly it binds."""
+    """Code of a node whose operands are written, and its precedence."""
     name, *rest = graph.nodes[node]
     if name == "input":
         return rest[0], _CALL
@@ -150,6 +150,6 @@ def _expression(graph: Graph, node: int, texts: Mapping[int, tuple[str, int]], l
 def _enclosed(operation: Written, operands: Sequence[int], texts: Mapping[int, tuple[str, int]]) -> Iterator[str]:
     for k, operand in enumerate(operands):
         text, binds = texts[operand]
-        # a + b + c needs no parentheses: these languages too begin on the left
+        # a + b + c needs no parentheses: these languages evaluate from the left
         enough = operation.binds if k == 0 and operation.binds in (_PLUS, _TIMES) else operation.operands
         yield text if binds >= enough else f"({text})"

@@ -1,6 +1,6 @@
 """A graph as straight-line JavaScript (ECMAScript 2015).
 
-It has no erf and no erfc; what needs them is refused.
+It has no erf and no erfc; expressions with them are refused.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ PRELUDE = """const rounded = (value) => {
 const below = Math.floor(value), rest = value - below;
 return rest > 0.5 || (rest === 0.5 && below % 2 !== 0) ? below + 1 : below;
 };"""
-"""What stands before the text: the nearest whole number, of two the even one."""
+"""The function in front of the code: the nearest whole number, with ties to even."""
 
 
 def program(graph: Graph, results: Sequence[int]) -> Program:
-    """JavaScript of some nodes of a graph; see `infix.program`. It calls what is in PRELUDE."""
+    """JavaScript of some nodes of a graph; see `infix.program`. It uses the function in PRELUDE."""
     return printed(graph, results, _JAVASCRIPT)
 
 
@@ -44,11 +44,11 @@ def method(name: str, arguments: Sequence[str], graph: Graph, results: Sequence[
 
         name(arguments, out) { ...; out[0] = ...; out[1] = ...; }
 
-    All is computed before `out` changes, so that it may be one of the arguments.
+    All results are computed before `out` changes, so that it may be one of the arguments.
 
     Args:
-        name: of the method.
-        arguments: to which the names of the graph's inputs refer, say x for an input x[0].
+        name: name of the method.
+        arguments: arguments to which the names of the graph's inputs refer, such as x for an input x[0].
         graph, results: see `program`.
     Raises:
         NotWrittenError: JavaScript lacks an operation.

@@ -1,10 +1,10 @@
-"""What was found by tracing, kept on disk as text: of a model that was met before nothing is traced again.
+"""Results of tracing, kept on disk as text, so that a known model is not traced again.
 
-    key = SHA-256 of (sources of etcfit, releases of what traces them, which function, its arguments)
+    key = SHA-256 of (sources of etcfit, releases of the tracing libraries, function, arguments)
 
-A kept text holds numbers, names of etcfit's own classes, and names of object files (`machine`), which say themselves
-whether they are whole. Nothing in it is run. Arguments that cannot be written down, such as an effect that is defined
-in a notebook, have no key: they are traced each time.
+A kept text has numbers, names of etcfit's own classes, and names of object files (`machine`), which contain a check of
+their own completeness. No part of it is executed. Arguments without a text, such as an effect that is defined in a
+notebook, have no key: they are traced each time.
 """
 
 from __future__ import annotations
@@ -38,22 +38,22 @@ _always_traced = False
 
 
 class NotWrittenError(Exception):
-    """A value that no text stands for; its text is what it is."""
+    """A value without a text; the message describes it."""
 
 
 def trace_always(always: bool = True) -> None:
-    """From now on this process neither reads nor writes what is kept: for tests, which put other functions in the place
-    of those that the sources have."""
+    """From now on this process neither reads nor writes kept results: for tests that replace functions of the
+    sources."""
     global _always_traced
     _always_traced = always
 
 
 def kept(make: Callable[[], Any], *known: Any) -> Any:
-    """What `make` returns: from disk, where it was made before.
+    """The result of `make`, from disk if it was made before.
 
     Args:
-        make: makes numbers, tuples, trees of JAX and kernels of what is `known`, and of nothing else.
-        known: tells it from all others.
+        make: makes numbers, tuples, trees of JAX and kernels that depend only on `known`.
+        known: the key of the result.
     """
     folder = None if _always_traced or not available() else own_folder("traces")
     if folder is None:
@@ -63,9 +63,9 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
     except NotWrittenError:
         return make()
     path = folder / hashlib.sha256(key.encode()).hexdigest()
-    with suppress(OSError, ValueError, LookupError, TypeError):  # not there, torn, or its object file is gone
+    with suppress(OSError, ValueError, LookupError, TypeError):  # missing, incomplete, or its object file is missing
         found = read(json.loads(path.read_text("utf-8")))
-        os.utime(path)  # used last now, see `backend.own_folder`
+        os.utime(path)  # mark it as used last, see `backend.own_folder`
         return found
     made = make()
     with suppress(OSError, NotWrittenError):
@@ -75,13 +75,13 @@ def kept(make: Callable[[], Any], *known: Any) -> Any:
 
 @cache
 def program(root: Path = Path(__file__).parents[1], since: float = IMPORTED_AT) -> str:
-    """A hash of all that a trace depends on besides its arguments.
+    """A hash of everything that a trace depends on except its arguments.
 
     Args:
         root: folder of etcfit's sources.
         since: when this process began to import them, s since the epoch.
     Raises:
-        NotWrittenError: a source changed after that, so nobody knows which one runs here.
+        NotWrittenError: a source changed after that, so that it is unknown which version runs here.
     """
     digest = hashlib.sha256()
     releases = (platform.python_version(), np.__version__, jax.__version__, _jaxlib, equinox.__version__)
@@ -95,10 +95,10 @@ def program(root: Path = Path(__file__).parents[1], since: float = IMPORTED_AT) 
 
 
 def written(value: Any) -> Any:
-    """A value as JSON has it; different values are written differently.
+    """A value in the form for JSON; different values give different texts.
 
     Raises:
-        NotWrittenError: it is, or holds, what has no name in etcfit.
+        NotWrittenError: the value is or contains something without a name in etcfit.
     """
     match value:
         case Enum():
@@ -138,7 +138,7 @@ class _Leaf:
 
 
 def _name(defined: Any) -> str:
-    """Module and name of a class or a function of etcfit that has one."""
+    """Module and name of a class or a function of etcfit."""
     module, name = defined.__module__, defined.__qualname__
     found = getattr(import_module(module), name, None) if module.startswith(f"{_PACKAGE}.") else None
     if found is not defined:
@@ -147,7 +147,7 @@ def _name(defined: Any) -> str:
 
 
 def _class(cls: Any) -> Any:
-    """Its name; of an effect at a place of the rig its family and the place."""
+    """Name of a class; for an effect at a place of the rig its family and the place."""
     if "place" not in vars(cls) or not hasattr(cls, "at"):
         return _name(cls)
     family = cls.__base__
@@ -157,10 +157,10 @@ def _class(cls: Any) -> Any:
 
 
 def read(text: Any) -> Any:
-    """The value that was `written`, of those that `kept` may return.
+    """The value of a text by `written`, for values that `kept` may return.
 
     Raises:
-        LookupError, TypeError, ValueError: what it names is not there, or it was never written.
+        LookupError, TypeError, ValueError: a named object does not exist, or the text is invalid.
     """
     match text:
         case {"tuple": [*parts]}:

@@ -1,8 +1,8 @@
-"""What a loop over the entries of a batch computes: read, carried, added up and stored at each entry.
+"""A loop over the entries of a batch: numbers that are read, carried, summed and stored at each entry.
 
-A vector of the processor holds either neighbouring lanes of a batch at one point of the parameters, or many points at
-one lane, or points that have entries of their own. What does not differ along the vector is computed once, as a scalar;
-what does not change from entry to entry is computed before the loop.
+A vector of the processor has neighbouring lanes of a batch at one point of the parameters, or many points at one lane,
+or points with their own entries. Nodes that do not differ along the vector are computed once, as scalars; nodes that do
+not change from entry to entry are computed before the loop.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .graph import Graph
 
 
 class Across(Enum):
-    """What a vector holds side by side."""
+    """The contents of a vector."""
 
     LANES = "lanes"
     POINTS = "points"
@@ -27,15 +27,15 @@ class Loop:
     """A loop over entries, in nodes of a graph.
 
     Args:
-        graph: of all nodes.
-        across: what a vector holds.
+        graph: the graph of all nodes.
+        across: the contents of a vector.
         records: inputs read at each entry, in the order of the columns of each record.
-        fixed: inputs that no entry changes, in their order: parameters.
-        carried: (input, result): what one entry hands to the next.
+        fixed: inputs that are the same at all entries, in their order: parameters.
+        carried: (input, result): numbers that one entry passes to the next.
         sums: each a sum over all entries of products of two nodes.
         stored: nodes that are written at each entry.
-        blocks: how many of them, one after the other, lie side by side at each entry: what is stored is a block for
-            each, (rows, nodes of it, numbers in a vector), as a record is; all in one block where it is empty.
+        blocks: sizes of the groups of stored nodes; each group is stored as one block of shape (rows, nodes, numbers in
+            a vector), as a record is; () for one block.
     """
 
     graph: Graph
@@ -49,7 +49,7 @@ class Loop:
 
     @cached_property
     def nodes(self) -> list[int]:
-        """All that is computed, operands first."""
+        """All computed nodes, operands first."""
         products = [node for pairs in self.sums for pair in pairs for node in pair]
         return self.graph.needed([*(result for _, result in self.carried), *products, *self.stored])
 

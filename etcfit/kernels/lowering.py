@@ -1,8 +1,8 @@
-"""From a function of JAX to a graph of arithmetic: what runs is the model's own code.
+"""From a function of JAX to a graph of arithmetic, so that the model's own code runs.
 
 JAX traces the function once; each primitive of the trace becomes a node for each number that it computes. A new effect
-needs no second implementation: its expression is traced like any other. Small arrays, as the matrices of a filter, are
-taken apart into their numbers.
+needs no second implementation: its expression is traced like any other. Small arrays, such as the matrices of a filter,
+are split into their numbers.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ import numpy as np
 
 from .graph import OPERATIONS, Graph
 
-Nodes = np.ndarray  # of objects, which are the numbers of nodes
+Nodes = np.ndarray  # array of objects, the numbers of nodes
 
 
 class NotScalarError(Exception):
-    """A primitive that straight-line arithmetic does not have; its text is the primitive's name."""
+    """A primitive without a form in straight-line arithmetic; the message is the primitive's name."""
 
 
 _SAME = ("copy", "stop_gradient", "optimization_barrier", "copy_p")
 _RESHAPED = ("reshape", "squeeze", "expand_dims")
 _RENAMED = {"add_any": "add"}
 _LOOPS = ("scan", "while", "cond")
-_LONGEST = 32  # rounds of a loop that is written out
-_MOST = 4096  # numbers in one array: more are data, not arithmetic
+_LONGEST = 32  # largest number of rounds of a loop that is unrolled
+_MOST = 4096  # largest number of entries of an array: more are data, not arithmetic
 
 
 def lowered(function: Callable[..., Any], graph: Graph, arguments: Any) -> Any:
-    """What a function of numbers and small arrays returns, as nodes of a graph.
+    """The result of a function of numbers and small arrays, as nodes of a graph.
 
     Args:
-        function: of `arguments`, whatever JAX can trace.
-        graph: that takes the nodes.
+        function: a function of `arguments` that JAX can trace.
+        graph: the graph to which the nodes are added.
         arguments: a tuple of trees whose leaves are nodes, or arrays of nodes (NumPy arrays of objects).
     Returns:
-        the function's tree, with nodes as leaves, or arrays of them.
+        The function's tree, with nodes as leaves, or arrays of them.
     Raises:
-        NotScalarError: it computes in loops, or looks up a place that it computed.
+        NotScalarError: the function has a loop, or a look-up at a computed index.
     """
     leaves, tree = jax.tree.flatten(arguments)
 
@@ -75,7 +75,7 @@ def _constants(graph: Graph, value: Any) -> Nodes:
 
 
 def _each(function: Callable[..., int], *arrays: Any) -> Nodes:
-    """A function of one entry of each array, entry by entry."""
+    """Apply a function of one entry of each array, entry by entry."""
     if not any(np.ndim(array) for array in arrays):
         return np.array(function(*(np.asarray(array).item() for array in arrays)), dtype=object)
     arrays = np.broadcast_arrays(*arrays)
@@ -86,7 +86,7 @@ def _each(function: Callable[..., int], *arrays: Any) -> Nodes:
 
 
 def _equation(graph: Graph, equation: Any, operands: list[Nodes]) -> list[Nodes]:
-    """Nodes of what one primitive returns."""
+    """Nodes of the results of one primitive."""
     name, params = equation.primitive.name, equation.params
     if name == "scan" and params["length"] <= _LONGEST:
         return _unrolled(graph, params, operands)
@@ -101,7 +101,7 @@ def _equation(graph: Graph, equation: Any, operands: list[Nodes]) -> list[Nodes]
 
 
 def _unrolled(graph: Graph, params: Any, operands: list[Nodes]) -> list[Nodes]:
-    """A short loop, round by round."""
+    """A short loop, unrolled."""
     body, constants, carried = params["jaxpr"], params["num_consts"], params["num_carry"]
     fixed, state, entries = operands[:constants], operands[constants:][:carried], operands[constants + carried :]
     rounds = range(params["length"])
@@ -116,7 +116,7 @@ def _unrolled(graph: Graph, params: Any, operands: list[Nodes]) -> list[Nodes]:
 
 
 def _shaped(graph: Graph, name: str, params: Any, operands: list[Nodes], equation: Any) -> Nodes | None:
-    """Of a primitive that orders, picks or adds up entries; None of any other."""
+    """Nodes of a primitive that orders, picks or adds entries; None for any other."""
     match name:
         case _ if name in _SAME:
             return operands[0]
@@ -160,7 +160,7 @@ def _reduced(graph: Graph, joins: str, array: Nodes, axes: Sequence[int]) -> Nod
 
 
 def _product(graph: Graph, a: Nodes, b: Nodes, numbers: Any) -> Nodes:
-    """Of two arrays over their contracted axes; batch axes come first, as JAX has them."""
+    """Product of two arrays over their contracted axes; batch axes come first, as in JAX."""
     (over_a, over_b), (batch_a, batch_b) = numbers
     rest_a = [k for k in range(a.ndim) if k not in (*over_a, *batch_a)]
     rest_b = [k for k in range(b.ndim) if k not in (*over_b, *batch_b)]
@@ -173,7 +173,7 @@ def _product(graph: Graph, a: Nodes, b: Nodes, numbers: Any) -> Nodes:
 
 
 def _entrywise(graph: Graph, equation: Any) -> Callable[..., int]:
-    """What a primitive makes of one entry of each of its operands."""
+    """The operation of a primitive on one entry of each of its operands."""
     name, params, make = equation.primitive.name, equation.params, graph.make
     match name:
         case "select_n" if len(equation.invars) == 3:

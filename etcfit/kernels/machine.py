@@ -1,7 +1,7 @@
 """Loops compiled to machine code by LLVM, kept on disk as plain object files, and run.
 
-A file is found by a hash of the loop's text and of the processor; it begins with the hash of what follows, so that a
-torn one is made anew. A folder that somebody else can write is not used: what is loaded from it runs.
+The name of a file is a hash of the loop's text and of the processor; it begins with the hash of its content, so that an
+incomplete one is made again. A folder that other users can write is not used, because its content is executed.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from ..files import whole
 from . import llvm as written
 from .loop import Loop
 
-LANES = 4  # numbers side by side where a vector holds lanes: more leave a rig's few lanes idle
-POINTS = 16  # the same where it holds points
+LANES = 4  # width of a vector of lanes: with more, a rig's few lanes would leave it partly idle
+POINTS = 16  # width of a vector of points
 _LEVEL = 1  # of the optimisation of instructions: 0 is two to three times slower, 2 and 3 gain next to nothing
 # of the passes before that: they take a third of the time to compile and find little, for equal things are one thing in
 # a graph, and what no entry changes is computed before the first one
@@ -37,14 +37,14 @@ _DIGEST = 32  # bytes
 
 @cache
 def available() -> bool:
-    """Whether loops can run as machine code: llvmlite is there, and ETCFIT_KERNELS is not "jax"."""
+    """Whether loops can run as machine code: llvmlite is installed, and ETCFIT_KERNELS is not "jax"."""
     if os.environ.get("ETCFIT_KERNELS", "") == "jax":
         return False
     return find_spec("llvmlite") is not None
 
 
-# in a large process code and constants may lie more than 2 GiB apart, farther than a relative address reaches; LLVM
-# ends the process over it
+# in a large process code and constants may be more than 2 GiB apart, too far for a relative address; LLVM then ends the
+# process
 def _addresses() -> tuple[str, str]:
     """LLVM's code model and relocation model."""
     far = _is_x86() and sys.platform == "linux"
@@ -56,7 +56,7 @@ def _is_x86() -> bool:
 
 
 def _target() -> Any:
-    """The processor that this runs on; a new one each time, for an engine owns what it is given."""
+    """The processor of this machine; a new object each time, because an engine owns its target."""
     import llvmlite.binding as binding
 
     binding.initialize_native_target()
@@ -69,7 +69,7 @@ def _target() -> Any:
 
 @cache
 def processor() -> str:
-    """All that machine code depends on besides the loop's text."""
+    """Everything that machine code depends on except the loop's text."""
     import llvmlite
     import llvmlite.binding as binding
 
@@ -79,7 +79,7 @@ def processor() -> str:
 
 @cache
 def _knows_library() -> None:
-    """Tell LLVM where the functions of C's library are: not every Python shows them to what is loaded into it."""
+    """Give LLVM the addresses of the C library's functions: not every Python exports them to loaded code."""
     import llvmlite.binding as binding
 
     library = ctypes.CDLL(ctypes.util.find_library("m") or ctypes.util.find_library("msvcrt") or None)
@@ -89,7 +89,7 @@ def _knows_library() -> None:
 
 
 def _object_code(text: str) -> tuple[str, bytes]:
-    """Name of a module's object file and what is in it: from disk where it was made before."""
+    """Name and content of a module's object file, from disk if it was made before."""
     name = hashlib.sha256(f"{processor()}\n{text}".encode()).hexdigest()
     if (kept := _on_disk(name)) is not None:
         return name, kept
@@ -120,24 +120,24 @@ def compiled(text: str) -> bytes:
 
 
 def _read(path: Path) -> bytes | None:
-    """Object code from a file; None where it is not there or torn."""
+    """Object code from a file; None if it is missing or incomplete."""
     try:
         packed = path.read_bytes()
     except OSError:
         return None
     with suppress(OSError):
-        os.utime(path)  # used last now: what was not used for longest is deleted first
+        os.utime(path)  # mark it as used last: the least recently used file is deleted first
     digest, code = packed[:_DIGEST], packed[_DIGEST:]
     return code if hashlib.sha256(code).digest() == digest else None
 
 
 class ObjectCode(NamedTuple):
-    """An object file, and what a caller must know of it.
+    """An object file, and the data for its caller.
 
     Args:
-        name: of the file.
+        name: name of the file.
         width: numbers in a vector.
-        records, carried, sums, stored: how many there are, see `Loop`.
+        records, carried, sums, stored: numbers of these, see `Loop`.
     """
 
     name: str
@@ -152,7 +152,7 @@ class Kernel:
     """A loop as machine code.
 
     Args:
-        code: what the file holds.
+        code: content of the file.
         about: the file.
     """
 
@@ -171,10 +171,10 @@ class Kernel:
 
     @classmethod
     def made(cls, loop: Loop, width: int) -> Kernel:
-        """Of a loop.
+        """The kernel of a loop.
 
         Args:
-            loop: what it computes.
+            loop: the loop.
             width: numbers in a vector.
         """
         name, code = _object_code(written.text(loop, width, _is_x86()))
@@ -183,10 +183,10 @@ class Kernel:
 
     @classmethod
     def of_object_code(cls, about: ObjectCode) -> Kernel:
-        """Of an object file on disk.
+        """The kernel of an object file on disk.
 
         Raises:
-            LookupError: there is none, or it is torn.
+            LookupError: the file is missing or incomplete.
         """
         code = _on_disk(about.name)
         if code is None:
@@ -196,18 +196,18 @@ class Kernel:
     def run(
         self, rows: int, stride: int, records: Sequence[int], fixed: np.ndarray, begun: np.ndarray, stored: np.ndarray
     ) -> np.ndarray:
-        """Run the loop; it lets go of Python's lock.
+        """Run the loop; it releases Python's lock.
 
         Args:
-            rows: entries.
+            rows: number of entries.
             stride: numbers between two columns of a record.
             records: address of the first number of each record.
-            fixed: parameters, one each, or `width` of each where a vector holds points.
-            begun: what is carried into the first entry, shape (carried, width).
-            stored: takes what is stored: blocks of shape (rows, nodes of it, width), see `Loop.blocks`, one after the
+            fixed: parameters, one number each, or `width` numbers each for vectors of points.
+            begun: the carry into the first entry, shape (carried, width).
+            stored: array for the stored numbers: blocks of shape (rows, nodes, width), see `Loop.blocks`, one after the
                 other.
         Returns:
-            the sums, shape (sums, width).
+            The sums, shape (sums, width).
         """
         sums, carried = np.zeros((self.sums, self.width)), np.array(begun)
         self._function(rows, stride, *records, *(each.ctypes.data for each in (fixed, carried, sums, stored)))
