@@ -1,9 +1,9 @@
-"""What a person sees of a run: tables for the terminal, pictures and the page for the run folder.
+"""Output for people: tables for the terminal, pictures and the page for the run folder.
 
-A fit and a diagnosis draw the one picture that sums them up. The others, of every test and trace, take longer than many
-a fit: `draw_others` draws them for the page that shows them.
+A fit and a diagnosis draw one summary picture. The others, of every test and trace, take longer than many a fit:
+`draw_others` draws them for the page.
 
-The only matplotlib; lazy.
+Only this room imports matplotlib, and only when it draws.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import command
 
-if TYPE_CHECKING:  # a table of `check` needs none of what these load
+if TYPE_CHECKING:  # a table of `check` does not need these modules
     from ..control.design import Design
     from ..diagnosis.findings import Diagnosis
     from ..estimation.joint_fit import Report
@@ -24,12 +24,12 @@ if TYPE_CHECKING:  # a table of `check` needs none of what these load
     from ..run_folder.folder import RunFolder
     from .drawing import Job
 
-_UNDRAWN = "undrawn.txt"  # in RUN/pictures, while pictures of the models in RUN are not drawn yet
+_UNDRAWN = "undrawn.txt"  # in RUN/pictures, as long as pictures of the models in RUN are missing
 
-# every function below draws into RUN/pictures; one file of the same name is replaced, whole or not at all
+# every function below draws into RUN/pictures; a file of the same name is replaced, completely or not at all
 
 
-# `clear_...` comes before a model is saved: whenever that is interrupted, no picture is one of another model
+# `clear_...` runs before a model is saved, so that after an interruption no picture shows another model
 
 
 def clear_for_fit(run: Path) -> None:
@@ -47,7 +47,7 @@ def draw_fit(run: Path, result: FitResult, report: Report) -> None:
 
 
 def _leave_others(run: Path) -> None:
-    """Put down that pictures are missing, for `draw_others` and for a person who looks for them."""
+    """Note in a file that pictures are missing, for `draw_others` and for the user."""
     (run / "pictures").mkdir(parents=True, exist_ok=True)
     note = f"The other pictures, of every test and trace, are drawn by\n\n    {command('report', run)}\n"
     (run / "pictures" / _UNDRAWN).write_text(note, encoding="utf-8")
@@ -59,9 +59,9 @@ def has_undrawn(run: Path) -> bool:
 
 
 def draw_others(run: RunFolder, report: Report) -> None:
-    """The pictures of the fit and of the diagnosis in RUN that `draw_fit` and `draw_diagnosis` left out.
+    """Draw the pictures of the fit and of the diagnosis in RUN that `draw_fit` and `draw_diagnosis` left out.
 
-    One that is there already is not drawn again, so that drawing goes on where it was interrupted.
+    An existing picture is not drawn again, so that drawing continues after an interruption.
 
     Raises:
         UsageError: the models in RUN cannot be loaded; see `RunFolder.diagnosis`.
@@ -113,8 +113,7 @@ def _move(pictures: Path, to: Path) -> None:
 
 
 def clear_for_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
-    """Make room for the pictures of the final model, where that is another than the first fit's; those of the first fit
-    are moved to RUN/pictures/before. See `draw_others`."""
+    """Move the pictures of the first fit to RUN/pictures/before if the final model is another. See `draw_others`."""
     pictures = run / "pictures"
     _leave_others(run)
     _set_aside(pictures, pictures / "before", _is_another(diagnosis))
@@ -128,7 +127,7 @@ def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report) -> None:
     from .drawing import draw_here
     from .pictures import summary as summary_of_model
 
-    # of the same model the diagnosis may have widened the intervals
+    # the diagnosis may have widened the intervals of the same model
     jobs = [*_below("diagnosis", summary(diagnosis)), *summary_of_model(diagnosis.after)]
     draw_here(run / "pictures", jobs, report)
 
@@ -139,7 +138,7 @@ def _is_another(diagnosis: Diagnosis) -> bool:
 
 
 def _set_aside(pictures: Path, before: Path, another: bool) -> None:
-    """Pictures of the first fit go to `before` where another model takes their place, and back where none does."""
+    """Move pictures of the first fit to `before` if another model replaces them, and back if none does."""
     if before.is_dir():
         _clear(pictures)
         if not another:

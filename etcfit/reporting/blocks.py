@@ -204,12 +204,12 @@ def dashed(texts: Iterable[str]) -> list[Padding]:
 
 
 def headed(title: str, part: RenderableType) -> Padding:
-    """A part under its title, a line apart."""
+    """A part under its title, after an empty line."""
     return spaced(Group(Text(title, style="bold"), part))
 
 
 def spaced(part: RenderableType) -> Padding:
-    """A part, a line apart."""
+    """A part, after an empty line."""
     return Padding(part, (1, 0, 0, 0))
 
 
@@ -224,14 +224,14 @@ def render(part: RenderableType, width: int = 140) -> str:
 
 
 def cautioned(part: RenderableType, state: FitState) -> RenderableType:
-    """A table, and above it what a reader must know of the fit behind it."""
+    """A table, with the cautions of its fit above."""
     if not state.cautions:
         return part
     return Group(sentences("Caution", state.cautions) or "", "", part)
 
 
 class _Visible:
-    """Any renderable, its text as `visible` has it; the marks of style that rich itself adds stay."""
+    """Any renderable with its text made `visible`; style marks of rich itself stay."""
 
     def __init__(self, inner: ConsoleRenderable) -> None:
         self._inner = inner
@@ -247,7 +247,7 @@ class _Hook(RenderHook):
 
 
 def console(**how: Any) -> Console:
-    """A console of rich, made with these arguments."""
+    """A console of rich with these arguments."""
     made = Console(**how)
     made.push_render_hook(_Hook())
     return made

@@ -1,4 +1,4 @@
-"""What `etcfit check` prints, and `etcfit check --advise`: rich renderables, drawn by whoever has a console."""
+"""Output of `etcfit check` and `etcfit check --advise`, as rich renderables."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .table import Cell, Column, Kind, Table, of_texts, role
 
 
 def check_table(result: CheckResult) -> RenderableType:
-    """A check for stdout: every trace and channel, what is odd, and what these data can identify."""
+    """A check for stdout: every trace and channel, anomalies, and the parameters that these data identify."""
     return stacked(
         rig_title(result.rig.config, result.rig.folder),
         shown(traces_table(result.traces)),
@@ -36,7 +36,7 @@ def check_table(result: CheckResult) -> RenderableType:
 
 
 def traces_table(traces: Iterable[TraceCheck]) -> Table:
-    """The clock of each, and what it holds."""
+    """Clock and contents of each trace."""
     rows = [{"file": t.file, "test": t.test, "held_out": t.held_out, "samples": t.clock.samples,
              "duration": t.clock.duration, "rate": t.clock.rate, "gaps": t.clock.gaps, "jitter": t.clock.jitter,
              "longest": t.clock.longest, "channels": ", ".join(channel.name for channel in t.channels)}
@@ -54,7 +54,7 @@ def traces_table(traces: Iterable[TraceCheck]) -> Table:
 
 
 def _channels(traces: Iterable[TraceCheck]) -> Table:
-    """Ranges pooled over the traces of a test: the same sensors saw them."""
+    """Ranges over all traces of a test, which have the same sensors."""
     seen: dict[tuple[str, str, str], list[ChannelCheck]] = {}
     for trace in traces:
         for channel in trace.channels:
@@ -71,7 +71,7 @@ def _channels(traces: Iterable[TraceCheck]) -> Table:
 
 
 def findings_table(findings: Sequence[Finding]) -> RenderableType | None:
-    """Mistakes and habits of the rig itself, and the line that mends each; None where none was found."""
+    """Mistakes and habits of the rig itself, with the line that mends each; None if there are none."""
     if not findings:
         return None
     title = "Mistakes and habits of the rig, and what mends them"
@@ -113,7 +113,7 @@ def _identifiability(result: CheckResult) -> RenderableType:
     return spaced(Group(head, *lines))
 
 
-_NOTED = 0.9  # an interval that shrinks to no less is printed dim
+_NOTED = 0.9  # a ratio of interval widths above this is printed dim
 
 
 def advice_table(advice: Advice) -> RenderableType:
@@ -143,12 +143,12 @@ def options_table(advice: Advice) -> Table:
 
 
 def with_remark(row: Mapping[str, Any]) -> str:
-    """How a trace is made, and what was assumed."""
+    """How a trace is made, and the assumptions."""
     return row["how"] + (f" ({row['remark']})" if row["remark"] else "")
 
 
 def _shares(advice: Advice) -> Table:
-    """A row a parameter, a column an option."""
+    """One row per parameter, one column per option."""
     head = [option.test + (", again" if option.again else ", new") for option in advice.options]
     rows = []
     for k, symbol in enumerate(advice.symbols):

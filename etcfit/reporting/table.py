@@ -1,4 +1,4 @@
-"""A table is a value, and so are notes: what a result says is put together once, and every view shows the same.
+"""Tables and notes as values: the output of a result is made once, and every view shows the same.
 
 Table -> terminal (`blocks.shown`), page (`html`, `parts.html`), notebook (`api.views.table`), DataFrame
 (`api.views.frame`, of its rows)
@@ -12,19 +12,19 @@ from typing import Any, Literal, NamedTuple
 
 from .numbers import short
 
-# a figure stands on the right; a name may show spaces for underscores; prose may fold at spaces, a path at "/"
+# a figure is right-aligned; a name may show spaces for underscores; prose may break at spaces, a path at "/"
 Kind = Literal["figure", "word", "name", "prose", "path", "symbol", "unit", "hash"]
 Tone = Literal["", "bad", "doubt", "dim", "strong"]
 _NOTHING: Mapping[str, Kind] = {}
 
 
 class Cell(NamedTuple):
-    """What stands in a cell.
+    """The content of a cell.
 
     Args:
-        text: as a terminal shows it.
+        text: text for a terminal.
         tone: "bad" is red, and marks the row of a page.
-        kind: of its column.
+        kind: kind of its column.
     """
 
     text: str
@@ -33,14 +33,14 @@ class Cell(NamedTuple):
 
 
 class Column(NamedTuple):
-    """A column: its name, and what of a row it shows.
+    """A column: its name, and the part of a row that it shows.
 
     Args:
         head: name; a line end goes before its unit.
-        show: key of the row (its place, where rows are sequences), or a function of the row.
-        kind: of its cells.
-        spare: may be left out where there is no room, 1 first; 0: never.
-        digits: significant ones of a number.
+        show: key of the row (an index if rows are sequences), or a function of the row.
+        kind: kind of its cells.
+        spare: order in which columns are left out if space is scarce, 1 first; 0: never.
+        digits: significant digits of a number.
     """
 
     head: str
@@ -50,7 +50,7 @@ class Column(NamedTuple):
     digits: int = 3
 
     def cell(self, row: Any) -> Cell:
-        """Of one row."""
+        """The cell of one row."""
         value = self.show(row) if callable(self.show) else row[self.show]
         if isinstance(value, Cell):
             return value._replace(kind=self.kind)
@@ -64,10 +64,10 @@ class Table:
     Args:
         title: what the rows are.
         columns: see `Column`.
-        rows: records in SI, or sequences of what is shown.
+        rows: records in SI, or sequences of shown values.
         notes: sentences below it.
-        keys: so many columns say what a row is of; they are repeated where columns go on below.
-        file: that holds what is left out as well, or "".
+        keys: number of first columns that identify a row; they are repeated if columns continue below.
+        file: file that also has the omitted columns, or "".
     """
 
     title: str
@@ -83,7 +83,7 @@ class Table:
 
     @property
     def texts(self) -> list[dict[str, str]]:
-        """What each row shows, by head."""
+        """The shown values of each row, by head."""
         return [{column.head: cell.text for column, cell in zip(self.columns, row, strict=True)} for row in self.cells]
 
 
@@ -96,15 +96,15 @@ def of_texts(
     spare: Sequence[str] = (),
     **how: Any,
 ) -> Table:
-    """A table of what is text already.
+    """A table of texts.
 
     Args:
         title, rows: see `Table`.
-        heads: of the columns.
-        words: so many columns at the left are words and say what a row is of; the others are figures.
-        kinds: of other columns, by head.
-        spare: heads of those that may be left out, the one that goes first in front.
-        how: of `Table`.
+        heads: heads of the columns.
+        words: number of columns at the left with words, which identify a row; the others are figures.
+        kinds: kinds of other columns, by head.
+        spare: heads of optional columns, in the order in which they are left out.
+        how: further arguments of `Table`.
     """
     order = {head: k for k, head in enumerate(spare, start=1)}
     columns = [Column(head, k, kinds.get(head, "word" if k < words else "figure"), order.get(head, 0))
@@ -114,7 +114,7 @@ def of_texts(
 
 @dataclass(frozen=True)
 class Notes:
-    """Sentences under a title; lines of code, to be pasted as they are, where `code`."""
+    """Sentences under a title; with `code`, lines of code to paste."""
 
     title: str
     texts: Sequence[str]
@@ -125,17 +125,17 @@ Part = Table | Notes
 
 
 def role(held_out: bool) -> str:
-    """Of a trace."""
+    """Role of a trace."""
     return "held out" if held_out else "fitted"
 
 
 def there(*parts: Part | None) -> list[Part]:
-    """Those that hold anything."""
+    """Tables and notes that are not empty."""
     return [part for part in parts if part is not None and (part.rows if isinstance(part, Table) else part.texts)]
 
 
 def text_of(value: Any, digits: int = 3) -> str:
-    """Text as it is, yes or no, whole numbers whole, others to a few digits; "-" for what is not known."""
+    """Text unchanged, yes or no, whole numbers in full, others to a few digits; "-" if not known."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):

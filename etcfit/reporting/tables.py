@@ -1,6 +1,6 @@
-"""A fit, of fit.json, for every view: parameters, what pulls at them, where their uncertainty comes from.
+"""A fit, of fit.json, for every view: parameters, influence of tests on them, sources of their uncertainty.
 
-And the errors of many traces as one, with their table.
+Also the pooled errors of many traces, with their table.
 """
 
 from __future__ import annotations
@@ -51,19 +51,20 @@ def fit_table(result: FitResult) -> RenderableType:
 
 
 def knowledge_parts(fit: Mapping[str, Any]) -> list[Part]:
-    """What the data leave open, what each test pulls at, and where the uncertainty comes from."""
+    """Undetermined directions, the influence of each test, and the sources of uncertainty."""
     open_ = [each["says"] for each in fit.get("not_identifiable") or ()]
     return there(Notes("What these data do not determine, or only roughly", open_), influence_table(fit),
                  *budget_parts(fit))  # fmt: skip
 
 
 def parameter_rows(parameters: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """A record a parameter: symbol, value, stderr, low, high (SI, 95 %), unit, status and what else its file says."""
+    """One record per parameter: symbol, value, stderr, low, high (SI, 95 %), unit, status and further keys of its
+    file."""
     rows = []
     for symbol, each in parameters.items():
         low, high = each.get("ci95") or (None, None)
         spread = each.get("stderr")
-        if spread is None and low is not None and high is not None:  # of a range without one: for the digits alone
+        if spread is None and low is not None and high is not None:  # for a range: only for the number of digits
             spread = (high - low) / (2.0 * _Z_95)
         rows.append({**each, "symbol": symbol, "low": low, "high": high, "digits": spread})
     return rows
@@ -72,8 +73,8 @@ def parameter_rows(parameters: Mapping[str, Mapping[str, Any]]) -> list[dict[str
 def parameters_table(
     parameters: Mapping[str, Mapping[str, Any]], lumped: Mapping[str, Mapping[str, Any]], title: str = "Parameters"
 ) -> Table:
-    """Every parameter, and combinations that may be known where their parts are not; what is not identifiable gets no
-    number."""
+    """Every parameter, and combinations that may be known although their parts are not; no number if not
+    identifiable."""
 
     def digits(row: Mapping[str, Any]) -> Digits:
         return Digits.of_value(row["value"], row["digits"])
@@ -95,22 +96,22 @@ def parameters_table(
 
 
 def status_cell(row: Mapping[str, Any]) -> Cell:
-    """Of a parameter, with what is remarked of it."""
+    """Status of a parameter, with its remark."""
     remark = f" ({row['remark']})" if row.get("remark") else ""
     return Cell(row["status"] + remark, STATUS_TONE.get(row["status"], ""))
 
 
 def model_words(result: FitResult) -> str:
-    """Eqs. 1-2 and what was added."""
+    """Eqs. 1-2 and added effects."""
     return " + ".join(["Eqs. 1-2", *(t.name for t in result.free_parameters.layout.types if t not in PAPER)])
 
 
 STATISTICAL_ONLY = "Intervals are statistical only: rig.toml states no [accuracy] of its instruments."
-_NAMED_SHARE = 0.01  # least share of the variance that is named
+_NAMED_SHARE = 0.01  # least share of the variance of a named source
 
 
 def budget_parts(fit: Mapping[str, Any]) -> list[Part]:
-    """One row a parameter, its largest sources; or that intervals are statistical only."""
+    """One row per parameter with its largest sources; or a note that intervals are statistical only."""
     title, budget = "Where the uncertainty comes from, as shares of the variance", fit.get("budget")
     if not budget:
         return [Notes(title, [STATISTICAL_ONLY])] if fit.get("intervals") == "statistical only" else []
@@ -129,8 +130,8 @@ def budget_parts(fit: Mapping[str, Any]) -> list[Part]:
 
 
 def influence_table(fit: Mapping[str, Any]) -> Table | None:
-    """A row a test, those that pull hardest first, and the trace that pulls hardest at the same parameter; None where
-    there is nothing to compare."""
+    """One row per test, the largest pulls first, with the trace of the largest pull on the same parameter; None without
+    a comparison."""
     pulls, rows = fit.get("influence") or (), {}
     for pull in pulls:
         if pull["file"] is None and pull["test"] not in rows:
@@ -146,7 +147,7 @@ def influence_table(fit: Mapping[str, Any]) -> Table | None:
 
 
 def _alone(fit: Mapping[str, Any]) -> list[str]:
-    """A sentence on each test, or file, without which parameters would not be known: nothing checks it on them."""
+    """A sentence on each test, or file, that alone determines parameters: no other data check it."""
     by_part: dict[str, list[str]] = {}
     for symbol, part in (fit.get("only_told_by") or {}).items():
         by_part.setdefault(part, []).append(symbol)
@@ -160,9 +161,9 @@ class Pool:
         rms^2 = sum n_k rms_k^2 / sum n_k,    likewise sigma and ratio = rms / sigma
 
     Args:
-        traces, samples: how many.
+        traces, samples: numbers of these.
         rms, sigma: in the unit of the rows.
-        ratio: of rms and sigma, row by row.
+        ratio: ratio of rms and sigma, pooled row by row.
     """
 
     traces: int
@@ -173,7 +174,7 @@ class Pool:
 
     @classmethod
     def of_rows(cls, rows: Sequence[PredictionError]) -> Pool:
-        """Rows of one unit; of several units only the ratio means anything."""
+        """Pool rows of one unit; with several units only the ratio has a meaning."""
         n = np.array([row.n for row in rows], dtype=float)
 
         def mean(values: list[float]) -> float:
@@ -184,7 +185,7 @@ class Pool:
 
 
 def grouped(rows: Sequence[PredictionError]) -> dict[tuple[str, str, str], list[PredictionError]]:
-    """Rows by test, channel and unit, in the order in which these come."""
+    """Rows by test, channel and unit, in their order."""
     groups: dict[tuple[str, str, str], list[PredictionError]] = {}
     for row in rows:
         groups.setdefault((row.test, row.channel, row.unit), []).append(row)
@@ -196,10 +197,10 @@ class Entry:
     """One channel of one test, all its traces pooled.
 
     Args:
-        test, channel, unit, held_out: which; the unit as shown.
-        before, after: errors of the first and of the final model; of a fit alone both are its own.
-        unknown: of the final model with what no effect explains added as a smooth curve; None where nothing is left.
-        explained: share of the motion, 0 to 1; None where it is not known.
+        test, channel, unit, held_out: the channel; the unit in output.
+        before, after: errors of the first and of the final model; without a diagnosis both are those of the fit.
+        unknown: error of the final model with a smooth curve for the unexplained part; None without one.
+        explained: explained share of the motion, 0 to 1; None if not known.
     """
 
     test: str
@@ -220,7 +221,7 @@ class Entry:
         return f"{short(self.before.rms)} → {short(self.after.rms)} {self.unit or '1'}"
 
     def known(self) -> bool:
-        """True where both models could be simulated."""
+        """Whether both models could be simulated."""
         return bool(np.isfinite(self.before.ratio) and np.isfinite(self.after.ratio))
 
 
@@ -238,9 +239,9 @@ def entries(
 
     Args:
         fitted, held_out: errors of the final model.
-        before: of the first model, likewise; None of a fit alone. A trace of another rig has no error afterwards.
-        unknown: of the final model and a curve, likewise.
-        share: of the motion that rows of one channel explain.
+        before: errors of the first model; None without a diagnosis. A trace of another rig has no error afterwards.
+        unknown: errors of the final model with a curve.
+        share: share of the motion that rows of one channel explain.
     """
     out = []
     for part, after in ((1, held_out), (0, fitted)):
@@ -254,7 +255,7 @@ def entries(
 
 
 def errors_table(rows: Sequence[Entry], compared: bool, file: str = "") -> Table:
-    """Free-running errors by test and channel; before and after a diagnosis where two models are `compared`."""
+    """Free-running errors by test and channel; before and after a diagnosis if two models are `compared`."""
     models = {"before": "before", "after": "after"} if compared else {"rms": "after"}
 
     def column(head: str, of: str, figure: str, spare: int = 0) -> Column:

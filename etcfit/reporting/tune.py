@@ -1,4 +1,4 @@
-"""What `etcfit tune` says: sentences and tables, alike on terminal, page and in tune.json; and one picture."""
+"""Output of `etcfit tune`: sentences and tables, the same on terminal, page and in tune.json; and one picture."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
     from ..control.proposal import GainStep
 
-_SECONDS = 8.0  # of the held-out part that are drawn
+_SECONDS = 8.0  # s of the held-out part in the picture
 
 
 def tune_table(told: Mapping[str, Any]) -> RenderableType:
-    """What the logs hold, how well the model predicts them, and the way from the present gains to the proposed ones.
+    """Contents of the logs, errors of the model on them, and the steps from the present to the proposed gains.
 
     Args:
         told: the object of tune.json, which the page of the run shows too.
@@ -57,7 +57,7 @@ def _checks(told: Mapping[str, Any]) -> Table:
 
 
 def tables_of_steps(told: Mapping[str, Any]) -> tuple[Table, ...]:
-    """The gains of each step as the ECU writes them, and what the model says that they do; none where withheld."""
+    """The gains of each step in the ECU's own numbers, and their simulated results; none if withheld."""
     if told["why_not"] or not told["steps"]:
         return ()
     return _gains(told), _figures(told)
@@ -90,21 +90,21 @@ def _figures(told: Mapping[str, Any]) -> Table:
 
 
 def _spoken(name: str) -> str:
-    """Of a step, "half way"."""
+    """Name of a step, as "half way"."""
     return name.replace("_", " ")
 
 
 def range_of(each: Sequence[float | None]) -> str:
-    """What 95 % of the models that fit do; None is without end."""
+    """Range of 95 % of the models that fit; None is infinite."""
     return between(each[0], each[2], 2)
 
 
 def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What tune.json says in words: terminal and page show these sentences and have none of their own.
+    """The sentences of tune.json, which terminal and page show too.
 
     Args:
-        found: what the logs came to, see `api.tuned.Tuned`.
-        steps: those of tune.json.
+        found: the result, see `api.tuned.Tuned`.
+        steps: steps of tune.json.
     """
     shown = () if found.why_not else steps
     return {
@@ -116,7 +116,7 @@ def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def answer(found: Any) -> str:
-    """The half-way gains where the present ones are known, else the proposed ones; or why there are none."""
+    """The half-way gains if the present ones are known, else the proposed ones; or why there are none."""
     if found.why_not:
         return f"Not from this log. {found.why_not}"
     step = found.steps[min(1, len(found.steps) - 1)]
@@ -127,7 +127,7 @@ def answer(found: Any) -> str:
 
 
 def of_requirements(pid: Mapping[str, Any], steps: Sequence[Mapping[str, Any]]) -> str:
-    """Which requirements the proposed gains miss, and what that means.
+    """The requirements that the proposed gains miss, and the consequences.
 
     Args:
         pid: the object of pid.json.
@@ -230,7 +230,7 @@ def draw_tune(path: Path, found: Any) -> None:
 
 
 def _prediction(panel: Axes, found: Any) -> None:
-    """The busiest seconds of the held-out part; of the fitted one where nothing was held out."""
+    """The seconds with most motion of the held-out part, or of the fitted one if nothing was held out."""
     from . import style
 
     result = found.result

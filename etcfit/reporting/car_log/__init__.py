@@ -1,5 +1,5 @@
-"""What `etcfit drive` shows of logs from the car, tables for page and terminal; with --foretold a log beside what
-`etcfit tune` foretold for it."""
+"""Output of `etcfit drive`: tables for page and terminal; with --foretold, a log and the prediction of `etcfit
+tune`."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
 from ..numbers import between, or_never, short
 from ..table import Cell, Column, Kind, Table, of_texts
 
-_MOST = 20  # steps that a table shows, the least good ones
+_MOST = 20  # largest number of steps in a table, the worst ones
 _NAMES = {"good": "good", "not good": "NOT GOOD", "cannot be said": "not known"}
 
 
 def tables_of(each: Study) -> tuple[Table, ...]:
-    """Verdict, steps, parts of the travel, duty, and both sensors: those that the log has."""
+    """Verdict, steps, parts of the travel, duty, and both sensors, as far as the log has them."""
     every = (judgements_table(each.verdict.judgements), _steps(each), _ranges(each), _duty(each), _settings(each))
     return tuple(table for table in every if table is not None and table.rows)
 
 
 def says_of(each: Study) -> tuple[str, ...]:
-    """What the tables do not hold: sentences on the oscillation at rest and on the pair of sensors."""
+    """Sentences in addition to the tables: oscillation at rest, and the pair of sensors."""
     cycle = () if each.cycle is None else (each.cycle.says,)
     pair = () if each.sensors is None else each.sensors.findings
     return (*cycle, *pair)
 
 
 def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
-    """A row a threshold."""
+    """One row per threshold."""
     rows = [(j.name, _found(j), _limit(j), _judged(_NAMES[j.word], j), j.where, j.source) for j in judgements]
     kinds: dict[str, Kind] = {"verdict": "word", "where": "prose", "threshold from": "prose"}
     return of_texts(caption, ("figure", "found", "good is", *kinds), rows, 1, kinds, ("threshold from", "where"),
@@ -115,9 +115,9 @@ _FILE = "drive.json of --out RUN"
 
 
 def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
-    """A row a log, then each log held against the thresholds; of two logs also what changed."""
+    """One row per log, then each log compared with the thresholds; for two logs also the changes."""
     logs = [each.log for each in studies]
-    # as the file names them: a pedal that passes for the plate shows here
+    # the names in the file: a pedal taken for the plate shows here
     columns = [f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
                for log in logs if log.columns]  # fmt: skip
     to_record = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells {lack.why}"
@@ -137,14 +137,14 @@ _CHANGES: dict[str, Kind] = {"figure": "prose", "good is": "prose", "verdict": "
 
 
 def compared_table(config: RigConfig, before: Study, after: Study) -> RenderableType:
-    """What changed from one log to the other: the verdict, then a row a figure."""
+    """Changes from one log to the other: the verdict, then one row per figure."""
     was = {each.name: each for each in before.verdict.judgements}
     rows = []
     for now in after.verdict.judgements:
         if (then := was.get(now.name)) is None or (then.value is None and now.value is None):
             continue
-        limits = dict.fromkeys(_limit(each) for each in (then, now))  # of the tracking error it depends on the log
-        words = dict.fromkeys(_NAMES[each.word] for each in (then, now))  # one where it is as it was
+        limits = dict.fromkeys(_limit(each) for each in (then, now))  # that of the tracking error depends on the log
+        words = dict.fromkeys(_NAMES[each.word] for each in (then, now))  # a single word if nothing changed
         rows.append((now.name, " / ".join(limits), _judged(" -> ".join(words), now), _found(then), _found(now)))
     heads = ("figure", "good is", "verdict", "before", "after")
     return stacked(
@@ -161,7 +161,7 @@ def _limit(each: Judgement) -> str:
 
 
 def good_enough(each: Study) -> Table:
-    """One log held against the thresholds, with what was found at rest and of its sensors."""
+    """One log compared with the thresholds, with the findings at rest and on its sensors."""
     return replace(
         judgements_table(each.verdict.judgements), title=f"{each.log.name}: good enough?", notes=says_of(each)
     )
@@ -174,7 +174,7 @@ def _answer(each: Study) -> Iterator[RenderableType]:
 
 
 def logs_table(studies: Sequence[Study]) -> Table:
-    """A row a log."""
+    """One row per log."""
     return Table("In per cent of the travel; +-: one standard error", (
         Column("log", "log", "path"), Column("length", lambda row: f"{row['seconds']:.0f} s", spare=7),
         Column("between %", lambda row: "{:g}..{:g}".format(*row["study"].usage.bounds), spare=5),
@@ -187,14 +187,14 @@ def logs_table(studies: Sequence[Study]) -> Table:
         Column("RMSE +- %", lambda row: _spread(row["rmse_stderr"], 0.01)),
         Column("lag ms", lambda row: _fixed(row["lag_s"], 0, 1e3)),
         Column("lag +- ms", lambda row: _spread(row["lag_stderr"] if row["lag_s"] is not None else None, 0.1, 1e3)),
-        # against the setpoint delayed by the lag
+        # relative to the setpoint delayed by the lag
         Column("RMSE without lag %", "left_pct", spare=4), Column("setpoint moves %/s", "demand_pct_s", spare=2),
         Column("verdict", lambda row: in_a_word(row["study"].verdict), "word", spare=1)),
         [_row(each) for each in studies], file=_FILE)  # fmt: skip
 
 
 def _row(each: Study) -> dict[str, Any]:
-    """A record of a log; None for what it does not tell."""
+    """A record of a log; None for figures that it does not determine."""
     follows, tones = each.tracking, each.spectrum
     return {
         "log": each.log.name,
@@ -217,7 +217,7 @@ def _fixed(value: float | None, decimals: int, scale: float = 1.0) -> str:
 
 
 def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
-    """A standard error, no finer than the figure that it belongs to."""
+    """A standard error, with no more decimals than its figure."""
     if stderr is None:
         return "-"
     return short(scale * stderr, 2) if scale * stderr >= 0.5 * least else f"<{least:g}"
@@ -225,11 +225,11 @@ def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
 
 @dataclass(frozen=True)
 class Held:
-    """One log beside what was foretold for the gains that made it.
+    """One log compared with the prediction for its gains.
 
     Args:
         log: name of its file.
-        run: of `etcfit tune`.
+        run: run folder of `etcfit tune`.
         made_with: name of the step in `told`.
         told: the object of tune.json.
         found: the comparison.
@@ -243,7 +243,7 @@ class Held:
 
     @property
     def says(self) -> str:
-        """As foretold or not, and what that means."""
+        """Whether the log is as predicted, and what follows."""
         gains = f"the {self.made_with.replace('_', '-')} gains"
         if self.found.as_foretold:
             meant = "the model can be trusted with the next step" if self.made_with != "proposed" else "keep them"
@@ -258,7 +258,7 @@ class Held:
 
 
 def foretold_table(held: Held) -> RenderableType:
-    """A row a figure: foretold, what still is as foretold, found."""
+    """One row per figure: predicted, allowed range, found."""
     levels = held.told["large_steps"]
     rows = [(f"{figure.name}, {figure.unit}", between(figure.low, figure.high), _as_foretold(figure),
              or_never(figure.found),

@@ -1,4 +1,4 @@
-"""What `etcfit drive --out RUN` leaves there: drive.json, drive.html (one file without scripts) and its pictures."""
+"""Files of `etcfit drive --out RUN`: drive.json, drive.html (one file without scripts) and its pictures."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ..numbers import short
 from ..page.pictures import carried
 from . import Held, in_a_word, says_of, tables_of
 
-_SHOWN = 8.0  # s of the log that are drawn: those in which the setpoint, or else the position, moves most
-_AFTER = 0.6  # s of each answer that are drawn
-_LEAST = 2.0  # per cent of travel: smaller steps would be noise over their size
+_SHOWN = 8.0  # s of the log in the picture: those in which the setpoint, or else the position, moves most
+_AFTER = 0.6  # s of each step response in the picture
+_LEAST = 2.0  # per cent of travel: smaller steps are dominated by noise
 
 
 def draw(each: Study, synthetic: bool) -> Figure:

@@ -1,6 +1,6 @@
-"""The three lines at the end of every command: the answer in words, where to look, what to type next.
+"""The three closing lines of every command: the answer in words, files to look at, and the next command.
 
-Here are those of commands that have no model: measurements looked at, brought in, planned, and logs from the car.
+This module has those of commands without a model: check, import, plan, and logs from the car.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     from ...importing import Imported
 
 
-NEXT_LOG = "NEXT_LOG"  # stands in a command for a file that is not recorded yet
-_NAMED = 2  # of many things, before a line counts the others
+NEXT_LOG = "NEXT_LOG"  # placeholder in a command for a file that is not recorded yet
+_NAMED = 2  # number of names in a line before it only counts the others
 
 
 @dataclass(frozen=True)
 class Closing:
-    """How a command ends.
+    """The closing lines of a command.
 
     Args:
-        answer: what came of it, in plain words.
-        next: the command to type, with its arguments; or what to do outside, as a sentence.
-        look: files to open, the most telling first; those that are not on the disk are left out.
+        answer: the result in plain words.
+        next: the next command with its arguments, or a sentence on what to do.
+        look: files to open, the most informative first; missing files are left out.
     """
 
     answer: str
@@ -47,12 +47,12 @@ class Closing:
 
 
 def mended(line: str, folder: str | Path, then: str) -> str:
-    """A command, and what to change before it is given."""
+    """A command, with what to change before it is typed."""
     return f"{then}, after this change in {shlex.quote(str(Path(folder) / 'rig.toml'))}: {line}"
 
 
 def first_few(names: Sequence[str]) -> str:
-    """The first names, and how many more there are: "R_a, K_b and 9 more"."""
+    """The first names, and the number of further ones: "R_a, K_b and 9 more"."""
     from ...estimation.identifiability import listed
 
     more = len(names) - _NAMED
@@ -63,14 +63,14 @@ _TOML = "rig.toml"
 
 
 def of_new(folder: Path) -> Closing:
-    """A folder to be filled in."""
+    """Closing lines for a folder to fill in."""
     answer = "A rig.toml with every key explained, and a folder for each rig test that says what to record."
     further = command("import", "RECORDING", "--to", "FOLDER", "--rig", folder / _TOML)
     return Closing(answer, f"{further}, once you have filled in each ... of that file", (folder / _TOML,))
 
 
 def of_imported(done: Imported) -> Closing:
-    """Foreign recordings as traces."""
+    """Closing lines of an import."""
     tests = len({file.partition("/")[0] for file, _, _ in done.traces})
     warned = f", with {counted(len(done.warnings), 'warning')}" if done.warnings else ""
     answer = f"{counted(len(done.traces), 'trace')} of {counted(tests, 'rig test')}{warned}: check units and signs."
@@ -78,13 +78,13 @@ def of_imported(done: Imported) -> Closing:
 
 
 def of_fetched(name: str, folder: Path) -> Closing:
-    """A public data set."""
+    """Closing lines for a public data set."""
     return Closing(f"{name} is a measurement folder now; its README says what was converted and assumed.",
                    command("check", folder), (folder / "README.md",))  # fmt: skip
 
 
 def of_check(result: CheckResult, folder: Path) -> Closing:
-    """What the traces of a folder that can be fitted can tell, or what is wrong with the rig."""
+    """What the traces of a folder determine, or what is wrong with the rig."""
     from ...rig.base import ALLOWED_FOR
 
     verdict = result.identifiability
@@ -100,7 +100,7 @@ def of_check(result: CheckResult, folder: Path) -> Closing:
 
 
 def of_advice(advice: Advice, folder: Path, at: Path | None, written: Path | None) -> Closing:
-    """Which further trace helps most; folder and run `at` as the user typed them, `written` is advice.json, if any."""
+    """The most useful further trace; folder and run `at` as the user typed them, `written` is advice.json, if any."""
     further = command("plan", at or folder, "--out", Path("plans") / (at or folder).resolve().name)
     look = () if written is None else (written,)
     if not advice.options:
@@ -111,7 +111,7 @@ def of_advice(advice: Advice, folder: Path, at: Path | None, written: Path | Non
 
 
 def of_plan(campaign: Campaign, plan: Path) -> Closing:
-    """The tests that were planned, and where their records go."""
+    """The planned tests, and the folder for their records."""
     shares = campaign.expected / campaign.now
     most = int(shares.argmin())
     answer = (
@@ -123,7 +123,7 @@ def of_plan(campaign: Campaign, plan: Path) -> Closing:
 
 
 def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closing:
-    """How closely the plate follows, or what two logs have changed."""
+    """How closely the plate follows, or the changes between two logs."""
     from ...car_log import record_next
     from ...car_log.study import verdict
 
@@ -148,5 +148,5 @@ def of_drive(studies: Sequence[Study], folder: Path, run: Path | None) -> Closin
 
 
 def _record(lacks: Sequence[Lack], folder: Path) -> str:
-    """What to record, of what wins most."""
+    """What to record first."""
     return f"log this and put it into {folder}: {lacks[0].record}"

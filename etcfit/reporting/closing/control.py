@@ -1,4 +1,4 @@
-"""How the commands end that go on from a model: posterior, transfer function, gains, exports, tune, fleet."""
+"""Closing lines of commands that use a model: posterior, transfer function, gains, exports, tune, fleet."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TUNE = "msq"  # a format of `etcfit export`
 
 
 def of_posterior(posterior: Posterior, run: Path) -> Closing:
-    """Whether it is a posterior, and whether its spread is that of the fit."""
+    """Whether the chain is a posterior, and whether its spread is that of the fit."""
     look = (run / "pictures" / "posterior" / "intervals.png",)
     if not posterior.convergence.converged:
         return Closing(f"No posterior yet: {posterior.convergence.reason}", command("sample", run), look)
@@ -58,7 +58,7 @@ def said_of(design: Design) -> str:
 
 
 def of_design(design: Design, state: FitState, run: Path) -> Closing:
-    """The gains that are proposed; the way into an ECU where they hold, else the page, which says where they fail."""
+    """The proposed gains; then how to enter them into an ECU if they meet the requirements, else the page."""
     profile = design.task.profile
     if profile is None:
         named = command("design", run, "--ecu", "NAME")
@@ -72,13 +72,13 @@ def of_design(design: Design, state: FitState, run: Path) -> Closing:
 
 
 def of_fleet_design(design: Design, run: Path) -> Closing:
-    """Gains for the units of a fleet: one of them, the nominal one, is exported no further."""
+    """Gains for the units of a fleet; the nominal unit is not exported."""
     return Closing(said_of(design), "try the gains on one unit on the bench, its plate free of an engine",
                    (run / "pictures" / "control" / "responses.png",))  # fmt: skip
 
 
 def of_export(files: Sequence[Path], cannot_hold: Sequence[str], title: str, state: FitState, run: Path) -> Closing:
-    """Files that were written, and what they leave out."""
+    """Written files, and what they leave out."""
     lacks = f"; {counted(len(cannot_hold), 'thing')} of the model left out, as listed" if cannot_hold else ""
     written = f"{counted(len(files), 'file')} written, {title}{lacks}.{_caution(state)}"
     first = "try gains on the bench first"
@@ -89,12 +89,12 @@ def of_export(files: Sequence[Path], cannot_hold: Sequence[str], title: str, sta
 
 
 def _caution(state: FitState) -> str:
-    """That what was made from a fit which is no estimate must not be used."""
+    """A caution not to use results of a fit that is no estimate."""
     return f" Do not use it yet: {state.cautions[-1]}" if state.cautions else ""
 
 
 def _with(state: FitState, run: Path, further: str) -> str:
-    """What comes next of a model that is an estimate; of any other, what it lacks comes first."""
+    """The next command for a model that is an estimate; for any other, what it lacks."""
     if not state.cautions:
         return further
     diagnosed = (run / "diagnosis.json").is_file()
@@ -102,7 +102,7 @@ def _with(state: FitState, run: Path, further: str) -> str:
 
 
 def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
-    """The half-way gains where the present ones are known, else the proposed ones; or why there are none."""
+    """The half-way gains if the present ones are known, else the proposed ones; or why there are none."""
     look, said = (run / "pictures" / "tune.png",), tune_answer(found)
     if found.why_not:
         return Closing(said, _mended(found, run, files), look)
@@ -114,13 +114,13 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
 
 
 def _tune(logs: Iterable[str], options: Iterable[str], present: Iterable[str], run: Path) -> str:
-    """The command that tunes once more."""
+    """The command that tunes again."""
     sets = (word for gains in present for word in ("--present", gains))
     return command("tune", *logs, *options, *sets, "--out", run)
 
 
 def of_foretold(held: Held, log: Path) -> Closing:
-    """A log beside what was foretold: on to the next gains, or tune again with it."""
+    """A log compared with the prediction: go on to the next gains, or tune again with it."""
     steps = {step["name"]: step["gains"] for step in held.told["steps"]}
     names, gains = ECUS[held.told["ecu"]].gains, steps[held.made_with]
     present = ",".join(short(gain, 4) for gain in gains.values())
@@ -134,7 +134,7 @@ def of_foretold(held: Held, log: Path) -> Closing:
     if held.made_with == order[-1]:
         return Closing(held.says, f"keep these gains; good enough by itself? {command('drive', log)}")
     further = order[order.index(held.made_with) + 1]
-    from ...control.borne import is_borne  # it loads what no other ending needs
+    from ...control.borne import is_borne  # no other closing needs its imports
 
     judged = dict(zip(order[1:], held.told["borne"], strict=False))
     if further in judged and not is_borne(judged[further]["worst"]):
@@ -147,7 +147,7 @@ def of_foretold(held: Held, log: Path) -> Closing:
 
 
 def next_run(run: Path) -> Path:
-    """A run folder beside, of which there is none yet: runs/car_2 after runs/car."""
+    """A new run folder beside this one: runs/car_2 after runs/car."""
     base = re.sub(r"_\d+$", "", run.name)
     every = (run.with_name(f"{base}_{k}") for k in itertools.count(2))
     return next(each for each in every if not each.exists() and each != run)
@@ -165,7 +165,7 @@ def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
 
 
 def of_fleet(content: Content, run: Path) -> Closing:
-    """What somebody must do something about, else that nothing is bad; gains for all units come next."""
+    """Findings that need action, or that there are none; gains for all units come next."""
     from ..fleet import verdict
     from ..fleet.page import NAME
 
@@ -173,5 +173,5 @@ def of_fleet(content: Content, run: Path) -> Closing:
     bad = [sentence.text for sentence in said if sentence.bad]
     answer = " ".join(bad) if bad else " ".join(sentence.text for sentence in said)
     odd = content.get("odd") or ()
-    page = content["members"][odd[0]["unit"]].get("page") if odd else None  # of the oddest
+    page = content["members"][odd[0]["unit"]].get("page") if odd else None  # page of the oddest unit
     return Closing(answer, command("design", run, "--fleet"), (run / NAME, *([run / page] if page else [])))

@@ -1,4 +1,4 @@
-"""How a fit, a diagnosis, a page or a whole run ends: by what lies in RUN."""
+"""Closing lines of a fit, a diagnosis, a page or a whole run, from the contents of RUN."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..page.verdict import left_unexplained, residuals
 from . import NEXT_LOG, Closing, first_few, mended
 
 PAGE, INTERACTIVE = "report.html", "report_interactive.html"
-_GUESSES = 2  # names that are not proven, in one line
+_GUESSES = 2  # largest number of unproven names in one line
 
 
 def of_run(run: Path, *pages: Path) -> Closing:
-    """The last model in RUN, which has a fit; pages to look at come before the picture of errors or parameters. Where
-    it was made for gains from logs of a car, what `tune` said of them."""
+    """Closing lines for the last model in RUN; pages come before the picture of errors or parameters. If the run is of
+    `tune`, the words of `tune` on the gains."""
     contents = read_run(run)
     if (tuned := tuned_of(run)) and tuned["says"]["next"] and len(tuned["steps"]) > 1:
         further = command("drive", NEXT_LOG, "--foretold", run)
@@ -35,10 +35,10 @@ def of_run(run: Path, *pages: Path) -> Closing:
 
 
 def _next(contents: Contents) -> str:
-    """What brings the last model further: a diagnosis, what mends the rig, a look at what is open, then gains."""
+    """The next step for the last model: a diagnosis, mending the rig, a look at open questions, then gains."""
     run, lost, found = contents.run, _with_status(contents, "not identifiable"), contents.get("diagnosis")
     if not found:
-        # by the one rule of `estimation.goodness`: nothing but noise is left of the fitted traces
+        # by the rule of `estimation.goodness`: the residuals of the fitted traces are noise
         rows = contents.score["fit"]
         if not _is_sound(contents) or any(row.get("left") not in (Left.FITS, Left.STRAYS) for row in rows):
             return command("diagnose", run)
@@ -58,7 +58,7 @@ def _after_the_model(contents: Contents) -> str:
 
 
 def advice_at(run: Path) -> str:
-    """The command that says which further test would help most, at the model in RUN."""
+    """The command that shows which further test would help most, at the model in RUN."""
     return command("check", measured(run), "--advise", "--at", run)
 
 
@@ -79,7 +79,7 @@ def _stated(contents: Contents) -> Sequence[Mapping[str, Any]]:
 
 
 def _found(contents: Contents) -> Iterator[str]:
-    """What the diagnosis states, name by name."""
+    """The statements of the diagnosis, name by name."""
     found = contents.get("diagnosis")
     if not found:
         return
@@ -98,7 +98,7 @@ def _nothing_added(contents: Contents) -> str:
 
 
 def _known(contents: Contents) -> str:
-    """Which parameters are known, and what the model leaves of the data."""
+    """Which parameters are known, and the residuals of the model."""
     final = contents.final
     if not final.get("converged", True):
         return f"The fit did not converge: {final['reason']}. Its parameters are no results."

@@ -1,7 +1,6 @@
-"""Bode plots: of the transfer function, with delay, sensor lag and interval; of sine traces, as measured and modelled.
+"""Bode plots: of the transfer function, with delay, sensor lag and interval; of sine traces, measured and modelled.
 
-Below the latter: how far the motion is from a sine. Dry friction and limp-home spring bend it, and a Bode plot hides
-that.
+Below the latter is the distortion of the motion, which dry friction and limp-home spring cause and a Bode plot hides.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ def _coefficients(reduction: Reduction) -> np.ndarray:
     """Draws of b0, a2, a1, a0 from their covariance, shape (D, 4)."""
     mean = np.array([*reduction.plant.num, *reduction.plant.den[1:]])
     rng = np.random.default_rng(0)
-    # relative, so that coefficients of very different size share one covariance
+    # relative, because the coefficients differ widely in size
     scale = np.where(mean == 0.0, 1.0, mean)  # a plant without a spring has a0 = 0, exactly
     spread = reduction.covariance / np.outer(scale, scale)
     variance, directions = np.linalg.eigh(spread)
@@ -78,12 +77,12 @@ def _band(panel, values: np.ndarray, known: str) -> None:
     panel.fill_between(_HERTZ, low, high, color=style.SIMULATED, alpha=0.25, lw=0, label=known)
 
 
-_LETTERS = 11.5  # of a sentence an inch
-_DENSE = 300  # points of a line that is known everywhere
+_LETTERS = 11.5  # letters of a sentence per inch
+_DENSE = 300  # points of a computed line
 
 
 def draw_sines(config: RigConfig, response: FrequencyResponse) -> Figure:
-    """The loop on the left; where a drive was logged the plant on the right."""
+    """The loop on the left; if a drive was logged, the plant on the right."""
     driven = any(point.plant is not None for point in response.points)
     columns = 2 if driven else 1
     wide, tall = (13.2 if driven else 9.0), 8.6

@@ -1,5 +1,5 @@
-"""Gains, of pid.json, for every view: every rule, the proposed ones as each ECU writes them, and how they fare, unit by
-unit and where something fails too.
+"""Gains, of pid.json, for every view: every rule, the proposed ones in each ECU's own numbers, and their results, also
+unit by unit and under failures.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..numbers import or_never, short
 from ..table import Cell, Column, Notes, Part, Table, there
 from .sentence import CURE, GAINS, doubt, state_of, withheld
 
-if TYPE_CHECKING:  # a page needs none of what these load
+if TYPE_CHECKING:  # a page does not need these modules
     from rich.console import RenderableType
 
     from ...control.design import Design
@@ -28,7 +28,7 @@ Pid = Mapping[str, Any]
 
 
 def design_parts(pid: Pid) -> list[Part]:
-    """All that terminal and page say of gains."""
+    """All tables and notes on gains for terminal and page."""
     kept = withheld(pid)
     typed = [Notes("Nothing to paste", [CURE])] if kept else [own_units_table(pid), gains_table(pid), *pasted(pid)]
     return there(rules_table(pid), figures_table(pid), how_to_read(pid), refused(pid), *typed, *fleet_parts(pid),
@@ -38,7 +38,7 @@ def design_parts(pid: Pid) -> list[Part]:
 
 
 def rule_rows(pid: Pid) -> list[dict[str, Any]]:
-    """A record a rule: gains (SI), figures of the nonlinear model, whether it meets everything, why it has none."""
+    """One record per rule: gains (SI), figures of the nonlinear model, whether it meets everything, why it has none."""
     none, rows = dict.fromkeys((*GAINS, *FIGURES)), []
     for name, rule in (pid.get("rules") or {}).items():
         stable = bool(rule.get("stable", True)) and rule["gains"] is not None
@@ -49,7 +49,7 @@ def rule_rows(pid: Pid) -> list[dict[str, Any]]:
 
 
 def rules_table(pid: Pid) -> Table:
-    """Gains, and whether they meet what is required; of a model that is no estimate its state stands there."""
+    """Gains, and whether they meet the requirements; the state of the fit if the model is no estimate."""
     word, asked = doubt(state_of(pid)), pid.get("margins_asked") or {}
 
     def met(row: Mapping[str, Any]) -> Any:
@@ -57,7 +57,7 @@ def rules_table(pid: Pid) -> Table:
             return "-"
         return (word or row["met"]) if row["stable"] else "unstable"
 
-    def margins(row: Mapping[str, Any]) -> Any:  # a loop that has none misses none
+    def margins(row: Mapping[str, Any]) -> Any:  # a loop without margins cannot miss one
         return all(row[symbol] is None or row[symbol] >= asked.get(symbol, 0.0) for symbol in MARGINS)
 
     def chance(row: Mapping[str, Any]) -> str:
@@ -71,19 +71,19 @@ def rules_table(pid: Pid) -> Table:
 
 
 def share_of(pid: Pid) -> str:
-    """What a share of the models is called."""
+    """Name of the share of the models that meets everything."""
     return "units" if (pid.get("posterior") or {}).get("origin") == "fleet" else "P(met)"
 
 
 def figures_table(pid: Pid) -> Table:
-    """What the gains of every rule do on the nonlinear model."""
+    """Results of every rule's gains on the nonlinear model."""
     columns = [Column(f"{of.heading}\n{of.unit}", symbol) for symbol, of in FIGURES.items() if of.heading]
     rows = [row for row in rule_rows(pid) if row["Kp"] is not None]
     return Table("What they do", (Column("rule", "rule", "name"), *columns), rows)
 
 
 def how_to_read(pid: Pid) -> Notes:
-    """What the figures are of, what is required, the models and the ECU."""
+    """Notes on the figures, the requirements, the models and the ECU."""
     scenarios, asked = (pid.get("setpoint") or {}).get("scenarios") or (), pid.get("margins_asked") or {}
     limits = ((FIGURES[symbol], limit) for symbol, limit in (pid.get("requirements") or {}).items()
               if symbol in REQUIRED and limit is not None)  # fmt: skip
@@ -105,7 +105,7 @@ def how_to_read(pid: Pid) -> Notes:
 
 
 def _judges(pid: Pid) -> Iterator[str]:
-    """The models beside the nominal one."""
+    """The models in addition to the nominal one."""
     state, over = state_of(pid), pid.get("posterior") or {}
     source = "posterior" if over.get("origin") == "posterior" else "the fit's Laplace approximation"
     if state.compromise is not None:
@@ -120,7 +120,7 @@ def _judges(pid: Pid) -> Iterator[str]:
 
 
 def _habits(ecu: Mapping[str, Any]) -> Iterator[str]:
-    """Clock, delay, filter and limit, then what not every ECU has."""
+    """Clock, delay, filter and limit, then properties that not every ECU has."""
     clock, late, slow = (f"{short(1e3 * ecu[key])} ms" for key in ("period_s", "delay_s", "derivative_filter_s"))
     yield f"ticks of {clock}"
     yield f"delay {late}"
@@ -147,7 +147,7 @@ def refused(pid: Pid) -> Notes:
 
 
 def own_units_table(pid: Pid) -> Table | None:
-    """Every rule's gains as [ecu] of rig.toml writes them: numbers to type in."""
+    """Every rule's gains in the form of [ecu] of rig.toml: numbers to type in."""
     own = pid.get("as_written")
     if not own or not pid.get("rules"):
         return None
@@ -159,12 +159,12 @@ def own_units_table(pid: Pid) -> Table | None:
 
 
 def gains_table(pid: Pid) -> Table | None:
-    """The proposed gains in SI, and as the ECU wants them; None where nothing may be typed in, see `withheld`."""
+    """The proposed gains in SI and in the ECU's own numbers; None if no gains are given, see `withheld`."""
     if withheld(pid):
         return None
     made, gains, ecu = pid.get("profile") or {}, pid["gains"], pid["ecu"]
     rows = [("continuous time", *(gains[name] for name in GAINS), "V/rad, s")]
-    if not made.get("says"):  # an ECU whose unit is not published gets no numbers in ticks
+    if not made.get("says"):  # no numbers in ticks for an ECU with an unpublished unit
         rows.append((f"ticks of {short(1e3 * ecu['period_s'])} ms", *(ecu[name] for name in "PID"), "V/rad, ticks"))
         if made:
             each = made["gains"].values()
@@ -176,7 +176,7 @@ def gains_table(pid: Pid) -> Table | None:
 
 
 def _ahead(pid: Pid) -> str:
-    """With which terms of feed-forward they were found."""
+    """The terms of feed-forward in the design."""
     make, terms = pid.get("profile"), (pid.get("feed_forward_terms") or {}).get("terms") or ()
     others = [term for term in terms if term != "spring"]
     if pid.get("feed_forward"):
@@ -189,7 +189,7 @@ def _ahead(pid: Pid) -> str:
 
 
 def pasted(pid: Pid) -> list[Part]:
-    """What is typed or pasted into the named make of ECU, what its gains mean, and what is assumed of it."""
+    """Settings to type or paste into the named make of ECU, the meaning of its gains, and the assumptions on it."""
     made = pid.get("profile")
     if not made:
         return [Notes("For no ECU in particular", ["--ecu NAME designs in its own controller and writes what to paste. "
@@ -212,9 +212,9 @@ CODE = "Behind its PID, in your own code, at each tick, in %; rate begins at 0 a
 
 
 def constants(written: Mapping[str, Any]) -> Iterator[Xml.Element]:
-    """A `<constant>` a setting, as TunerStudio writes them into a .msq.
+    """One `<constant>` per setting, as TunerStudio writes them into a .msq.
 
-    Source: .msq files of rusEFI; `digits` is what TunerStudio shows of a value.
+    Source: .msq files of rusEFI; `digits` are the decimals that TunerStudio shows.
     """
     for name, gain in written["gains"].items():
         yield _constant({"digits": "4", "name": name}, f"{gain['value']:.8g}")
@@ -232,7 +232,7 @@ def _constant(attributes: dict[str, str], text: str) -> Xml.Element:
 
 
 def settings_table(pid: Pid) -> Table | None:
-    """What the make of ECU is given that was named, in its own words; None where none was, or nothing may be given."""
+    """The settings for the named make of ECU, in its own words; None if none was named, or no gains are given."""
     made = pid.get("profile")
     if not made or withheld(pid):
         return None
@@ -243,7 +243,7 @@ def settings_table(pid: Pid) -> Table | None:
 
 
 def loop_table(pid: Pid) -> Table:
-    """How the proposed gains do on the linear and on the nonlinear model, and what was asked of them."""
+    """Results of the proposed gains on the linear and on the nonlinear model, with the requirements."""
     linear, nonlinear = (pid.get(key) or {} for key in ("linear", "nonlinear"))
     rows = [{"of": of, "linear": "" if symbol in EFFORT else short(linear.get(symbol)),
              "nonlinear": nonlinear.get(symbol), **_asked(pid, symbol, pid.get("met") or {})}
@@ -260,7 +260,7 @@ _REQUIRED = (Column("required", "required"), Column("unit", lambda row: row["of"
 
 
 def _asked(pid: Pid, symbol: str, met: Mapping[str, bool]) -> dict[str, str]:
-    """What is required of a figure, and whether it is met; a word where the model is no estimate."""
+    """The requirement of a figure, and whether it is met; a word if the model is no estimate."""
     most, word = (pid.get("requirements") or {}).get(symbol), doubt(state_of(pid))
     return {"required": "" if most is None else f"<= {short(most)}",
             "met": "" if symbol not in met else word or ("yes" if met[symbol] else "NO")}  # fmt: skip
@@ -275,7 +275,7 @@ def scenario_table(pid: Pid) -> Table:
 
 
 def conditions_table(pid: Pid) -> Table | None:
-    """The proposed gains at the worst corner of what a car has and the bench has not; None where that was not asked."""
+    """The proposed gains at the worst corner of a car's conditions; None if this was not requested."""
     found = pid.get("conditions")
     if not found:
         return None
@@ -286,7 +286,7 @@ def conditions_table(pid: Pid) -> Table | None:
 
 
 def _conditions(pid: Pid, found: Mapping[str, Any]) -> list[str]:
-    """Which conditions, where it is hardest, and how many of the models meet everything there."""
+    """The conditions, the hardest one, and the share of models that meet everything there."""
     supply, winding, friction = (" to ".join(f"{end:g}" for end in found[key])
                                  for key in ("supply_V", "winding_degC", "friction_over_bench"))  # fmt: skip
     reckons = ("the ECU divides by the battery voltage" if pid["ecu"].get("divides_by_battery") else
@@ -305,7 +305,7 @@ _NOWHERE = (Scheduling.NONE.name.lower(), Scheduling.UNKNOWN.name.lower())
 
 
 def supply_table(pid: Pid) -> Table | None:
-    """The gains over the supply; None where the ECU that was named has nowhere to type them, or none were made."""
+    """The gains over the supply; None if the named ECU has no such table, or none were made."""
     made = pid.get("supply_table")
     if not made or made["ecu_has"] in _NOWHERE or withheld(pid):
         return None
@@ -316,13 +316,13 @@ def supply_table(pid: Pid) -> Table | None:
 
 
 def tables_of_gains(pid: Pid) -> Notes | None:
-    """Who has tables of gains, and what they are worth."""
+    """The ECUs with tables of gains, and the benefit of the tables."""
     made = pid.get("supply_table")
     return None if not made or withheld(pid) else Notes("Tables of gains", made.get("says") or ())
 
 
 def against_effort(pid: Pid) -> Notes | None:
-    """What a calmer duty would cost, and what gains without any reserve would win."""
+    """The cost of a calmer duty, and the benefit of gains without reserve."""
     points, figures = pid.get("front"), pid.get("nonlinear") or {}
     if points is None:
         return None
@@ -337,13 +337,13 @@ def against_effort(pid: Pid) -> Notes | None:
 
 
 def binding(pid: Pid) -> Notes:
-    """What keeps any gains from meeting everything."""
+    """What prevents any gains from meeting everything."""
     return Notes("Not met. What binds: eased alone, each of these would let the optimum meet everything",
                  pid.get("limits") or ())  # fmt: skip
 
 
 def safety_parts(pid: Mapping[str, Any]) -> list[Part]:
-    """Jam check and heat in sentences, then a row a failure; nothing where the file is older than that."""
+    """Jam check and heat in sentences, then one row per failure; empty for older files."""
     safe = pid.get("safety")
     if not safe:
         return []
@@ -381,7 +381,7 @@ def _columns(shown: Mapping[str, str]) -> list[Column]:
 
 
 def _jam_words(safe: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
-    """The pair proposed, why, and its margins."""
+    """The proposed pair, the reason, and its margins."""
     seen, check = safe["envelope"], safe["jam"]
     tried = (f"{seen['models']} models, each under conditions of a car, in every scenario: error up to "
              f"{short(seen['largest_pct'])} %")  # fmt: skip
@@ -402,7 +402,7 @@ def _jam_words(safe: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str
 
 
 def _holding_words(held: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
-    """Current, heat, and how long the full duty may last."""
+    """Current, heat, and the allowed time at full duty."""
     k = int(np.argmax(np.abs(held["current_A"])))
     said = [f"{short(abs(held['current_A'][k]))} A and {short(held['winding_W'][k])} W in the winding at most, at "
             f"{short(held['position_pct'][k])} % of the travel; full duty against a stop: "
@@ -422,7 +422,7 @@ def pct(share: float) -> str:
     return short(100.0 * share)
 
 
-_NAMED = 12  # units in a line
+_NAMED = 12  # largest number of units in a line
 _OF = FIGURES | {STABLE: FIGURES["gain_margin_db"]}
 
 _WORST = (
@@ -437,7 +437,7 @@ def _with_unit(one: Mapping[str, Any], key: str) -> str:
 
 
 def fleet_parts(pid: Mapping[str, Any]) -> list[Part]:
-    """Share that meets everything, what the others miss, and the worst units; nothing of a design of one unit."""
+    """Share that meets everything, what the others miss, and the worst units; empty for a design for one unit."""
     found = pid.get("fleet")
     if not found:
         return []
@@ -452,7 +452,7 @@ def fleet_parts(pid: Mapping[str, Any]) -> list[Part]:
 
 
 def _interval(share: Mapping[str, Any]) -> str:
-    """With its 95 % interval."""
+    """A share with its 95 % interval."""
     low, high = share["share_ci95"]
     return f"{_percent(share)} % (95 %: {100.0 * low:.1f} to {100.0 * high:.1f} %)"
 
@@ -467,7 +467,7 @@ def _missed(fails: Mapping[str, Any]) -> list[str]:
 
 
 def parts_table(pid: Mapping[str, Any]) -> Table | None:
-    """Every rule on measured and drawn units, the worst unit by name; None where no fleet tells the parts."""
+    """Every rule on measured and drawn units, the worst unit by name; None without a fleet of parts."""
     found = pid.get("parts")
     if not found:
         return None
@@ -486,7 +486,7 @@ def parts_table(pid: Mapping[str, Any]) -> Table | None:
 
 
 def _words(found: Mapping[str, Any], rule: str) -> list[str]:
-    """How to read it, and how the proposed gains fare outside the bench."""
+    """Notes on the table, and the results of the proposed gains outside the bench."""
     chosen, there = found["rules"][rule], found["conditions"]
     corners, hardest = there["corners"], there["hardest"]
     verdict = "met all the same" if hardest["meets"] else "missed"
@@ -506,10 +506,10 @@ def _words(found: Mapping[str, Any], rule: str) -> list[str]:
 
 
 def design_table(design: Design) -> RenderableType:
-    """All rules, then the proposed gains as an ECU writes them, with the curve to type in, and how they fare.
+    """All rules, then the proposed gains in an ECU's own numbers, with the curve to type in, and their results.
 
-    Of a model that is no estimate the caution stands first, and what an ECU would take is left out unless it is asked
-    for all the same (`Design.withheld`).
+    If the model is no estimate, the caution comes first, and settings of an ECU are left out unless the user requests
+    them nevertheless (`Design.withheld`).
     """
     from ...run_folder.pid import design_json
 
@@ -524,7 +524,7 @@ def design_table(design: Design) -> RenderableType:
 
 
 def _curve(design: Design) -> Table:
-    """Duty that holds the plate, and at which it begins to move."""
+    """Duty that holds the plate, and duty at which it begins to move."""
     bias, supply = design.bias, design.task.ecu.supply
     places = 100.0 * np.asarray(design.task.loop.share(bias.angles))
     rows = [(float(place), *(100.0 * float(volts) / supply for volts in each))
@@ -534,7 +534,7 @@ def _curve(design: Design) -> Table:
 
 
 def _moving(design: Design) -> str:
-    """What a moving plate takes beside the curve, and who can put it ahead."""
+    """Voltage of a moving plate in addition to the curve, and the ECUs that can add it."""
     sliding, profile = design.sliding, design.task.profile
     said = (f"a moving plate takes more: dry friction {short(sliding.opening)} V opening, {short(sliding.closing)} V "
             f"closing; back-EMF and drag {short(sliding.slope)} V s/rad of the setpoint's rate")  # fmt: skip

@@ -1,17 +1,16 @@
-"""Pictures of gains: responses to the setpoint, tracking against effort, and what happens where something fails.
+"""Pictures of gains: responses to the setpoint, tracking against effort, and failures.
 
-Responses are of every rule where it is hardest for it, and of the proposed gains in every scenario.
+Responses are shown for every rule in its hardest scenario, and for the proposed gains in every scenario.
 
     not above r + max(c, 1 %) overshoot/100    from the change on
     within max(2 % c, 0.2 %) of r              from the settling time on
     within max(c, 40 %) error/100 of r         in the last quarter
 
-r is the new level and c the change, per cent of the travel; the change of the setpoint is drawn as one upwards.
+r is the new level and c the change, per cent of the travel; every change of the setpoint is drawn upwards.
 Source: `control.response`, which judges by them. Differs from source: no.
 
-Tracking against effort is on the nominal model: the least error that was found, every rule beside it. A rule may lie
-below the line: only where it misses something else that is required, and then the picture names it. `gains.py` has the
-tables of what happens where something fails.
+Tracking against effort is on the nominal model: a line of the least errors, and every rule. A rule is below the line
+only if it misses another requirement, which the picture then names. `gains.py` has the tables on failures.
 """
 
 from __future__ import annotations
@@ -37,17 +36,17 @@ from .gains import pct
 from .sentence import UNSTABLE, Place, doubt, hardest, hardest_place, misses
 
 _COLUMNS = 2
-_BEFORE = 0.03  # s shown ahead of the change
+_BEFORE = 0.03  # s shown before the change
 _LEFT, _RIGHT = 0.09, 0.985
 
 
 def _models(design: Design) -> str:
-    """What the models are beside the nominal one."""
+    """Name of the models in addition to the nominal one."""
     return "units" if design.origin == "fleet" else "draws"
 
 
 def draw_responses(design: Design) -> Figure:
-    """A panel a rule; the proposed one says so."""
+    """One panel per rule; the proposed one is marked."""
     shown = [tuned for tuned in design.tuned.values() if tuned.gains is not None]
     rows = -(-len(shown) // _COLUMNS)
     tall = 1.6 + 2.75 * rows
@@ -73,7 +72,7 @@ def draw_responses(design: Design) -> Figure:
 
 
 def _notation(design: Design) -> Notation | None:
-    """Of the ECU that the gains are for; None where neither the command nor rig.toml names one, or it may get none."""
+    """Notation of the ECU for the gains; None if neither the command nor rig.toml names one, or no gains are given."""
     make = design.task.profile
     return None if design.withheld else design.fitted.config.notation if make is None else make.notation
 
@@ -109,7 +108,7 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
 
 
 def _level(design: Design, tuned: Tuned, place: Place) -> Level:
-    """The change within a scenario that the draws have the hardest time with."""
+    """The change within a scenario that is hardest for the draws."""
     assert tuned.band is not None, "a rule with gains has been tried"
     time, band = design.setpoint.instants(design.task.ecu.period), tuned.band
     limit = {place.hardest.symbol: place.hardest.limit}
@@ -123,7 +122,7 @@ def _level(design: Design, tuned: Tuned, place: Place) -> Level:
 
 
 def _allowed(level: Level, asked: Requirements) -> dict[str, float]:
-    """Distance from the new level that each requirement allows, % of the travel."""
+    """Allowed distance from the new level by each requirement, % of the travel."""
     size = abs(level.change)
     return {
         "overshoot_pct": asked.overshoot_pct * max(size, LEAST_OVERSHOT),
@@ -133,7 +132,7 @@ def _allowed(level: Level, asked: Requirements) -> dict[str, float]:
 
 
 def _limits(panel: Axes, level: Level, asked: Requirements) -> None:
-    """What a response may not enter, shaded."""
+    """Forbidden regions of a response, shaded."""
     over, near, held = (_allowed(level, asked)[symbol] for symbol in OF_THE_PAPER)
     length = level.ends - level.begins
     settled, tail = min(asked.settling_s, length), (1.0 - TAIL) * length
@@ -146,11 +145,11 @@ def _limits(panel: Axes, level: Level, asked: Requirements) -> None:
 
 
 def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> None:
-    """What the draws of the nonlinear model do, or the units of a fleet: quantiles of `Tuned.band`.
+    """Responses of the draws of the nonlinear model, or of the units of a fleet: quantiles of `Tuned.band`.
 
     Args:
         time: s, shape (K,).
-        band: at these instants, shape (3, K).
+        band: quantiles at these instants, shape (3, K).
         models: "draws" or "units".
     """
     low, middle, high = 100.0 * band
@@ -159,7 +158,7 @@ def draw_band(panel: Axes, time: np.ndarray, band: np.ndarray, models: str) -> N
 
 
 def _name(design: Design, tuned: Tuned) -> str:
-    """The rule, its gains, and how many models meet everything; the last not of a model that is no estimate."""
+    """The rule, its gains, and, if the model is an estimate, the number of models that meet everything."""
     assert tuned.gains is not None, "a rule that refused is not drawn"
     assert tuned.probability_met is not None, "a rule with gains has been tried"
     own = _notation(design)
@@ -172,7 +171,7 @@ def _name(design: Design, tuned: Tuned) -> str:
 
 
 def _verdict(design: Design, missed: list[str], place: Place | None) -> str:
-    """What it misses, that of the panel first, or how narrowly it meets everything."""
+    """The missed requirements, that of the panel first, or how narrowly it meets everything."""
     word = doubt(design.fitted.state)
     if missed == [UNSTABLE]:
         return UNSTABLE
@@ -185,11 +184,11 @@ def _verdict(design: Design, missed: list[str], place: Place | None) -> str:
 
 
 _ACROSS = 2
-_AHEAD = 0.05  # s shown ahead of the first change
+_AHEAD = 0.05  # s shown before the first change
 
 
 def draw_scenarios(design: Design) -> Figure:
-    """A panel a scenario."""
+    """One panel per scenario."""
     names = design.setpoint.scenarios
     rows = -(-len(names) // _ACROSS)
     tall = 1.3 + 3.0 * rows
@@ -213,7 +212,7 @@ def _scenario(panel: Axes, design: Design, name: str) -> None:
     parts = [part for part in (*setpoint.levels, *setpoint.stretches) if part.scenario == name]
     begin, end = min(part.begins for part in parts) - _AHEAD, max(part.ends for part in parts)
     time = setpoint.instants(design.task.ecu.period)
-    seen = (time >= begin) & (time < end - 0.5 * design.task.ecu.period)  # there the next scenario begins
+    seen = (time >= begin) & (time < end - 0.5 * design.task.ecu.period)  # the next scenario begins at `end`
     since = time[seen] - begin
     panel.plot(since, 100.0 * setpoint.at(time[seen]), color=style.MEASURED, lw=1.2, label="setpoint")
     draw_band(panel, since, chosen.band[:, seen], _models(design))
@@ -230,10 +229,10 @@ def _says(figures: LoopFigures) -> str:
     )
 
 
-_FAR = 2.5  # times the line's worst: rules beyond are named in a corner, not drawn
+_FAR = 2.5  # times the line's largest error: rules beyond are named in a corner, not drawn
 _DUTY = ("duty_activity_pct",)  # the axis itself
-_WIDER = 1.28  # room for names on the right
-_BESIDE, _LETTER, _TALL = 11.0, 4.9, 11.0  # of a label, points: from its mark, a letter, its height
+_WIDER = 1.28  # factor on the axis, with space for names on the right
+_BESIDE, _LETTER, _TALL = 11.0, 4.9, 11.0  # label, in points: distance from its mark, width of a letter, height
 
 
 @dataclass(frozen=True)
@@ -243,8 +242,8 @@ class _Point:
     Args:
         activity: standard deviation of the duty at rest, %.
         error: tracking error, % of the travel, root mean square.
-        name: of the rule; "" for a point of the front.
-        missed: what is missed besides the duty's activity, the worst first.
+        name: name of the rule; "" for a point of the front.
+        missed: missed requirements except the duty's activity, the worst first.
     """
 
     activity: float
@@ -282,7 +281,7 @@ def draw_front(design: Design) -> Figure:
 
 
 def _rules(design: Design) -> list[_Point]:
-    """Every rule that has gains, as it does on the nominal model."""
+    """Every rule with gains, by its figures on the nominal model."""
     asked = design.task.requirements
     return [
         _Point(float(tuned.nonlinear.duty_activity_pct), float(tuned.nonlinear.rmse_pct),
@@ -292,7 +291,7 @@ def _rules(design: Design) -> list[_Point]:
 
 
 def _least(points: Sequence[_Point]) -> list[_Point]:
-    """Those than which no other is both calmer and closer, the calmest first."""
+    """The Pareto front: gains without others that are both calmer and more accurate, the calmest first."""
     least: list[_Point] = []
     for point in sorted(points, key=lambda point: (point.activity, point.error)):
         if not least or point.error < least[-1].error:
@@ -301,7 +300,7 @@ def _least(points: Sequence[_Point]) -> list[_Point]:
 
 
 def _near(best: Sequence[_Point], rules: Sequence[_Point], proposed: str) -> list[_Point]:
-    """Rules that are not so far off that the others would be crowded."""
+    """Rules that are near enough for the scale of the picture."""
     shown = [*best, *(point for point in rules if point.name == proposed.replace("_", " "))]
     activity, error = (_FAR * max(getattr(point, name) for point in shown) for name in ("activity", "error"))
     return [point for point in rules if point.activity <= activity and point.error <= error]
@@ -326,7 +325,7 @@ def _draw_rules(panel: Axes, rules: Sequence[_Point], design: Design) -> None:
 
 
 def _limit(panel: Axes, design: Design) -> None:
-    """Of the duty's activity, where the picture reaches so far."""
+    """The limit of the duty's activity, if the picture includes it."""
     asked, end = design.task.requirements.duty_activity_pct, panel.get_xlim()[1]
     if asked < _WIDER * end:
         panel.axvspan(
@@ -336,7 +335,7 @@ def _limit(panel: Axes, design: Design) -> None:
 
 
 def _name_rules(panel: Axes, rules: Sequence[_Point]) -> None:
-    """A name beside each point, and what the rule misses; none over another or over a point."""
+    """A name beside each point, with the missed requirements; labels do not overlap each other or a point."""
     dots = 72.0 / panel.figure.dpi
     places = {point: dots * panel.transData.transform((point.activity, point.error)) for point in rules}
     taken = [(x - 9.0, x + 9.0, y - 9.0, y + 9.0) for x, y in places.values()]
@@ -360,7 +359,7 @@ def _box(x: float, low: float, said: str) -> tuple[float, float, float, float]:
 
 
 def draw_safety(design: Design) -> Figure:
-    """Jam check, sensor faults, spring return and holding current; below each title what would be good."""
+    """Jam check, sensor faults, spring return and holding current; below each title the good outcome."""
     fig = style.figure(13.0, 10.2, design.fitted.config.synthetic)
     grid = fig.add_gridspec(2, 2, left=0.065, right=0.985, top=0.85, bottom=0.065, hspace=0.46, wspace=0.34)
     for k, draw_panel in enumerate((_jam, _faults, _back, _held)):
@@ -372,7 +371,7 @@ def draw_safety(design: Design) -> Figure:
 
 
 def _panel_title(panel: Axes, what: str, good: str) -> None:
-    """What a panel shows, and in grey what would be good."""
+    """The title of a panel, and in grey the good outcome."""
     panel.text(0.0, 1.115, what, transform=panel.transAxes, fontsize=12, fontweight="bold")
     panel.text(0.0, 1.035, f"good: {good}", transform=panel.transAxes, fontsize=10, color=style.MEASURED)
 
@@ -402,7 +401,7 @@ def _jam(panel: Axes, design: Design) -> None:
 
 
 def _faults(panel: Axes, design: Design) -> None:
-    """A cell a fault and a check: how far the plate opens, and after which time the check has told it."""
+    """One cell per fault and check: how far the plate opens, and when the check detects the fault."""
     every = design.safety.sensors
     cells = [
         [(each.opens, None), (each.jam_opens, each.jam_after), (each.apart_opens, each.apart_after)] for each in every

@@ -1,4 +1,4 @@
-"""The linear plant, of transfer_function.json, and what sine traces say, of frequency_response.json; for every view."""
+"""The linear plant, of transfer_function.json, and the sine traces, of frequency_response.json; for every view."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..numbers import Digits, short
 from ..table import Column, Notes, Part, Table, there
 from .sentence import state_of
 
-if TYPE_CHECKING:  # a page needs none of what these load
+if TYPE_CHECKING:  # a page does not need these modules
     from rich.console import RenderableType
 
     from ...control.frequency import FrequencyResponse
@@ -22,7 +22,7 @@ Plant = Mapping[str, Any]
 
 
 def plant_tables(plant: Plant) -> list[Table]:
-    """Coefficients, poles, gain and operating point; constants of a feed-forward where they were asked for."""
+    """Coefficients, poles, gain and operating point; constants of a feed-forward if requested."""
     every = (coefficients_table(plant), constants_table(plant)) if plant else ()
     return [table for table in every if table is not None]
 
@@ -42,18 +42,18 @@ def coefficients_table(plant: Plant) -> Table:
 
 
 def known(value: str = "value", stderr: str = "stderr") -> tuple[Column, Column]:
-    """Columns of a value and its standard error, with the digits that it warrants."""
+    """Columns of a value and its standard error, with significant digits only."""
     return (Column("value", lambda row: Digits.of_value(row[value], row[stderr])(row[value])),
             Column("std. error", lambda row: Digits.of_value(row[value], row[stderr])(row[stderr])))  # fmt: skip
 
 
 def unit_of(plant: Plant) -> str:
-    """Of the gain: output over input."""
+    """Unit of the gain: output over input."""
     return f"{plant['output']['unit']}/{plant['input']['unit']}"
 
 
 def plant_words(plant: Plant) -> list[str]:
-    """Formula, poles, gain, operating point, and what the formula leaves out."""
+    """Formula, poles, gain, operating point, and the omissions of the formula."""
     gain = plant.get("open_loop_dc_gain")
     said = [
         "G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0)",
@@ -70,7 +70,7 @@ def plant_words(plant: Plant) -> list[str]:
 
 
 def operating_point(plant: Plant) -> str:
-    """Where the plant is linear, and what holds it there."""
+    """The operating point, and the voltage and current that hold the plate there."""
     about = plant.get("operating_point")
     if not isinstance(about, Mapping) or "position_pct" not in about:
         return ""
@@ -100,7 +100,7 @@ def pole(real: float, imaginary: float) -> str:
 
 
 def constants_table(plant: Plant) -> Table | None:
-    """kS, kV and kA with their standard errors, by radian and by turn; None where nobody asked for them."""
+    """kS, kV and kA with their standard errors, by radian and by turn; None if not requested."""
     found = plant.get("feedforward")
     if not found:
         return None
@@ -117,7 +117,7 @@ def constants_table(plant: Plant) -> Table | None:
 
 
 def sine_parts(response: Mapping[str, Any]) -> list[Part]:
-    """A row a sine trace, the order of lag, and what was left out."""
+    """One row per sine trace, the order of lag, and the omitted traces."""
     if not response:
         return []
     order = response.get("order") or {}
@@ -127,7 +127,7 @@ def sine_parts(response: Mapping[str, Any]) -> list[Part]:
 
 
 def sines_table(response: Mapping[str, Any]) -> Table | None:
-    """The loop and the plant in it as measured, and the plant of both models."""
+    """The measured loop and plant, and the plant of both models."""
     points = response.get("points")
     if not points:
         return None
@@ -149,7 +149,7 @@ def sines_table(response: Mapping[str, Any]) -> Table | None:
 
 
 def _ratio(value: Mapping[str, Any] | None) -> tuple[str, str]:
-    """Magnitude in dB and phase in degrees, with their margins where they were measured."""
+    """Magnitude in dB and phase in degrees, with their margins if they were measured."""
     if value is None:
         return "-", "-"
     decibels, degrees = 20.0 * math.log10(value["magnitude"]), math.degrees(value["phase_rad"])
@@ -169,7 +169,7 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
 
 
 def sine_table(fitted: Fitted, response: FrequencyResponse) -> RenderableType:
-    """A row a sine trace: the loop as measured, then the plant and those of the models."""
+    """One row per sine trace: the measured loop, then the measured plant and those of the models."""
     from ...run_folder.plant import frequency_json
 
     return all_shown(*sine_parts(frequency_json(fitted, response)))

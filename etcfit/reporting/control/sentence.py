@@ -1,4 +1,4 @@
-"""Requirements in words, what a rule misses of them, and the verdict on gains in one sentence, for every view."""
+"""Requirements in words, those that a rule misses, and the verdict on gains in one sentence, for every view."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ...estimation.fitted_model import SOUND, FitState
 from ...estimation.identifiability import listed
 from ..numbers import short
 
-if TYPE_CHECKING:  # the verdict of a page needs none of what it loads
+if TYPE_CHECKING:  # the verdict of a page does not need this module
     from ...control.judged import Tuned
 
 
 class Hardest(NamedTuple):
-    """A requirement and the figure that is held to it.
+    """A requirement and its figure.
 
     Args:
-        symbol: of `LoopFigures`.
-        figure: infinite where, say, a response does not settle.
-        limit: that it must stay below.
+        symbol: symbol in `LoopFigures`.
+        figure: infinite if, for example, a response does not settle.
+        limit: upper limit of the figure.
     """
 
     symbol: str
@@ -30,12 +30,12 @@ class Hardest(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether the figure is what is required."""
+        """Whether the figure meets the requirement."""
         return self.figure < self.limit
 
     @property
     def strain(self) -> float:
-        """The figure over its limit: above 1 it is missed."""
+        """The figure over its limit: above 1 the requirement is missed."""
         return self.figure / self.limit
 
     @property
@@ -50,11 +50,11 @@ class Hardest(NamedTuple):
 
 
 def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | None]) -> Hardest | None:
-    """The requirement that is missed by most, or met most narrowly; None where nothing has a limit.
+    """The requirement that is missed by most, or met most narrowly; None without limits.
 
     Args:
-        figures: by requirement; None or NaN for what is never reached. What has no figure is not judged.
-        limits: by requirement, what a figure must stay below; None or infinite for none.
+        figures: figures by requirement; None or NaN if never reached. Requirements without a figure are not judged.
+        limits: upper limits by requirement; None or infinite for none.
     """
     asked = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
     reached = {symbol: math.inf if figure is None or math.isnan(figure) else float(figure)
@@ -64,7 +64,7 @@ def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | No
 
 
 def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, float]) -> list[str]:
-    """Each stability margin that is less than what is asked for, in words; a loop without a margin misses none."""
+    """Each stability margin below its requirement, in words; a loop without a margin misses none."""
     less = ((FIGURES[symbol], figures.get(symbol), asked[symbol]) for symbol in MARGINS if symbol in asked)
     return [f"{of.name} {short(value)} {of.unit} (at least {least:g} {of.unit})"
             for of, value, least in less if value is not None and value < least]  # fmt: skip
@@ -75,14 +75,14 @@ UNSTABLE = "UNSTABLE"
 
 
 class Place(NamedTuple):
-    """The scenario in which a response comes nearest to a limit, or misses it by most."""
+    """The scenario with the largest ratio of a figure to its limit."""
 
     scenario: str
     hardest: Hardest
 
 
 def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list[str]:
-    """Every requirement and margin that the gains of a rule miss, in words, the worst first; "UNSTABLE" alone.
+    """Every requirement and margin that the gains of a rule miss, in words, the worst first; only "UNSTABLE" if so.
 
     Requirements in `but` do not count.
     """
@@ -96,7 +96,7 @@ def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list
 
 
 def hardest_place(tuned: Tuned, asked: Requirements) -> Place | None:
-    """Where the response is hardest for the gains of a rule; None where no scenario is judged."""
+    """The hardest scenario for the gains of a rule; None if no scenario is judged."""
     limits = asked.limits(OF_THE_PAPER)
     every = []
     for name, figures in tuned.scenarios.items():
@@ -111,7 +111,7 @@ CURE = ("Find what the model lacks first (etcfit diagnose), then design again; -
 
 
 def state_of(made: Mapping[str, Any]) -> FitState:
-    """Of the fit behind a plant or gains; sound where their file is older than that."""
+    """State of the fit behind a plant or gains; sound for older files."""
     state = made.get("fit")
     if not state:
         return SOUND
@@ -119,29 +119,30 @@ def state_of(made: Mapping[str, Any]) -> FitState:
 
 
 def cautions(made: Mapping[str, Any]) -> tuple[str, ...]:
-    """What a reader must know of the fit behind a plant or gains."""
+    """Cautions of the fit behind a plant or gains."""
     return state_of(made).cautions
 
 
 def doubt(state: FitState) -> str:
-    """What stands in place of "met" where the fit is no estimate; "" where it is one."""
+    """The word in place of "met" if the fit is no estimate; "" if it is one."""
     if state.compromise is not None:
         return "of a compromise"
     return "" if state.converged else "not converged"
 
 
 def withheld(pid: Mapping[str, Any]) -> bool:
-    """Whether nothing of pid.json may be typed into an ECU, see `Design.withheld`."""
+    """Whether the gains of pid.json must not be typed into an ECU, see `Design.withheld`."""
     return bool(cautions(pid)) and not pid.get("anyway")
 
 
 def why_withheld(pid: Mapping[str, Any]) -> str:
-    """Why nothing may be typed in, and what to do."""
+    """Why no gains are given, and what to do."""
     return f"No gains for an ECU. {' '.join(cautions(pid))} {CURE}"
 
 
 def sentence(pid: Mapping[str, Any]) -> str:
-    """The gains of pid.json as their ECU writes them, what they meet on the nominal model and in the worst corner."""
+    """The gains of pid.json in the ECU's own numbers, and what they meet on the nominal model and in the worst
+    corner."""
     if withheld(pid):
         return why_withheld(pid)
     make, doubts = pid.get("profile"), cautions(pid)
@@ -152,7 +153,7 @@ def sentence(pid: Mapping[str, Any]) -> str:
 
 
 def gains_in_words(pid: Mapping[str, Any]) -> str:
-    """In the unit of the ECU that they are for: of the make, else of [ecu] in rig.toml, else in SI."""
+    """Gains in the unit of their ECU: that of the make, else of [ecu] in rig.toml, else SI."""
     if make := pid.get("profile"):
         return ", ".join(f"{name} {short(each['value'], 4)} {each['unit'].replace(', ', ' ')}".strip()
                          for name, each in make["gains"].items())  # fmt: skip
@@ -162,7 +163,7 @@ def gains_in_words(pid: Mapping[str, Any]) -> str:
 
 
 def _nominal(pid: Mapping[str, Any]) -> str:
-    """What they do on the nominal model."""
+    """Their result on the nominal model."""
     said = missed_on_nominal(pid)
     if said == [UNSTABLE]:
         return "make a loop that is UNSTABLE on the nominal model"
@@ -172,7 +173,7 @@ def _nominal(pid: Mapping[str, Any]) -> str:
 
 
 def _corner(pid: Mapping[str, Any]) -> Iterator[str]:
-    """What they do in the worst corner of supply, winding and friction; nothing where that was not tried."""
+    """Their result in the worst corner of supply, winding and friction; "" if that was not tried."""
     found = pid.get("conditions")
     if not found:
         return
@@ -188,14 +189,14 @@ def _corner(pid: Mapping[str, Any]) -> Iterator[str]:
 
 
 def place_of_corner(found: Mapping[str, Any]) -> str:
-    """The corner of `conditions` of pid.json that is hardest, in words."""
+    """The hardest corner of `conditions` of pid.json, in words."""
     at = found["hardest"]
     return (f"{at['supply_V']:g} V, winding at {at['winding_degC']:g} °C, dry friction {at['friction_over_bench']:g} "
             "times the bench's")  # fmt: skip
 
 
 def missed_on_nominal(pid: Mapping[str, Any]) -> list[str]:
-    """What the gains of pid.json miss on the nominal model, in words; "UNSTABLE" alone."""
+    """Requirements that the gains of pid.json miss on the nominal model, in words; only "UNSTABLE" if so."""
     if pid.get("stable") is False:
         return [UNSTABLE]
     figures = pid.get("nonlinear") or {}
@@ -203,7 +204,7 @@ def missed_on_nominal(pid: Mapping[str, Any]) -> list[str]:
 
 
 def missed_in_corner(pid: Mapping[str, Any]) -> list[str]:
-    """Likewise in the worst corner of supply, winding and friction; nothing where that was not tried."""
+    """The same in the worst corner of supply, winding and friction; () if that was not tried."""
     found = pid.get("conditions")
     if not found:
         return []
@@ -211,14 +212,14 @@ def missed_in_corner(pid: Mapping[str, Any]) -> list[str]:
 
 
 def _missed(figures: Mapping[str, float | None], pid: Mapping[str, Any]) -> list[str]:
-    """Each requirement that figures miss, in words."""
+    """Each missed requirement, in words."""
     limits = pid.get("requirements") or {}
     each = (hardest(figures, {symbol: limit}) for symbol, limit in limits.items())
     return [one.says for one in each if one is not None and not one.met]
 
 
 def _chance(pid: Mapping[str, Any]) -> Iterator[str]:
-    """How many models meet everything, under the conditions of a car where that was tried."""
+    """The number of models that meet everything, under the conditions of a car if that was tried."""
     if pid.get("fleet"):
         yield pid["fleet"]["says"]
         return

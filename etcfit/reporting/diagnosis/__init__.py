@@ -1,4 +1,4 @@
-"""What a person sees of a diagnosis: what `etcfit diagnose` prints, and, of diagnosis.json, what every view shows."""
+"""Output of a diagnosis: that of `etcfit diagnose`, and the tables of diagnosis.json for every view."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from ..tables import LOST, errors_table, status_cell
 Found = Mapping[str, Any]  # diagnosis.json
 _FILE = "RUN/diagnosis.json"
 _KEYS = ("statements", "questions", "unexplained", "ties", "ties_apart", "ties_told_by", "rounds", "removed", "sets")
-_SHOWN = 5  # candidates a round
+_SHOWN = 5  # candidates per round
 
 
 def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     """A diagnosis for stdout."""
-    from .ledger import ledger  # with it comes what draws
+    from .ledger import ledger  # it imports the drawing modules
 
     after, found = diagnosis.after, diagnosis_json(diagnosis, *_KEYS)
     ended = "The final fit converged", "THE FINAL FIT DID NOT CONVERGE"
@@ -40,7 +40,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
 
 
 def how_sure(found: Found) -> Part:
-    """Each effect found, how sure it is, and what else could explain the same; the answers to every question."""
+    """Each effect found, its probability, and alternatives; the answers to every question."""
     said = [f"{each['asks']} {likely_in_one_line(each['answers'])}." for each in found.get("questions") or ()]
     if said:
         said.append(f"Answers to one question exclude each other: their probabilities add up to one. {CALIBRATED}")
@@ -54,7 +54,7 @@ def how_sure(found: Found) -> Part:
 
 
 def diagnosis_parts(found: Found) -> list[Part]:
-    """What no effect explains, what cannot be told apart, the rounds with what they tried, and what was taken back."""
+    """The unexplained part, indistinguishable effects, the rounds with their candidates, and removed effects."""
     left, rounds = found.get("unexplained"), found.get("rounds") or ()
     unknown = []
     if left:
@@ -81,13 +81,13 @@ def _ties(found: Found) -> list[str]:
 
 
 def _set(tried: Mapping[str, Any]) -> str:
-    """Of effects that were refitted beside what the rounds found."""
+    """Effects that were refitted in addition to those of the rounds."""
     change = "does not compare" if tried["bic_change"] is None else f"BIC {tried['bic_change']:+.1f}"
     return f"Also tried: {' + '.join(tried['effects'])} ({change}), {'taken' if tried['taken'] else 'not taken'}."
 
 
 def _candidates(k: int, each: Mapping[str, Any]) -> Table:
-    """The most promising ones of a round, and what became of them."""
+    """The most promising candidates of a round, with their outcome."""
 
     def mark(row: Mapping[str, Any]) -> str:
         if row["effect"] == each["added"]:
@@ -109,7 +109,7 @@ def _candidates(k: int, each: Mapping[str, Any]) -> Table:
 
 
 def _parameters(before: FitResult, after: FitResult) -> RenderableType:
-    """The gear ratio is left out: nothing changes it."""
+    """Parameters without the gear ratio, which does not change."""
     was, now = intervals(before), intervals(after)
     units = {p.symbol: p.unit for fit in (before, after) for p in fit.free_parameters.layout.parameters}
     rows = []

@@ -1,6 +1,6 @@
-"""THE LEDGER: free-running errors before and after, by test and channel, and what they come to in one sentence.
+"""THE LEDGER: free-running errors before and after, by test and channel, and their summary in one sentence.
 
-Angles are shown in degrees whatever the sensor, all else as logged or with a prefix.
+Angles are shown in degrees for any sensor, other quantities in the logged unit or with a prefix.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..tables import Entry, entries
 from ..traces import source
 
 DEGREES = 180.0 / np.pi
-# what something may depend on: its name, the unit in which it is shown, and how many of that are one of SI
+# axis: its name, its unit in output, and the number of these units in one of SI
 QUANTITIES = {"angle": ("plate angle", "deg", DEGREES), "speed": ("plate speed", "rad/s", 1.0),
               "current": ("current", "A", 1.0), "load": ("torque through the gear", "N m", 1.0),
               "time": ("time", "s", 1.0)}  # fmt: skip
-_SMALL = 0.2  # below which a thousandth is the better unit
+_SMALL = 0.2  # value below which a thousandth is the better unit
 _THOUSANDTHS = ("N m", "V", "A")
 
 
@@ -39,12 +39,12 @@ def prefixed(limit: float, unit: str) -> tuple[float, str]:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One channel of a trace as it is shown.
+    """The form of one channel of a trace in output.
 
     Args:
-        unit: of the values shown.
+        unit: unit of the shown values.
         size: that unit in SI.
-        origin: what is shown as zero, SI.
+        origin: value shown as zero, SI.
     """
 
     unit: str
@@ -79,12 +79,12 @@ def in_degrees(rows: Sequence[PredictionError], scales: Mapping[str, float]) -> 
     )
 
 
-_LESS = 0.95  # of an error that counts as smaller
+_LESS = 0.95  # ratio below which an error counts as smaller
 
 
 def ledger(diagnosis: Diagnosis) -> tuple[Entry, ...]:
-    """Held-out traces first, then the fitted ones, each in the order of the data; positions in degrees, all else as
-    logged."""
+    """Held-out traces first, then the fitted ones, each in the order of the data; positions in degrees, others in the
+    logged unit."""
     before, after, unknown = diagnosis.before, diagnosis.after, diagnosis.unexplained
     degrees = scales(before)
     fitted = after.score_fit, before.score_fit, unknown.fit if unknown else ()
@@ -94,7 +94,7 @@ def ledger(diagnosis: Diagnosis) -> tuple[Entry, ...]:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """The ledger in one sentence: the largest error on traces that were never fitted, before and after."""
+    """The ledger in one sentence: the largest error on held-out traces, before and after."""
     known = [entry for entry in ledger(diagnosis) if entry.known()]
     if not known:
         return "The model cannot be simulated"

@@ -1,4 +1,4 @@
-"""What the model lacks over what it depends on: missing torque (or voltage) before and after, and what took it away."""
+"""Missing torque (or voltage) of the model along its axes, before and after, and the effects that explain it."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from ..numbers import short
 from .ledger import QUANTITIES, prefixed
 
 _BINS = 40
-_FEWEST = 12  # samples of a bin that is drawn
-_CLIPPED = 0.002  # of the samples at either end of an axis lie outside the picture
-_LOSES = 1e-9  # of the missing torque; an effect that contributes no more acts elsewhere
+_FEWEST = 12  # least number of samples in a drawn bin
+_CLIPPED = 0.002  # share of the samples at either end of an axis that is outside the picture
+_LOSES = 1e-9  # share of the missing torque below which an effect counts as acting elsewhere
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What is missing, all traces end to end, shape (n,) each; only where it is known before and after.
+    """The missing torque or voltage of all traces, concatenated, shape (n,) each; only where it is known before and
+    after.
 
     Args:
-        axes: by name, see `Motion`.
-        before, after: missing with the first and with the final model, SI.
-        effects: what each added effect contributes there, SI; without those that contribute nothing.
+        axes: values of the axes by name, see `Motion`.
+        before, after: missing amount with the first and with the final model, SI.
+        effects: contribution of each added effect there, SI; without those that contribute nothing.
     """
 
     axes: Mapping[str, np.ndarray]
@@ -68,7 +69,7 @@ class Bins:
 
     Args:
         edges: shape (B + 1,).
-        place: bin of each sample, shape (n,); outside 0 ... B-1 where it lies beyond the edges.
+        place: bin of each sample, shape (n,); outside 0 ... B-1 if it is beyond the edges.
     """
 
     edges: np.ndarray
@@ -76,7 +77,7 @@ class Bins:
 
     @classmethod
     def along(cls, axis: np.ndarray) -> Bins:
-        """Over nearly all of the range: stray samples at the ends would leave no room for the others."""
+        """Bins over nearly all of the range; outliers at the ends would compress the picture."""
         low, high = np.quantile(axis, (_CLIPPED, 1.0 - _CLIPPED))
         edges = np.linspace(low, max(high, low + 1e-12), _BINS + 1)
         return cls(edges, np.digitize(axis, edges) - 1)
@@ -86,7 +87,7 @@ class Bins:
         return 0.5 * (self.edges[1:] + self.edges[:-1])
 
     def quartiles(self, y: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Lower quartile, median and upper quartile in each bin, shape (3, B); NaN where there are too few samples."""
+        """Lower quartile, median and upper quartile in each bin, shape (3, B); NaN for too few samples."""
         out = np.full((3, _BINS), np.nan)
         for k in range(_BINS):
             mine = y[rows & (self.place == k)]
@@ -96,8 +97,8 @@ class Bins:
 
 
 def ways(samples: Samples, axis: str) -> tuple[np.ndarray, ...]:
-    """Rows that make one curve each, shape (n,): all, or, over the angle, opening and closing where these make two
-    curves, apart by more than their own spread."""
+    """Sets of rows for one curve each, shape (n,): all rows, or, over the angle, opening and closing if their curves
+    differ by more than their own spread."""
     every = (np.ones(samples.before.size, dtype=bool),)
     if axis != "angle" or "speed" not in samples.axes:
         return every
@@ -110,17 +111,17 @@ def ways(samples: Samples, axis: str) -> tuple[np.ndarray, ...]:
 
 
 def curve_rms(bins: Bins, y: np.ndarray, curves: Sequence[np.ndarray]) -> float:
-    """Root mean square of the median curves, one of each set of rows: what is missing by rule, not by chance."""
+    """Root mean square of the median curves of all sets of rows: the systematic part of the missing amount."""
     medians = np.concatenate([bins.quartiles(y, rows)[1] for rows in curves])
     seen = np.isfinite(medians)
     return float(np.sqrt(np.mean(medians[seen] ** 2))) if seen.any() else 0.0
 
 
 _POINTS = 4000
-_WORTH_A_PICTURE = 100  # samples worth a picture
+_WORTH_A_PICTURE = 100  # least number of samples for a picture
 _PANELS = 3
-_TELLING = 0.05  # share of what is missing that is worth a panel
-_SHOWN = 0.99  # of the samples lie inside the panels
+_TELLING = 0.05  # least share of the missing amount for a panel
+_SHOWN = 0.99  # share of the samples inside the panels
 
 
 _UNITS = {"torque": "N m", "voltage": "V"}
@@ -128,15 +129,15 @@ _UNITS = {"torque": "N m", "voltage": "V"}
 
 @dataclass(frozen=True, eq=False)
 class MissingPicture:
-    """What a picture of the missing torque or voltage shows.
+    """Contents of a picture of the missing torque or voltage.
 
     Args:
         enters: "torque" or "voltage".
-        samples: along the measured motion.
-        shares: what it depends on, largest first.
+        samples: samples along the measured motion.
+        shares: shares of the axes, largest first.
         added: effects found.
-        white: nothing was missing in the first place.
-        synthetic: the data were made up.
+        white: whether nothing was missing from the beginning.
+        synthetic: whether the data are synthetic.
     """
 
     enters: str
@@ -148,7 +149,7 @@ class MissingPicture:
 
     @classmethod
     def of_diagnosis(cls, diagnosis: Diagnosis, enters: str) -> MissingPicture | None:
-        """None where too little is known of it."""
+        """The contents, or None with too few samples."""
         samples = Samples.of_motions(diagnosis.motions, enters)
         if samples.before.size < _WORTH_A_PICTURE:
             return None
@@ -161,7 +162,7 @@ class MissingPicture:
 
     @property
     def telling(self) -> tuple[str, ...]:
-        """The axes worth a panel: those it depends on most, two at least."""
+        """The axes with a panel: those with the largest shares, at least two."""
         known = [s.axis for s in self.shares if s.share > _TELLING and s.axis in self.samples.axes]
         rest = [s.axis for s in self.shares] + ["angle", "speed"]
         more = [axis for axis in dict.fromkeys(rest) if axis not in known and axis in self.samples.axes]
@@ -170,7 +171,7 @@ class MissingPicture:
 
 
 def draw(picture: MissingPicture) -> Figure:
-    """Above what was missing, below what is left; a column a quantity, all on one scale."""
+    """The missing amount before above, after below; one column per axis, all on one scale."""
     axes = picture.telling
     wide = 4.3 * len(axes) + (2.4 if len(axes) < 2 else 0.8)
     fig = style.figure(wide, 7.2, picture.synthetic)
@@ -188,7 +189,7 @@ def draw(picture: MissingPicture) -> Figure:
 
 
 def _head(fig: Figure, panels: list[Axes], title: str) -> None:
-    """Title, the legend below it in as many lines as it needs, and the panels below that."""
+    """Title, legend below it in as many lines as needed, and the panels below."""
     wide, tall = fig.get_size_inches()
     most = int(wide / 3.2)
     lines = -(-len(style.labels(panels)) // most)
@@ -217,7 +218,7 @@ def finding(picture: MissingPicture) -> str:
 
 
 def _taken(left: float) -> str:
-    """Words for what is left of the median curve, as a share of what it was."""
+    """The rest of the median curve as a share of the original, in words."""
     if left < 0.2:
         return "it away"
     if left < 0.5:
@@ -231,13 +232,13 @@ def _share(picture: MissingPicture, axis: str) -> str:
 
 
 def _limits(samples: Samples) -> tuple[float, float]:
-    """Of the panels, SI: nearly all that was missing, zero, and the effects lie inside."""
+    """Limits of the panels, SI: nearly all samples, zero, and the effects are inside."""
     out = 0.5 * (1.0 - _SHOWN)
     every = (samples.before, samples.after, *samples.effects.values())
     low = min(0.0, *(float(np.quantile(part, out)) for part in every))
     high = max(0.0, *(float(np.quantile(part, 1.0 - out)) for part in every))
     room = max(0.12 * (high - low), 1e-12)
-    return low - 1.5 * room, high + room  # below it stands the figure
+    return low - 1.5 * room, high + room  # the figure is printed below
 
 
 def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, shown: tuple[float, str]) -> None:
@@ -260,13 +261,13 @@ def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, shown:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """Samples that make one curve.
+    """Samples of one curve.
 
     Args:
-        rows: which, shape (n,).
+        rows: mask of the samples, shape (n,).
         points, line: colours.
-        dashes: of the effects' lines.
-        label: of the median.
+        dashes: dashes of the effects' lines.
+        label: label of the median.
     """
 
     rows: np.ndarray
@@ -298,7 +299,7 @@ def _median(panel: Axes, bins: Bins, y: np.ndarray, stretch: float, way: Way) ->
 
 
 def _effects(panel: Axes, picture: MissingPicture, bins: Bins, axis: str, factor: float, drawn: Sequence[Way]) -> None:
-    """What each added effect contributes, and, where that makes one curve, what the whole new model does."""
+    """Contribution of each added effect and, if that is one curve, of the whole new model."""
     samples, x = picture.samples, bins.centres * QUANTITIES[axis][2]
     for color, (name, part) in zip(cycle(style.EFFECTS), samples.effects.items(), strict=False):
         for way in drawn:

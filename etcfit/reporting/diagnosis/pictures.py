@@ -1,7 +1,7 @@
-"""All pictures of a diagnosis: where each goes in RUN/pictures/diagnosis and how it is drawn.
+"""All pictures of a diagnosis: paths in RUN/pictures/diagnosis and drawing functions.
 
-Those of its final model, as of any fit, are `..pictures.jobs` of it. A picture of a trace has measured, the first and
-the final model, the errors of both below each, and what drove it.
+Pictures of its final model are `..pictures.jobs`, as for any fit. A picture of a trace has the measured channel, the
+first and the final model, the errors of both below each, and the input.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from ..traces import drive
 from . import missing
 from .ledger import DEGREES, QUANTITIES, Entry, Shown, headline, in_degrees, ledger, prefixed, scales
 
-_CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; two at most are drawn
-_ZOOM = 0.08  # of the trace, beside the whole of it
+_CHANNELS = ("position", "current", "emf", "motor_speed")  # in the order of interest; at most two are drawn
+_ZOOM = 0.08  # share of the trace in the zoom
 _BODIES = ("throttle body of the other traces", "another throttle body")
-_ROOM = 36  # letters
-_SAMPLES = 60  # that a zoom shows at least
+_ROOM = 36  # letters in a legend
+_SAMPLES = 60  # least number of samples in a zoom
 
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """What the picture shows.
+    """Contents of the picture.
 
     Args:
         before, after: free-run simulations of the first and of the final model, SI, shape (n, M) each.
-        rows_before, rows_after: their scores, a channel each.
-        synthetic: the data were made up.
-        models: what the two are called.
-        role: of the trace.
+        rows_before, rows_after: their scores, one per channel.
+        synthetic: whether the data are synthetic.
+        models: names of the two models.
+        role: role of the trace.
     """
 
     trace: Trace
@@ -59,7 +59,7 @@ class Overlay:
 
     @classmethod
     def of_trace(cls, d: Diagnosis, trace: Trace) -> Overlay:
-        """A trace under the first and the final model; one of another rig under the others' body and its own."""
+        """A trace with the first and the final model; a trace of another rig with the others' body and its own."""
         file, synthetic = trace.measurement.file, d.after.rig.config.synthetic
         for each in d.aside:
             if each.trace.measurement.file == file:
@@ -81,7 +81,7 @@ class Overlay:
 
 
 def _after(d: Diagnosis) -> str:
-    """Of the final model what it has beyond the first, as far as a legend has room for it."""
+    """The final model's further effects, as far as a legend has space."""
     if not d.added:
         return "after"
     names = listed(d.added)
@@ -93,7 +93,7 @@ def _rows_of(d: Diagnosis, errors: Sequence[PredictionError]) -> tuple[Predictio
 
 
 def draw_overlay(picture: Overlay) -> Figure:
-    """Left the whole trace, right where the first model was worst."""
+    """The whole trace on the left, the worst stretch of the first model on the right."""
     heights = [h for _ in picture.channels for h in (2.1, 1.2)] + ([1.0] if picture.trace.input is not None else [])
     title = style.wrapped(_overlay_title(picture), 12.0, 13)
     head = 0.95 + 0.24 * title.count("\n")
@@ -113,7 +113,7 @@ def draw_overlay(picture: Overlay) -> Figure:
         grid[-1, column].tick_params(labelbottom=True)
         grid[-1, column].set_xlabel("time [s]" if column == 0 else "time [s], where the first model was worst")
     for span in spans[1:]:
-        for panel in grid[:, 0]:  # where the zoom lies in the whole
+        for panel in grid[:, 0]:  # mark the zoom in the whole trace
             panel.axvspan(*picture.trace.instants[span][[0, -1]], color="#fff3c4", lw=0, zorder=0)
     _label(grid, picture)
     style.title(fig, title, bold=True)
@@ -130,7 +130,7 @@ def _overlay_title(picture: Overlay) -> str:
 
 
 def _spans(picture: Overlay) -> tuple[slice, ...]:
-    """The whole trace, and, where that is much longer, the stretch in which the first model errs most in the first
+    """The whole trace, and, if that is much longer, the stretch with the largest error of the first model in the first
     channel."""
     n, m = picture.trace.instants.size, picture.channels[0]
     width = min(n, max(_SAMPLES, round(_ZOOM * n)))
@@ -177,7 +177,7 @@ _ROW = 0.36  # inch
 
 
 def draw_ledger(entries: Sequence[Entry], headline: str, synthetic: bool) -> Figure:
-    """Held-out traces above, fitted ones below; what the errors are in the units logged stands beside them."""
+    """Held-out traces above, fitted ones below; the errors in logged units are printed beside them."""
     shown = [entry for entry in entries if entry.known()]
     heads = len({entry.held_out for entry in shown})
     fig, panel = style.titled(headline, 1.55 + _ROW * (len(shown) + heads), (0.2, 0.74), synthetic, bold=True)
@@ -189,7 +189,7 @@ def draw_ledger(entries: Sequence[Entry], headline: str, synthetic: bool) -> Fig
 
 
 def _rows(panel: Axes, shown: Sequence[Entry]) -> dict[int, str]:
-    """Draw them; the label of each place."""
+    """Draw the errors; return the label of each row."""
     labels: dict[int, str] = {}
     place, last = 0, None
     for entry in shown:
@@ -235,18 +235,18 @@ def _ledger_axes(panel: Axes, labels: dict[int, str], shown: Sequence[Entry]) ->
     panel.text(1.015, 0, head, transform=panel.get_yaxis_transform(), fontsize=10, va="center", color=style.MEASURED)
 
 
-_NAMED = 3  # rejected candidates named in a round
-_APART = 1.35  # ratio of errors above which two names do not touch
+_NAMED = 3  # largest number of named rejected candidates per round
+_APART = 1.35  # ratio of errors above which two names do not overlap
 
 
 @dataclass(frozen=True)
 class RoundPoint:
-    """One turn of the loop.
+    """One round of the loop.
 
     Args:
-        label: what was added.
+        label: the added effect.
         fit, holdout: free-running error after it, sigma; the latter None without held-out traces.
-        others: refitted candidates that were not taken, and the error they would have left.
+        others: refitted candidates that were not added, with their errors.
     """
 
     label: str
@@ -272,7 +272,7 @@ def steps(diagnosis: Diagnosis) -> list[RoundPoint]:
             holdout = None if holdout is None else holdout * (taken.holdout_rms_ratio or 1.0)
         out.append(RoundPoint(f"+ {each.added}" if each.added else "nothing more", fit, holdout, others))
     end = RoundPoint("final fit", Pool.of_rows(after.score_fit).ratio, _ratio(after.score_holdout))
-    if out[-1].label == "nothing more":  # one place for both
+    if out[-1].label == "nothing more":  # the last round and the final fit share one place
         end = replace(end, label="nothing more:\nfinal fit", others=out.pop().others)
     return [*out, end]
 
@@ -282,7 +282,7 @@ def _ratio(rows: tuple) -> float | None:
 
 
 def _left(candidate: Candidate, each: RoundReport) -> float | None:
-    """The error that a candidate would have left: held out, or fitted where nothing is held out."""
+    """The error of a candidate: held out, or fitted if nothing is held out."""
     if each.holdout_rms is None:
         return None if candidate.fit_rms_ratio is None else each.fit_rms * candidate.fit_rms_ratio
     return None if candidate.holdout_rms_ratio is None else each.holdout_rms * candidate.holdout_rms_ratio
@@ -323,13 +323,13 @@ def _others(panel: Axes, every: list[RoundPoint]) -> None:
             panel.plot(k, error, "D", ms=6, mfc="white", color="#8c8c8c", ls="none",
                        label="refitted, not taken" if n == 0 else "_")  # fmt: skip
         for error, names in labels(others[:_NAMED]):
-            last = k == len(every) - 1  # to its right the picture ends
+            last = k == len(every) - 1  # the picture ends to its right
             panel.annotate(", ".join(names), (k, error), xytext=(-7 if last else 7, 5), textcoords="offset points",
                            va="bottom", ha="right" if last else "left", fontsize=9, color="#6b6b6b")  # fmt: skip
 
 
 def labels(others: list[tuple[str, float]]) -> list[tuple[float, list[str]]]:
-    """Names by their errors, ascending; those whose letters would lie on each other share a line."""
+    """Names by their errors, ascending; names that would overlap share a line."""
     lines: list[tuple[float, list[str]]] = []
     for name, error in others:
         if lines and error < _APART * lines[-1][0]:
@@ -350,7 +350,7 @@ def _round_axes(panel: Axes, every: list[RoundPoint]) -> None:
 
 
 def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], synthetic: bool) -> Figure:
-    """The curve and two standard deviations about it, over the range that was measured; a missing stop is infinite."""
+    """The curve and two standard deviations about it, over the measured range; a missing stop is infinite."""
     x, axis_unit = _along(unknown, travel)
     factor, unit = prefixed(float(np.max(np.abs(unknown.curve))), unknown.unit)
     y, sd = factor * unknown.curve, factor * unknown.sd
@@ -370,7 +370,7 @@ def draw_unexplained(unknown: Unexplained, travel: tuple[float, float], syntheti
 
 
 def _along(unknown: Unexplained, travel: tuple[float, float]) -> tuple[np.ndarray, str]:
-    """The axis as shown; an angle given as a share of the travel (a missing stop is half a turn away) in degrees."""
+    """The axis in output units; an angle as a share of the travel (a missing stop is half a turn away) in degrees."""
     if unknown.depends_on == "angle" and unknown.axis_unit in ("1", ""):
         lower, upper = (stop if np.isfinite(stop) else side for stop, side in zip(travel, (-np.pi, np.pi), strict=True))
         return DEGREES * (lower + (upper - lower) * unknown.axis), "deg"
@@ -379,7 +379,7 @@ def _along(unknown: Unexplained, travel: tuple[float, float]) -> tuple[np.ndarra
 
 
 def _limits(y: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
-    """Room for the curve, and for its band as far as that is not many times as wide."""
+    """Limits for the curve, and for its band unless that is many times wider."""
     size = float(np.max(np.abs(y)))
     reach = 2.0 * np.minimum(sd, 1.5 * size)
     low, high = min(0.0, float(np.min(y - reach))), max(0.0, float(np.max(y + reach)))
@@ -387,7 +387,7 @@ def _limits(y: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
     return low - room, high + room
 
 
-_FITTED = 3  # fitted traces that are drawn besides those held out
+_FITTED = 3  # number of drawn fitted traces in addition to the held-out ones
 
 
 def jobs(diagnosis: Diagnosis) -> list[Job]:
@@ -396,7 +396,7 @@ def jobs(diagnosis: Diagnosis) -> list[Job]:
 
 
 def summary(d: Diagnosis) -> list[Job]:
-    """The picture that sums up a diagnosis, as `jobs` has it; none where no error is known."""
+    """The summary picture of a diagnosis, from `jobs`; none if no error is known."""
     entries = ledger(d)
     if not any(entry.known() for entry in entries):
         return []
@@ -420,7 +420,8 @@ def _details(d: Diagnosis) -> Iterator[Job]:
 
 
 def _overlays(d: Diagnosis) -> Iterator[Job]:
-    """Traces of another rig, those held out, then the driven ones fitted that the first model predicts worst."""
+    """Traces of another rig, held-out traces, then the driven fitted traces with the largest errors of the first
+    model."""
     every = all_traces(d.after)
     shown = [*(each.trace for each in d.aside), *(t for t in every if t.measurement.held_out)]
     driven = [t for t in every if not t.measurement.held_out and t.input and not t.test.boundary.plate_held]
