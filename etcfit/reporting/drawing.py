@@ -1,7 +1,7 @@
-"""Pictures of a run folder, drawn by this process and, where one was begun in time, by a helper beside it.
+"""Pictures of a run folder, drawn by this process and, if it was started in time, by a helper process.
 
-Matplotlib holds Python's lock while it draws, so threads gain nothing. A process of its own takes a second to load what
-it needs: begun before the models are loaded or sampled, which keeps one core busy, it is ready when pictures are due.
+Matplotlib holds Python's lock while it draws, so threads are no faster. A process takes a second to import its modules:
+started before the models are loaded or sampled, which needs only one core, it is ready when pictures are drawn.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Job = tuple[Path, "Callable[[], Figure]"]
-"""Where below a folder, and the call that draws it; for a helper a function and arguments that can be pickled."""
+"""Path below a folder, and the call that draws the picture; for a helper a function and arguments that can be
+pickled."""
 
-_AHEAD = 2  # pictures that the helper is handed at once, so that it need not wait for this process to look up
-at_hand: Helper | None = None  # of this process
+_AHEAD = 2  # pictures that the helper gets at once, so that it does not wait for this process
+at_hand: Helper | None = None  # helper of this process
 
 
 def begin_helper() -> None:
-    """From now on a helper draws beside this process, where there is a core for it; it ends with this process."""
+    """Start a helper that draws for this process if there is a free core; it ends with this process."""
     global at_hand
     if at_hand is None and CORES > 1:
         at_hand = Helper()
 
 
 def draw_here(folder: Path, jobs: Sequence[Job], report: Report, helper: Helper | None = None) -> None:
-    """Draw every picture below a folder, each a file written whole or not at all, with a helper where one is given.
+    """Draw every picture below a folder, each a file written completely or not at all, with a helper if given.
 
-    The last is never handed over: it would be waited for.
+    The helper never gets the last picture, because this process would wait for it.
     """
     for k, (path, draw) in enumerate(jobs, 1):
         report(f"drawing {path}", (k - 1) / len(jobs))
@@ -53,7 +54,7 @@ def draw_here(folder: Path, jobs: Sequence[Job], report: Report, helper: Helper 
 
 
 def draw_shared(folder: Path, jobs: Sequence[Job], report: Report) -> None:
-    """The same with this process's helper, where there is one: for many pictures of plain data."""
+    """The same with this process's helper, if there is one, for many pictures of plain data."""
     draw_here(folder, jobs, report, at_hand)
 
 
@@ -66,10 +67,10 @@ def draw_one(path: Path, draw: Callable[[], Figure]) -> None:
 
 
 class Helper:
-    """A process that draws what it is handed. Where it dies, what it had in hand is drawn by the one that began it."""
+    """A process that draws pictures. If it dies, the parent process draws its unfinished pictures."""
 
     def __init__(self) -> None:
-        spawning = get_context("spawn")  # a fork would take half of JAX's threads along
+        spawning = get_context("spawn")  # a fork would copy a part of JAX's threads
         self._line, theirs = spawning.Pipe()
         spawning.Process(target=_serve, args=(theirs,), daemon=True).start()
         theirs.close()
@@ -77,13 +78,13 @@ class Helper:
         self._in_hand: deque[Job] = deque()
 
     def is_free(self) -> bool:
-        """Whether it has loaded what it needs and can be handed one more picture."""
+        """Whether it has imported its modules and can take one more picture."""
         while not self._gone and self._line.poll():
             self._listen()
         return self._loaded and not self._gone and len(self._in_hand) < _AHEAD
 
     def take(self, path: Path, draw: Callable[[], Figure]) -> None:
-        """Have it draw one picture; it must be free."""
+        """Give it one picture; it must be free."""
         try:
             self._line.send((path, draw))
         except OSError:
@@ -93,10 +94,10 @@ class Helper:
             self._in_hand.append((path, draw))
 
     def finish(self) -> None:
-        """Wait for what it has in hand.
+        """Wait for its unfinished pictures.
 
         Raises:
-            whatever a picture of its raised.
+            Any error of one of its pictures.
         """
         while self._in_hand:
             self._listen()
@@ -121,13 +122,13 @@ class Helper:
 
 
 def _serve(line: Connection[Any, Any]) -> None:
-    """The helper's life: load, then draw one after the other, each answered by None or what it raised."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one that began it is interrupted, and ends it
+    """Main function of the helper: import, then draw pictures in turn, each answered by None or its error."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process is interrupted, and ends the helper
     if hasattr(os, "nice"):
-        os.nice(10)  # whatever is fitted meanwhile comes first
-    from . import traces  # noqa: F401  most of what drawing loads
+        os.nice(10)  # a fit that runs meanwhile has priority
+    from . import traces  # noqa: F401  most of the imports for drawing
 
-    with suppress(EOFError, OSError):  # the one that began it has ended
+    with suppress(EOFError, OSError):  # the parent process has ended
         line.send(None)
         while True:
             line.send(_outcome(*line.recv()))

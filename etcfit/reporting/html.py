@@ -1,6 +1,6 @@
-"""What pages are made of: templates, styles, scripts, data, tables, and symbols, units and numbers as they are printed.
+"""Parts of pages: templates, styles, scripts, data, tables, and the form of symbols, units and numbers.
 
-Text is escaped, code in backticks set as code, a gap that nothing fills is an error.
+Text is escaped, text in backticks becomes code, and a missing value of a template is an error.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def environment(*rooms: Room) -> jinja2.Environment:
-    """Templates of HTML pages, looked for in these rooms, in this order, then among those that every page shares."""
+    """Templates of HTML pages, from these rooms, in this order, then from those that all pages share."""
     import jinja2
 
     made = jinja2.Environment(
@@ -37,7 +37,7 @@ def environment(*rooms: Room) -> jinja2.Environment:
 
 
 def coded(text: str) -> Markup:
-    """What stands between backticks as code."""
+    """Text with the parts between backticks as code."""
     parts = (Markup("<code>{}</code>" if k % 2 else "{}").format(part) for k, part in enumerate(text.split("`")))
     return Markup("").join(parts)
 
@@ -59,7 +59,7 @@ class Parts:
         """A file's text.
 
         Raises:
-            FileNotFoundError: no room has it.
+            FileNotFoundError: no room has the file.
         """
         for package, folder in (*self.own, SHARED, _VENDOR):
             file = files(package) / folder / name
@@ -75,12 +75,12 @@ class Parts:
 def scripted(
     part: Parts, carried: dict[str, Any], style: str, scripts: Sequence[str], before: Sequence[str] = (), **given: Any
 ) -> str:
-    """A page to work with, whole, from `page.html` of its own room.
+    """A whole interactive page, from `page.html` of its own room.
 
     Args:
-        style, scripts: names of files beyond those that all such pages have.
-        before: scripts that are in no file.
-        given: what else the template shows.
+        style, scripts: names of files in addition to the common ones.
+        before: scripts that are not in a file.
+        given: further values of the template.
     """
     template = environment(*part.own).get_template("page.html")
     return template.render(
@@ -93,7 +93,7 @@ def scripted(
 
 
 def as_text(data: dict[str, Any]) -> str:
-    """The object as it stands inside a <script type="application/json">: no tag can end in it."""
+    """The object for a <script type="application/json">, without text that could end the tag."""
     text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 
@@ -103,7 +103,7 @@ _GREEK = {"delta": "δ", "mu": "μ", "omega": "ω", "tau": "τ", "theta": "θ"}
 
 
 def symbol(name: str) -> Markup:
-    """R_a as R with a subscript, theta_lh with its letter; what follows a point stays as it is written."""
+    """R_a as R with a subscript, theta_lh with its letter; text after a point is unchanged."""
     head, _, below = name.partition("_")
     head = _GREEK.get(head, head)
     if "." in name or len(head) > 2:
@@ -139,7 +139,7 @@ _NUMBER = re.compile(r"(?<![\w.])-?\d+(\.\d+)?(e[+-]\d+)?(?![\w.]*\w)")
 
 
 def figures(text: str) -> str:
-    """A text with its numbers and signs as `figure` has them."""
+    """A text with its numbers and signs in the form of `figure`."""
     if text == "-":
         return "–"
     for plain, typeset in ((" ... ", " … "), (" +- ", " ± "), ("<= ", "≤ "), (">= ", "≥ ")):

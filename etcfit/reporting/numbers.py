@@ -1,6 +1,6 @@
-"""Writes numbers as people read them: `Digits` with as many digits as the uncertainty warrants, `short` with a few.
+"""Writes numbers for people: `Digits` with the significant digits by the uncertainty, `short` with a few digits.
 
-Tables, pictures and pages use it, and so does what `api` shows in a notebook. It imports nothing of etcfit.
+Tables, pictures, pages and the output of `api` in a notebook use it. It imports no other module of etcfit.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Digits:
-    """How a quantity is printed: so many decimals of value/10^exponent.
+    """The form of a quantity: decimals of value/10^exponent.
 
     Args:
-        decimals: after the point.
-        exponent: power of ten split off; 0 where the number reads well without one.
+        decimals: number of decimals.
+        exponent: power of ten split off; 0 if the number is readable without it.
     """
 
     decimals: int
@@ -25,12 +25,12 @@ class Digits:
 
     @classmethod
     def of_value(cls, value: float, spread: float | None) -> Digits:
-        """Two digits of the spread (a standard error, say); four significant digits where there is none."""
+        """Two digits of the spread (such as a standard error); four significant digits without a spread."""
         size = max(abs(value), spread or 0.0)
         if size == 0.0 or not math.isfinite(size):
             return cls(3)
         top = math.floor(math.log10(size) + 1e-12)
-        # after rounding: 0.0996 has its two digits at 0.10
+        # after rounding: 0.0996 becomes 0.10
         last = int(f"{spread:.1e}".partition("e")[2]) - 1 if spread and math.isfinite(spread) else top - 3
         last = min(last, top)
         exponent = 0 if -4 <= top <= 4 else top
@@ -50,43 +50,43 @@ class Digits:
 
 
 def mean_digits(row: Mapping[str, Any]) -> Digits:
-    """Those of `mean` of a record, by its `sd`."""
+    """Digits of `mean` of a record, by its `sd`."""
     return Digits.of_value(row["mean"] or 0.0, row["sd"])
 
 
 def short(value: float | None, digits: int = 3) -> str:
-    """A few significant digits, no exponent where the number reads well without one."""
+    """A few significant digits, without an exponent if the number is readable without it."""
     if value is None or not math.isfinite(value):
         return "-"
     if value == 0.0:
         return "0"
-    top = int(f"{value:.{digits - 1}e}".partition("e")[2])  # after rounding: 99.99 is 100
+    top = int(f"{value:.{digits - 1}e}".partition("e")[2])  # after rounding: 99.99 becomes 100
     if -4 <= top < 5:
         return f"{value:.{max(0, digits - 1 - top)}f}"
     return f"{value:.{digits - 1}e}"
 
 
 def is_share(symbol: str, unit: str) -> bool:
-    """True for a ratio that belongs to one trace, test or channel, such as a gain or phase: no unit, a dot in its name.
+    """Whether a symbol is a ratio of one trace, test or channel, such as a gain or phase: no unit, a dot in its name.
 
-    Pictures and the verdict leave these out: one near 0 has no meaningful error in per cent.
+    Pictures and the verdict leave these out: a ratio near 0 has no meaningful error in per cent.
     """
     return "." in symbol and not unit
 
 
 def with_error(value: float, stderr: float | None, spread: float | None = None) -> str:
-    """ "1.513 ± 0.012": the digits that the error warrants, or, where there is none, the spread."""
+    """ "1.513 ± 0.012": the significant digits by the error or, without one, by the spread."""
     digits = Digits.of_value(value, spread if stderr is None else stderr)
     return digits(value) + ("" if stderr is None else f" ± {digits(stderr)}")
 
 
 def or_never(value: float | None, digits: int = 3) -> str:
-    """A time; one that never comes is infinite, and null in JSON."""
+    """A time; "never" if infinite, which is null in JSON."""
     return "never" if value is None or math.isinf(value) else short(value, digits)
 
 
 def between(low: float | None, high: float | None, digits: int = 3) -> str:
-    """ "0.1..0.3", or one number where both ends read alike; an infinite end is "never"."""
+    """ "0.1..0.3", or one number if both ends are printed alike; an infinite end is "never"."""
     ends = dict.fromkeys(or_never(end, digits) for end in (low, high))
     return "..".join(ends)
 

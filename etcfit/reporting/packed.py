@@ -1,8 +1,8 @@
-"""Numbers as a page carries them: binary, in base64, a twentieth of what they would be as text.
+"""Numbers in a page: binary, in base64, a twentieth of their size as text.
 
-    value = zero + step q,    q a 16-bit integer, little endian; -32768 stands for nothing
+    value = zero + step q,    q a 16-bit integer, little endian; -32768 for a missing value
 
-A step is the span of the values over 65 000, far below a pixel. Instants keep 32 bits, for they must rise strictly.
+A step is the span of the values over 65 000, far below a pixel. Instants have 32 bits, because they must rise strictly.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 NOTHING = -32768
-_MOST = 32_500  # of the integers
+_MOST = 32_500  # largest integer
 
 
 def instants(time: np.ndarray) -> dict[str, Any]:
-    """Times, s, shape (n,), from the first one on, in 32-bit floats."""
+    """Times, s, shape (n,), relative to the first one, as 32-bit floats."""
     begin = float(time[0]) if time.size else 0.0
     return {"from": begin, "f32": _text((time - begin).astype("<f4"))}
 
 
 def values(value: np.ndarray) -> dict[str, Any]:
-    """Any numbers, shape (n,); what is not finite is nothing."""
+    """Any numbers, shape (n,); values that are not finite are missing."""
     finite = np.isfinite(value)
     low, high = (float(np.min(value[finite])), float(np.max(value[finite]))) if finite.any() else (0.0, 0.0)
     step = (high - low) / (2.0 * _MOST) or 1.0
@@ -33,17 +33,17 @@ def values(value: np.ndarray) -> dict[str, Any]:
 
 
 def floats(value: np.ndarray) -> dict[str, Any]:
-    """Numbers that must stay what they are, a constant constant: 32-bit floats; shape (n,), all finite."""
+    """Numbers without quantisation, such as constants: 32-bit floats; shape (n,), all finite."""
     return {"from": 0.0, "f32": _text(value.astype("<f4"))}
 
 
 def numbers(value: np.ndarray) -> dict[str, Any]:
-    """Figures that people read, seven digits of each: 32-bit floats, NaN for nothing; shape (n,)."""
+    """Figures with seven digits: 32-bit floats, NaN for a missing one; shape (n,)."""
     return {"from": 0.0, "f32": _text(np.where(np.isfinite(value), value, np.nan).astype("<f4"))}
 
 
 def codes(value: np.ndarray) -> dict[str, Any]:
-    """Whole numbers of 0 to 2^31 - 1, such as places in a list; shape (n,)."""
+    """Whole numbers of 0 to 2^31 - 1, such as indices; shape (n,)."""
     return {"i32": _text(value.astype("<i4"))}
 
 

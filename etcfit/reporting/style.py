@@ -1,6 +1,6 @@
-"""How every picture looks: colours told apart by colour-blind readers, letters legible on a slide, units on the axes.
+"""Style of all pictures: colours for colour-blind readers, letters legible on a slide, units on the axes.
 
-Source: Okabe and Ito 2008 (colours). Figures are made without pyplot, so that no state is shared and none leaks.
+Source: Okabe and Ito 2008 (colours). Figures are made without pyplot, so that they share no state.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ SIMULATED = "#d55e00"
 READING = "#0072b2"
 BEFORE, AFTER, UNKNOWN = "#56b4e9", SIMULATED, "#cc79a7"  # the models of a diagnosis
 OPENING, CLOSING = "#0072b2", "#e69f00"
-EFFECTS = ("#009e73", "#d55e00", "#6a3d9a", "#8c510a", "#17becf", "#7f7f00")  # one each
+EFFECTS = ("#009e73", "#d55e00", "#6a3d9a", "#8c510a", "#17becf", "#7f7f00")  # one per effect
 DRIVE = "#009e73"
 BAND = "#e8e8e8"
-FAILED = "#b2182b"  # what is not met
+FAILED = "#b2182b"  # missed requirements
 TAG = "#cc3399"
-_THIN = 1200  # bins that a long trace is drawn in; a panel has about as many pixels
+_THIN = 1200  # number of bins for a long trace; a panel has about as many pixels
 
 RC: Any = {
     "figure.dpi": DPI,
@@ -48,7 +48,7 @@ RC: Any = {
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
     "lines.linewidth": 1.6,
-    "text.parse_math": False,  # a name may hold dollars
+    "text.parse_math": False,  # a name may contain dollars
     "legend.frameon": False,
     "legend.fontsize": 10,
     "path.simplify_threshold": 0.5,
@@ -58,13 +58,13 @@ RC: Any = {
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Our style inside, the caller's settings outside."""
+    """Use our style inside, and restore the caller's settings afterwards."""
     with rc_context(RC):
         yield
 
 
 def figure(width: float, height: float, synthetic: bool) -> Figure:
-    """An empty figure, inches; made-up data say so in the corner."""
+    """An empty figure, inches; with a tag in the corner if the data are synthetic."""
     fig = Figure(figsize=(width, height), dpi=DPI)
     FigureCanvasAgg(fig)
     if synthetic:
@@ -73,7 +73,7 @@ def figure(width: float, height: float, synthetic: bool) -> Figure:
 
 
 def title(fig: Figure, text: str, x: float = 0.015, bold: bool = False) -> None:
-    """A title a tenth of an inch below the upper edge; x as a part."""
+    """A title a tenth of an inch below the upper edge; x as a share of the width."""
     fig.suptitle(text, x=x, y=1.0 - 0.1 / fig.get_figheight(), ha="left", va="top", fontsize=13,
                  fontweight="bold" if bold else "normal")  # fmt: skip
 
@@ -81,12 +81,12 @@ def title(fig: Figure, text: str, x: float = 0.015, bold: bool = False) -> None:
 def titled(
     text: str, tall: float, sides: tuple[float, float], synthetic: bool, bold: bool = False
 ) -> tuple[Figure, Axes]:
-    """A figure of one panel below a title that is broken to fit; between both is room for `legend_above`.
+    """A figure of one panel below a title with line breaks; between both is space for `legend_above`.
 
     Args:
-        text: of the title.
-        tall: inches, with a title of one line.
-        sides: left and right edge of the panel, parts of the width.
+        text: text of the title.
+        tall: height in inches, with a title of one line.
+        sides: left and right edge of the panel, shares of the width.
     """
     head = wrapped(text, 11.0, 13)
     top = 0.85 + 0.24 * head.count("\n")
@@ -99,14 +99,14 @@ def titled(
 
 
 def caution(fig: Figure, said: Sequence[str], y: float) -> None:
-    """What a reader must know of the fit behind a picture, on the right below the tag of made-up data; y as a part."""
+    """Cautions of the fit behind a picture, on the right below the tag of synthetic data; y as a share."""
     text = "\n".join(textwrap.fill(each, 62) for each in said)
     fig.text(0.985, y, text, color=TAG, fontsize=8, fontweight="bold", ha="right", va="top")
 
 
 def save(fig: Figure, path: Path) -> None:
-    """A PNG, written whole or not at all."""
-    if engine := fig.get_layout_engine():  # savefig would draw it all twice, once to find room for everything
+    """Write a PNG, completely or not at all."""
+    if engine := fig.get_layout_engine():  # savefig would draw everything twice, once for the layout
         engine.execute(fig)
         fig.set_layout_engine(None)
     with whole(path) as draft:
@@ -114,7 +114,7 @@ def save(fig: Figure, path: Path) -> None:
 
 
 def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest sample of every bin of a long trace, in order of time: as many points as show, no peak lost.
+    """Lowest and highest sample of every bin of a long trace, in order of time, so that no peak is lost.
 
     Args:
         t, y: shape (n,); samples that are not finite are left out.
@@ -131,7 +131,7 @@ def thin(t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def broken(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A line that is not drawn across gaps: NaN where x leaps by more than five of its usual steps."""
+    """A line with gaps: NaN where x rises by more than five of its usual steps."""
     step = np.diff(x)
     gaps = np.flatnonzero(step > 5.0 * np.median(step)) + 1 if x.size > 10 else np.empty(0, dtype=int)
     return np.insert(x, gaps, np.nan), np.insert(y, gaps, np.nan)
@@ -143,17 +143,17 @@ def unit_label(name: str, unit: str) -> str:
 
 
 def channel_label(name: str, unit: str) -> str:
-    """ "TPS [V]" where a position is the sensor's volts, else "position [deg]"."""
+    """ "TPS [V]" if a position is the sensor's volts, else "position [deg]"."""
     return unit_label("TPS" if (name, unit) == ("position", "V") else name, unit)
 
 
 def quiet_axis(axes: Axes) -> None:
-    """No tick labels where the panel below has the same."""
+    """Remove tick labels if the panel below has the same."""
     axes.tick_params(labelbottom=False)
 
 
 def labels(axes: Sequence[Axes]) -> dict[str, Any]:
-    """What a legend of these panels would name."""
+    """Entries of a legend of these panels."""
     return {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
 
 
@@ -165,7 +165,7 @@ def legend(
     loc: Literal["upper left", "upper right"] = "upper right",
     most: int = 99,
 ) -> None:
-    """One legend for all panels, each label once; x, y in parts of the figure; at most so many labels side by side."""
+    """One legend for all panels, each label once; x, y as shares of the figure; `columns` labels per line at most."""
     handles = labels(axes)
     columns = max(1, min(most, len(handles)))
     drawn = fig.legend(list(handles.values()), list(handles), loc=loc, bbox_to_anchor=(x, y), ncols=columns,
@@ -182,13 +182,13 @@ def legend_above(fig: Figure, panel: Axes) -> None:
 
 
 def wrapped(text: str, width: float, size: float) -> str:
-    """A bold title broken at words to fit a figure of that width, inches, beside the tag of made-up data."""
+    """A bold title, broken at words for a figure of that width, inches, beside the tag of synthetic data."""
     whole = re.sub(r"(?<=[\d→]) (?=\S)|(?<=\S) (?=→)", "\N{NO-BREAK SPACE}", text)  # a number keeps its unit
     return "\n".join(textwrap.wrap(whole, int((width - 1.5) / (0.0094 * size))))
 
 
 def log_ticks(axis: Axis, limits: tuple[float, float]) -> None:
-    """Plain numbers at 1, 2 and 5 of each decade, or at the decades alone where there are many."""
+    """Plain numbers at 1, 2 and 5 of each decade, or only at the decades if there are many."""
     few = limits[1] < 300.0 * limits[0]
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

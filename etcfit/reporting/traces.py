@@ -1,7 +1,7 @@
-"""Pictures of a trace and of a rig test: panels one above the other on one time axis; the paper's graphs as read.
+"""Pictures of a trace and of a rig test: panels one above the other on one time axis; the paper's graphs.
 
-The fitted model's line in a graph comes from simulated traces put through the same reading, so that a new rig test gets
-its overlay without a word here, and what the reading itself distorts distorts both lines alike.
+The fitted model's line in a graph comes from simulated traces with the same reading, so that a new rig test gets its
+overlay automatically, and errors of the reading affect both lines equally.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def stack(heights: Sequence[float], synthetic: bool) -> tuple[Figure, list[Axes]
 
 
 def headed(fig: Figure, panels: Sequence[Axes], title: str, line: str) -> Figure:
-    """The same with its time axis, a title, a line of figures below it, and the legend."""
+    """The figure with its time axis, a title, a line of figures below it, and the legend."""
     tall = float(fig.get_figheight())
     for panel in panels[:-1]:
         style.quiet_axis(panel)
@@ -49,9 +49,9 @@ def headed(fig: Figure, panels: Sequence[Axes], title: str, line: str) -> Figure
 
 
 def _align_labels(fig: Figure, panels: Sequence[Axes]) -> None:
-    """Labels of the panels one above the other, left of the widest numbers.
+    """Align the labels of the panels, left of the widest numbers.
 
-    `Figure.align_ylabels` works out the numbers of every panel anew for each of them, a sixth of all drawing.
+    `Figure.align_ylabels` computes the numbers of every panel again for each panel, a sixth of all drawing time.
     """
     renderer = FigureCanvasAgg(fig).get_renderer()
     for panel in panels:
@@ -70,12 +70,12 @@ def name_of(trace: Trace) -> str:
 
 
 def source(trace: Trace, name: str) -> Channel:
-    """The logged column that a channel of the model came from; with open terminals the voltage is the EMF."""
+    """The logged column of a channel of the model; with open terminals the voltage is the EMF."""
     return trace.measurement.channels[name if name in trace.measurement.channels else "voltage"]
 
 
 def drive(panel: Axes, trace: Trace, span: slice = slice(None)) -> None:
-    """What drove a trace, over these of its instants: torque, or the voltage at the motor, from a duty where that was
+    """The input of a trace at these of its instants: torque, or the voltage at the motor, from a duty if that was
     logged."""
     driving = trace.input
     assert driving is not None
@@ -90,7 +90,7 @@ def drive(panel: Axes, trace: Trace, span: slice = slice(None)) -> None:
 
 
 def signal(panel: Axes, trace: Trace, m: int, model: np.ndarray, label: str) -> None:
-    """A channel as it was measured and, by `label`, as a model has it, SI, shape (n,); in the logger's unit."""
+    """The measured channel and, by `label`, those of models, SI, shape (n,); drawn in the logger's unit."""
     name, t = trace.channels[m], trace.instants
     channel = source(trace, name)
     panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2.5, color=style.MEASURED, label="measured")
@@ -98,21 +98,21 @@ def signal(panel: Axes, trace: Trace, m: int, model: np.ndarray, label: str) -> 
     panel.set_ylabel(style.channel_label(name, channel.unit))
 
 
-_FLOOR = 4.0  # sigma; a residual panel shows at least so much
-_SHOWN = 0.998  # of the residuals lie inside the panel; the few beyond are counted on its edge
+_FLOOR = 4.0  # sigma; least range of a residual panel
+_SHOWN = 0.998  # share of the residuals inside the panel; the others are counted at its edge
 
 
 @dataclass(frozen=True, eq=False)
 class TracePicture:
-    """What a trace's picture shows.
+    """Contents of a trace's picture.
 
     Args:
         predicted: free-run simulation, SI, shape (n, M).
-        residual: in sigma, shape (n, M).
-        residual_label: what the residual is.
+        residual: residual in sigma, shape (n, M).
+        residual_label: label of the residual.
         rows: score of each channel.
-        synthetic: the data were made up.
-        model: that simulates, in words.
+        synthetic: whether the data are synthetic.
+        model: the simulated model, in words.
     """
 
     trace: Trace
@@ -176,16 +176,16 @@ _POINTS = 2000  # of a scatter plot
 
 @dataclass(frozen=True, eq=False)
 class TestPicture:
-    """What a rig test's picture shows.
+    """Contents of a rig test's picture.
 
     Args:
         test: the rig test.
-        graphs: as read from the measured traces.
-        model: as read from the simulated ones, in any order.
+        graphs: graphs of the measured traces.
+        model: graphs of the simulated traces, in any order.
         traces: all traces of the test.
         predicted: their simulations by file, SI, shape (n, M) each.
-        lines: what was read and what was fitted, a line a parameter.
-        synthetic: the data were made up.
+        lines: reading and fitted value, one line per parameter.
+        synthetic: whether the data are synthetic.
         model_words: the fitted model, in words.
     """
 
@@ -200,7 +200,7 @@ class TestPicture:
 
 
 def simulated(trace: Trace, predicted: np.ndarray) -> Measurement:
-    """The trace as it would have been logged had the fitted model been measured, without noise."""
+    """The trace that a noise-free measurement of the fitted model would give."""
     channels = dict(trace.measurement.channels)
     for m, name in enumerate(trace.channels):
         logged = name if name in channels else "voltage"
@@ -219,10 +219,10 @@ def read_model(
     config: RigConfig,
     known: Mapping[str, float],
 ) -> tuple[Graph, ...]:
-    """The test's graphs of the fitted model; none where it could not be simulated.
+    """The test's graphs of the fitted model; none if it could not be simulated.
 
     Args:
-        known: what the readings of the measured traces knew, so that both use the same scales.
+        known: parameters known to the readings of the measured traces, so that both use the same scales.
     """
     used = [trace for trace in traces if not trace.measurement.held_out]
     if not used or not all(np.isfinite(predicted[t.measurement.file]).all() for t in used):
@@ -231,7 +231,7 @@ def read_model(
 
 
 def draw_test(picture: TestPicture) -> Figure:
-    """The graphs; where a test has none, its traces, measured and simulated."""
+    """The graphs or, for a test without graphs, its measured and simulated traces."""
     graphs, traces = picture.graphs[:_MOST_GRAPHS], picture.traces[:_MOST_TRACES]
     count = len(graphs) or len(traces)
     columns = min(count, 3 if count > 4 else 2)

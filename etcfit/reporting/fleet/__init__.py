@@ -1,4 +1,4 @@
-"""What a person sees of a fleet: sentences, the same on the terminal and at the top of the page, and the tables.
+"""Output of a fleet: sentences, the same on the terminal and at the top of the page, and tables.
 
 Source: AIAG, Statistical Process Control, 2nd ed. 2005 (Cpk of 1.33), and Measurement Systems Analysis, 4th ed. 2010
 (30 % of repeatability and reproducibility).
@@ -22,17 +22,17 @@ Content = Mapping[str, Any]  # fleet.json
 
 
 CAPABLE = 1.33  # least Cpk of a process that keeps its limits
-GAUGE = 30.0  # most repeatability and reproducibility together, per cent of the whole spread
-_NAMED = 4  # how many units a sentence names before it counts the others
+GAUGE = 30.0  # largest repeatability and reproducibility together, per cent of the whole spread
+_NAMED = 4  # number of units that a sentence names before it only counts the others
 
 
 @dataclass(frozen=True)
 class Sentence:
-    """One of the verdict's.
+    """A sentence of the verdict.
 
     Args:
-        text: plain.
-        bad: whether somebody must do something about it.
+        text: plain text.
+        bad: whether it needs action.
     """
 
     text: str
@@ -40,13 +40,13 @@ class Sentence:
 
 
 def verdict(content: Content) -> tuple[Sentence, ...]:
-    """Units, odd ones, drift, specification limits, gauge, effects: what was worked out, in this order."""
+    """Sentences on units, odd units, drift, specification limits, gauge and effects, in this order."""
     parts = (_units, _odd_units, _drifts, _capable, _gauges, _effects_found)
     return tuple(sentence for part in parts for sentence in part(content))
 
 
 def title(content: Content) -> str:
-    """The fleet's name; one without is called so."""
+    """The fleet's name, or a substitute."""
     return content.get("name") or "Fleet without a name"
 
 
@@ -91,7 +91,7 @@ def _drifts(content: Content) -> Iterator[Sentence]:
 
 
 def unit_of(content: Content, symbol: str) -> str:
-    """A symbol's unit of measure where it is known; "" for a ratio."""
+    """A symbol's unit of measure if known; "" for a ratio."""
     for kind in ("charts", "population", "figures"):
         found = (content.get(kind) or {}).get(symbol)
         if found:
@@ -129,7 +129,7 @@ def _effects_found(content: Content) -> Iterator[Sentence]:
 
 _FILE = "RUN/fleet.json"
 _UNIT: Mapping[str, Kind] = {"unit": "word"}
-_MOST = 20  # rows of units; fleet.json and the page have them all
+_MOST = 20  # largest number of rows of units; fleet.json and the page have all
 
 
 def fleet_table(content: Content) -> RenderableType:
@@ -153,7 +153,7 @@ def fleet_table(content: Content) -> RenderableType:
 
 
 def population_table(content: Content) -> Table:
-    """What is left of the units' differences once their own uncertainty is taken off."""
+    """The scatter between units without their own uncertainty."""
     rows = []
     for symbol, each in (content.get("population") or {}).items():
         ends = {f"{name}_{side}": end for name in ("mean", "sd")
@@ -175,7 +175,7 @@ def population_table(content: Content) -> Table:
 
 
 def _by(value: float | None, interval: Sequence[float] | None, spread: float | None) -> str:
-    """As many digits as its interval warrants; four where there is none."""
+    """The significant digits by its interval; four without an interval."""
     half = spread if not interval or None in interval else 0.5 * (interval[1] - interval[0])
     return "-" if value is None else Digits.of_value(value, half)(value)
 
@@ -192,7 +192,7 @@ def _cpk(value: float | None) -> Cell:
 
 
 def _named(content: Content, kind: str, name: str) -> list[dict[str, Any]]:
-    """Records of what fleet.json holds by name."""
+    """Records of an object of fleet.json, with their names."""
     return [{name: key, **each} for key, each in (content.get(kind) or {}).items()]
 
 
@@ -203,7 +203,7 @@ _MEAN = (
 
 
 def capability_table(content: Content) -> Table:
-    """What has limits, and how many units would lie outside."""
+    """Quantities with limits, and the share of units expected outside."""
     return Table(f"Specification limits; a Cpk below {CAPABLE:g} is marked", (
         Column("limit of", "name", "symbol"), Column("low", "low", digits=4), Column("high", "high", digits=4), *_MEAN,
         Column("Cp", "cp", spare=1), Column("95 % interval of Cp", lambda row: _span(row["cp_ci95"]), spare=4),
@@ -232,7 +232,7 @@ def _drift(content: Content) -> Table:
 
 
 def effects_table(content: Content) -> Table:
-    """Effects that the common model names."""
+    """Effects of the common model."""
     rows = [{**row, "present": len(row["units"])} for row in _named(content, "effects", "effect")]
     return Table("Effects beyond Eqs. 1-2", (
         Column("effect", "effect", "word"), Column("units with it", lambda row: f"{row['present']:,}"),
@@ -242,7 +242,7 @@ def effects_table(content: Content) -> Table:
 
 
 def figures_table(content: Content) -> Table:
-    """Of each unit's fitted model."""
+    """Figures of each unit's fitted model."""
     return Table("What the line measures", (
         Column("figure", lambda row: row["figure"].replace("_", " "), "word"),
         Column("meaning", "meaning", "prose", spare=1), _MEAN[0], _MEAN[1]._replace(spare=0),
@@ -283,7 +283,7 @@ def predictions_table(content: Content) -> Table:
         rows, file=_FILE)  # fmt: skip
 
 
-# those that fleet.html shows as they are; the others it draws, or gives buttons
+# tables that fleet.html shows unchanged; it draws the others
 TABLES = {"population": population_table, "capability": capability_table, "gauge": gauge_table,
           "predictions": predictions_table}  # fmt: skip
 

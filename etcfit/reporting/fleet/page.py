@@ -1,6 +1,6 @@
-"""RUN/fleet.html: one self-contained page to work with; everything of a fleet, up to ten thousand units.
+"""RUN/fleet.html: one self-contained interactive page with all results of a fleet, up to ten thousand units.
 
-The page carries a fleet as one JSON object: units are numbers, their values packed arrays.
+The page contains a fleet as one JSON object: units are numbers, their values are packed arrays.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ NUMBERS = ("value", "stderr", "low", "high", "shrunk_value", "shrunk_stderr")
 
 @dataclass(frozen=True, eq=False)
 class SymbolColumns:
-    """One symbol in every unit, NaN where a unit has nothing of it.
+    """One symbol in every unit, NaN for units without it.
 
     Args:
-        numbers: by the table's column, SI, shape (units,) each.
-        status: places in `statuses`, shape (units,); -1 where the unit has no such symbol.
+        numbers: numbers by the table's column, SI, shape (units,) each.
+        status: indices into `statuses`, shape (units,); -1 if the unit has no such symbol.
         statuses: names.
     """
 
@@ -49,7 +49,7 @@ class Columns:
 
     Args:
         units: names, in the order of fleet.json.
-        symbols: by name.
+        symbols: symbols by name.
     """
 
     units: tuple[str, ...]
@@ -62,7 +62,7 @@ class Columns:
         return cls(tuple(names), found)
 
     def place(self) -> dict[str, int]:
-        """Of each unit, by name."""
+        """Values of each unit, by name."""
         return {name: k for k, name in enumerate(self.units)}
 
 
@@ -75,14 +75,14 @@ def _columns(names: Sequence[str], rows: Any) -> SymbolColumns:
     return SymbolColumns(numbers, np.asarray(status.codes, dtype=int), tuple(map(str, status.categories)))
 
 
-GROUPS = ("batch", "rig", "operator", "part", "date")  # of which many units have the same
+GROUPS = ("batch", "rig", "operator", "part", "date")  # properties that many units share
 _CARRIED = ("value", "low", "high", "shrunk_value", "shrunk_stderr")
 _OWN = ("serial", "chi2_per_dof")
-_MIDNIGHT = "T00:00:00"  # of a date without a time
+_MIDNIGHT = "T00:00:00"  # time of a date without a time
 
 
 def carried(content: Content, units: pd.DataFrame) -> dict[str, Any]:
-    """What the scripts read, from fleet.json and units.parquet."""
+    """The data for the scripts, from fleet.json and units.parquet."""
     columns = Columns.of_units(content.get("units") or (), units)
     place, members = columns.place(), content.get("members") or {}
     kelvin = [_of(members, unit, "temperature") for unit in columns.units]
@@ -111,7 +111,7 @@ def _of(members: Mapping[str, Any], unit: str, key: str) -> Any:
 
 
 def _group(values: Sequence[Any]) -> dict[str, Any] | None:
-    """Names once, and of each unit the place among them, -1 for none; None where no unit has any."""
+    """The different names, and for each unit an index into them, -1 for none; None if no unit has any."""
     names = sorted({str(each) for each in values if each is not None})
     where = {name: k for k, name in enumerate(names)}
     codes = np.array([-1 if each is None else where[str(each)] for each in values], dtype=int)
@@ -119,7 +119,7 @@ def _group(values: Sequence[Any]) -> dict[str, Any] | None:
 
 
 def _own(values: Sequence[Any]) -> Any:
-    """Text as text, figures packed; None where no unit has any."""
+    """Text unchanged, figures packed; None if no unit has any."""
     if all(each is None for each in values):
         return None
     if any(isinstance(each, str) for each in values):
@@ -128,7 +128,7 @@ def _own(values: Sequence[Any]) -> Any:
 
 
 def limits_of(content: Content, name: str) -> tuple[float | None, float | None]:
-    """The specification's limits of a symbol or figure, SI; None where there is none."""
+    """The specification's limits of a symbol or figure, SI; None without limits."""
     found = (content.get("capability") or {}).get(name) or {}
     return found.get("low"), found.get("high")
 
@@ -163,7 +163,7 @@ def _effect(name: str, each: Mapping[str, Any], place: Mapping[str, int]) -> dic
 
 
 def _charts(content: Content, place: Mapping[str, int]) -> dict[str, Any]:
-    """Charts, and the orders that they go by, each once: mostly all go by the same."""
+    """Charts, and their orders of units, each once: most charts have the same order."""
     orders: dict[tuple[str, ...], int] = {}
     charts = [_chart(content, symbol, each, place, orders) for symbol, each in (content.get("charts") or {}).items()]
     known = [packed.codes(np.array([place[unit] for unit in order if unit in place], dtype=int)) for order in orders]
@@ -208,20 +208,20 @@ def _figure(content: Content, name: str, each: Mapping[str, Any], place: Mapping
 
 
 NAME = "fleet.html"
-# in the order in which they run; each is plain JavaScript that puts what others need into `etcfit`
+# in the order of execution; each is plain JavaScript that exports its functions in `etcfit`
 SCRIPTS = ("decode.js", "numbers.js", "theme.js", "store.js", "panel.js", "points.js", "bars.js", "filters.js",
            "card.js", "sections.js", "main.js")  # fmt: skip
 part = Parts((("etcfit.reporting.fleet", "template"),))
 
 
 def write_fleet_page(run: Path, content: Content, units: pd.DataFrame) -> Path:
-    """Write RUN/fleet.html from fleet.json and units.parquet, whole or not at all; where it is."""
+    """Write RUN/fleet.html from fleet.json and units.parquet, completely or not at all; return its path."""
     write_text(run / NAME, render(content, units))
     return run / NAME
 
 
 def render(content: Content, units: pd.DataFrame) -> str:
-    """The whole page, HTML: words and tables stand in it, what is drawn is drawn from the data by its scripts."""
+    """The whole page, HTML: it contains texts and tables, and its scripts draw the charts from the data."""
     return scripted(
         part,
         carried(content, units),

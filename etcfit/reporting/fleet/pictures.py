@@ -1,4 +1,4 @@
-"""RUN/pictures/fleet: the population, what goes together, control charts, odd units; for a slide or a report.
+"""RUN/pictures/fleet: the population, correlations, control charts, odd units; for a slide or a report.
 
 p(x) = N(x; mean, sd^2)
 
@@ -32,7 +32,7 @@ ODD, LIMIT, UNITS = style.SIMULATED, "#b03a00", style.READING
 
 
 def frame(content: Content, rest: str, size: tuple[float, float], grid: tuple[int, int]) -> tuple[Figure, list[Axes]]:
-    """A figure, inches, with its title and so many rows and columns of panels below it."""
+    """A figure, inches, with its title and these rows and columns of panels."""
     wide, tall = size
     fig = style.figure(wide, tall, bool(content.get("synthetic")))
     head = style.wrapped(f"{title(content)}  ·  {rest}", wide, 13)
@@ -43,7 +43,7 @@ def frame(content: Content, rest: str, size: tuple[float, float], grid: tuple[in
 
 
 def power_of(values: np.ndarray | Sequence[float]) -> int:
-    """The power of a thousand that is split off, as a power of ten; 0 where numbers read well without one."""
+    """The power of a thousand that is split off, as a power of ten; 0 if numbers are readable without it."""
     finite = np.abs(np.asarray(values, dtype=float))
     size = float(np.max(finite[np.isfinite(finite)], initial=0.0))
     if size == 0.0 or 1e-2 <= size < 1e5:
@@ -52,7 +52,7 @@ def power_of(values: np.ndarray | Sequence[float]) -> int:
 
 
 def unit_of(unit: str, power: int) -> str:
-    """ "10⁻⁶ kg m²", as an axis has it in brackets."""
+    """ "10⁻⁶ kg m²", for the brackets of an axis."""
     plain = "1" if unit in ("", "1") else unit.replace("**2", "²").replace("*", " ")
     return f"10{str(power).translate(SUPERSCRIPT)} {plain}" if power else plain
 
@@ -62,11 +62,11 @@ def formatter(power: int) -> FuncFormatter:
     return FuncFormatter(lambda value, _: f"{value / 10.0**power:.6g}")
 
 
-_FEW_IN_CHART = 300  # units up to which each has its interval
+_FEW_IN_CHART = 300  # largest number of units with intervals in a chart
 
 
 def draw_chart(content: Content, symbol: str) -> Figure:
-    """Of one symbol; a change point found in it is a line through both panels."""
+    """Control chart and cumulative sums of one symbol; a change point is a line through both panels."""
     chart: dict[str, Any] = content["charts"][symbol]
     drift = [each for each in content.get("drift") or () if each["symbol"] == symbol]
     found = "; ".join(f"changed at {each['since']}" for each in drift) or "no change found"
@@ -117,11 +117,11 @@ def _column(chart: dict[str, Any], key: str) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in chart[key]], dtype=float)
 
 
-_WRITTEN = 16  # symbols up to which the numbers stand in the cells
+_WRITTEN = 16  # largest number of symbols for which the cells show numbers
 
 
 def draw_correlation(content: Content) -> Figure:
-    """Blue together, red against each other; a cell whose correlation is not known is empty."""
+    """Blue for positive, red for negative correlation; the cell of an unknown correlation is empty."""
     names = content["correlation"]["symbols"]
     rows = content["correlation"]["matrix"]
     matrix = np.array([[np.nan if r is None else r for r in row] for row in rows], dtype=float)
@@ -143,11 +143,11 @@ def draw_correlation(content: Content) -> Figure:
 
 
 _MOST_ODD = 20
-_WIDE = 68  # letters of a reason in a line
+_WIDE = 68  # letters per line of a reason
 
 
 def draw_odd(content: Content) -> Figure:
-    """A bar a unit, with its reason beside it."""
+    """One bar per unit, with its reason beside it."""
     odd = content["odd"][:_MOST_ODD]
     count = len(content["odd"])
     words = counted(count, "odd unit") + (f", the {_MOST_ODD} oddest" if count > _MOST_ODD else "")
@@ -167,9 +167,9 @@ def draw_odd(content: Content) -> Figure:
     return fig
 
 
-_MOST = 12  # symbols in the picture; the page has them all
-_FAR = 5.0  # quartile ranges: a normal distribution reaches this far once in 10^13
-_FEW = 400  # units of which each one's interval is drawn; of more, so many spread evenly over them
+_MOST = 12  # largest number of symbols in the picture; the page has all
+_FAR = 5.0  # quartile ranges: a normal distribution exceeds this once in 10^13
+_FEW = 400  # largest number of drawn intervals; with more units, an even selection
 
 
 def shown_symbols(content: Content, columns: Columns) -> list[str]:

@@ -1,6 +1,6 @@
-"""RUN/report_interactive.html: one self-contained page to work with; the printed one without scripts is `..page`.
+"""RUN/report_interactive.html: one self-contained interactive page; the printed one without scripts is `..page`.
 
-Its data are those of the models in RUN, so it is made from their saved state, not from the JSON files alone.
+Its data come from the saved models in RUN, not only from the JSON files.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from .traces import TraceSources, traces_json
 
 
 def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
-    """Rig, model, traces and loop of a run with a fit; numbers in SI but where a unit stands beside them.
+    """Rig, model, traces and loop of a run with a fit; numbers in SI unless a unit is given with them.
 
     Raises:
-        UsageError: no fit, or a file of the run is not what it should be.
+        UsageError: no fit, or an invalid file in the run.
     """
     require(run.path, "fit")
     contents, diagnosis, final = read_run(run.path), run.diagnosis(), run.final()
@@ -47,8 +47,7 @@ def content(run: RunFolder, simulated: Simulation) -> dict[str, Any]:
     })  # fmt: skip
 
 
-# in the order in which they run, after the printed model; each is plain JavaScript that puts what others need into
-# `etcfit`
+# in the order of execution, after the printed model; each is plain JavaScript that exports its functions in `etcfit`
 SCRIPTS = ("trace_run.js", "loop_run.js", "decode.js", "numbers.js", "theme.js", "chart.js",
            "list.js", "sliders.js", "trace_view.js", "loop_view.js", "main.js")  # fmt: skip
 part = Parts((("etcfit.reporting.interactive", "page"),))
@@ -65,12 +64,12 @@ NAME = "report_interactive.html"
 
 
 def write_interactive(run: RunFolder) -> Page:
-    """Write RUN/report_interactive.html, whole or not at all; a diagnosis and gains in RUN become a part each.
+    """Write RUN/report_interactive.html, completely or not at all, with a part each for a diagnosis and gains in RUN.
 
     Returns:
-        Where the page is, and whether its model converged.
+        The page's path, and whether its model converged.
     Raises:
-        UsageError: no fit, or a file of the run is not what it should be.
+        UsageError: no fit, or an invalid file in the run.
     """
     final = run.final()
     simulated = simulation(final)

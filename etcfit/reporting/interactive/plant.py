@@ -1,18 +1,17 @@
-"""Model, ECU and setpoint as the page simulates them: values, sliders, JavaScript printed from the fit's functions.
+"""Model, ECU and setpoint of the page's simulation: values, sliders, JavaScript printed from the fit's functions.
 
     etcfit.model.advance(p, x, u, out)     state and memories after a step              stepper.step
     etcfit.model.read(p, x, u, out)        CHANNELS as their sensors show them          Throttle.observe
     etcfit.model.delays(p, out)            of input, position and current, s            Throttle.delays
     etcfit.ecu.begin(gains, ecu, angle, out)                memory of a PID at rest     Memory.at_rest
     etcfit.ecu.tick(gains, ecu, memory, sees, out)          memory and voltage after    ecu.tick
-    etcfit.ecu.memories                                     how many numbers a PID remembers
+    etcfit.ecu.memories                                     number of a PID's memories
     etcfit.ecu.lag(steps, sees, out)                        input filter of the ECU     loop.lagging
 
 p: parameters (SI) by symbol; x: current, angle, speed and memories; u: fields of `Step` by name.
 
-What drives a trace (corners of the input, the rig's circuit, the state it begins in) is read off the steps on which the
-fit itself runs, so that edges, series resistances, release instants and whatever stands between rig and throttle are
-where the fit has them.
+The inputs of a trace (corners of the input, the rig's circuit, the initial state) come from the steps of the fit
+itself, so that edges, series resistances, release instants and rig effects are those of the fit.
 """
 
 from __future__ import annotations
@@ -53,11 +52,11 @@ Types = tuple[type[AbstractEffect], ...]
 
 @dataclass(frozen=True)
 class Simulation:
-    """What the page simulates.
+    """The model of the page's simulation.
 
     Args:
-        effects: of the throttle, printed.
-        left_out: of the throttle, but no JavaScript can be printed from them.
+        effects: printed effects of the throttle.
+        left_out: effects of the throttle that cannot be printed as JavaScript.
         script: JavaScript, see above.
     """
 
@@ -67,7 +66,7 @@ class Simulation:
 
 
 def simulation(result: FitResult) -> Simulation:
-    """Print the throttle of a fitted model: neither what stands between rig and log, nor an ECU that drove it."""
+    """Print the throttle of a fitted model, without rig effects and without the ECU that drove it."""
     types = result.free_parameters.layout.types
     inside = tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
     try:
@@ -159,8 +158,8 @@ def plant_json(result: FitResult, simulated: Simulation) -> dict[str, Any]:
     """Names of effects, values in SI by symbol, ties, and the sliders.
 
     Args:
-        simulated: its throttle as the page simulates it; the others are effects of the rig, which stand between
-            throttle and log (`excitation`), and an ECU in the model.
+        simulated: its throttle in the page's simulation, without effects of the rig (see `excitation`) and without an
+            ECU in the model.
     """
     layout = result.free_parameters.layout
     shown = dict.fromkeys(p.symbol for t in simulated.effects for p in parameters_of(t))
@@ -198,7 +197,7 @@ def _slider(parameter: Parameter, value: float, status: str) -> dict[str, Any]:
 
 
 _GAIN_FACTOR = 8.0  # a slider goes from an eighth of a gain to eight times it
-# fields of `Ecu` and their names in pid.json; null there is 0
+# fields of `Ecu` and their names in pid.json, where null means 0
 _ECU = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter_s", "delay": "delay_s", "pwm": "pwm_V",
         "resolution": "resolution_rad", "duty": "duty_limit", "integral": "integral_limit", "lag": "input_filter_s",
         "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "setpoint_weight": "setpoint_weight",
@@ -206,13 +205,13 @@ _ECU = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter
 
 
 def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Gains, ECU, setpoint and levels; None where no gains were sought, or an older file lacks what they ran with."""
+    """Gains, ECU, setpoint and levels; None without gains, or if an older file lacks their conditions."""
     needed = {"gains", "ecu", "setpoint", *(("bias_curve",) if pid.get("feed_forward") else ())}
     if not needed <= pid.keys():
         return None
     config, first = result.rig.config, trapezoid()
     lower, upper = config.stops
-    curve = pid["bias_curve"] if pid.get("feed_forward") else None  # that the gains were found with
+    curve = pid["bias_curve"] if pid.get("feed_forward") else None  # bias curve of the design
     bias = None if curve is None else {"angles": curve["angles_rad"], "volts": curve["hold_V"]}
     gains = {name: float(pid["gains"][name]) for name in ("Kp", "Ki", "Kd")}
     sliders = {name: {"value": value, "low": value / _GAIN_FACTOR, "high": value * _GAIN_FACTOR or 1.0,
@@ -239,7 +238,7 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
 
 
 def ecu_json(written: Mapping[str, Any]) -> dict[str, float]:
-    """Fields of `Ecu` from the object `ecu` of pid.json; those of older files that are absent at their defaults."""
+    """Fields of `Ecu` from the object `ecu` of pid.json; fields missing in older files have their defaults."""
     default = Ecu()._asdict()
     return {
         field: float(written[name] or 0.0) if name in written else float(default[field]) for field, name in _ECU.items()
@@ -247,7 +246,7 @@ def ecu_json(written: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _sliding(ahead: Mapping[str, Any]) -> dict[str, float] | None:
-    """What is put ahead by the setpoint's rate, as `Sliding` has it; None where the gains were found without."""
+    """Feed-forward by the setpoint's rate, as in `Sliding`; None if the design had none."""
     terms = {term: term in ahead.get("terms", ()) for term in ("friction", "rate")}
     if not any(terms.values()):
         return None
@@ -260,7 +259,7 @@ def _sliding(ahead: Mapping[str, Any]) -> dict[str, float] | None:
     }
 
 
-_FINEST = 1e-5  # of the input's span; by so little its corners may miss it where there is room for them
+_FINEST = 1e-5  # allowed error of the corners, a share of the input's span, if there is space for all corners
 _CHANNELS = ("current", "position", "emf", "motor_speed")
 
 
@@ -269,8 +268,8 @@ class Excitation:
     """The input and circuit of one trace, SI.
 
     Args:
-        time, level: corners of the input, s and V (N m where torque drives), shape (K,); a jump has two at one instant.
-        within: by how much the input may be missed, unit of the level.
+        time, level: corners of the input, s and V (N m for a torque), shape (K,); a jump has two at one instant.
+        within: largest error of the input, unit of the level.
         boundary: circuit, plate, series resistance, gear ratio and stops, by the stepper's names.
         start: current (A), angle (rad), speed (rad/s).
         release: when a held plate is let go, s; infinite where it never is.
@@ -383,7 +382,7 @@ def thinned(t: np.ndarray, level: np.ndarray, within: float) -> np.ndarray:
 
 
 def _readings(throttle: Throttle, test_of: float, trace: float) -> dict[str, tuple[float, float] | None]:
-    """Gain and zero of each channel as the rig logs it in a trace; None where that is no straight line."""
+    """Gain and zero of each logged channel in a trace; None if the relation is not linear."""
 
     def read(level: float) -> dict[str, float]:
         seen = {name: np.float64(level) for name in _CHANNELS}

@@ -1,4 +1,4 @@
-"""What the page carries of each trace: verdict and cure, channels of data and models, missing torque, what drove it.
+"""Data of each trace in the page: verdict and cure, channels of data and models, missing torque, input.
 
 The verdict is a traffic light (a colour, a sign and a word). A trace is judged by the rule of `estimation.goodness`,
 one held out under the filter of the final model too: its free run is off wherever an edge of the input fell between two
@@ -43,7 +43,7 @@ class Light:
 
     @property
     def left(self) -> Left:
-        """What the worst of its channels is."""
+        """The verdict on its worst channel."""
         return worst(self.channels).left
 
     @property
@@ -58,7 +58,7 @@ class Light:
 
     @property
     def off(self) -> float:
-        """How far its worst channel is off, in times the noise."""
+        """The error of its worst channel, in times the noise."""
         return worst(self.channels).off
 
     @property
@@ -68,12 +68,12 @@ class Light:
 
     @property
     def found(self) -> bool:
-        """True where something is to be mended."""
+        """Whether the trace needs a cure."""
         return self.left is not Left.FITS
 
 
 def lights(result: FitResult) -> list[Light]:
-    """One a trace, those fitted first, then those held out."""
+    """One verdict per trace, fitted traces first, then held-out ones."""
     every, score = all_traces(result), (*result.score_fit, *result.score_holdout)
     return [
         Light(goodness_of([trace], [r], score, result.settings))
@@ -82,7 +82,7 @@ def lights(result: FitResult) -> list[Light]:
 
 
 def residuals(result: FitResult) -> Sequence[np.ndarray]:
-    """r of each trace, those fitted first, then those held out; shape (n, M) each."""
+    """r of each trace, fitted traces first, then held-out ones; shape (n, M) each."""
     fitted, holdout = list(result.whitened), result.holdout
     if holdout is None:
         return fitted
@@ -101,7 +101,7 @@ _NOBODY = "Nothing found names this trace. `etcfit check --advise FOLDER --at RU
 
 
 def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | None) -> list[str]:
-    """Sentences, the most specific first; none for a trace in which nothing but noise is left."""
+    """Sentences, the most specific first; none for a trace whose residual is noise."""
     if not light.found:
         return []
     if light.left is Left.STRAYS:
@@ -115,7 +115,7 @@ def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | N
 
 
 def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> Iterator[str]:
-    """Mistakes of the rig in this trace, each with the line of rig.toml that mends it or with what would tell."""
+    """Mistakes of the rig in this trace, each with the line of rig.toml that mends it or a measurement that decides."""
     mistakes: Sequence[Any] = (*(diagnosis.rig if diagnosis is not None else ()), *final.rig.findings)
     for each in mistakes:
         if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
@@ -132,7 +132,7 @@ def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:
 
 
 def _of_the_model(trace: Trace, diagnosis: Diagnosis) -> Iterator[str]:
-    """What the residual of this trace correlates with, the unnamed rest, and which measurements separate ties."""
+    """Correlations of this trace's residual, the unexplained rest, and measurements that separate ties."""
     last = diagnosis.rounds[-1].evidence if diagnosis.rounds else None
     for row in last.rows if last is not None else ():
         if row.file == trace.measurement.file and not row.white:
@@ -146,11 +146,11 @@ def _of_the_model(trace: Trace, diagnosis: Diagnosis) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Runs of samples next to each other, each of which becomes two points.
+    """Groups of neighbouring samples, each of which becomes two points.
 
     Args:
-        starts: first sample of each bin, shape (B,); every sample is its own where the trace is short.
-        size: samples n.
+        starts: first sample of each bin, shape (B,); in a short trace every sample is a bin.
+        size: number of samples n.
     """
 
     starts: np.ndarray
@@ -158,18 +158,18 @@ class Bins:
 
     @classmethod
     def of_samples(cls, size: int, most: int) -> Bins:
-        """Bins of n samples, at most so many points."""
+        """Bins of n samples for at most `most` points."""
         if size <= most:
             return cls(np.arange(size), size)
         return cls(np.unique(np.linspace(0, size, max(1, most // 2), endpoint=False).astype(int)), size)
 
     @property
     def whole(self) -> bool:
-        """True where every sample is there."""
+        """Whether every sample is kept."""
         return self.starts.size == self.size
 
     def instants(self, time: np.ndarray) -> np.ndarray:
-        """Of the points: a quarter and three quarters into each bin, s; shape (n,) or (2 B,)."""
+        """Instants of the points: a quarter and three quarters into each bin, s; shape (n,) or (2 B,)."""
         if self.whole:
             return time
         ends = np.append(self.starts[1:], self.size) - 1
@@ -177,7 +177,7 @@ class Bins:
         return np.stack([begin + 0.25 * span, begin + 0.75 * span], axis=1).ravel()
 
     def extremes(self, value: np.ndarray) -> np.ndarray:
-        """Least and most of each bin in the order in which they came, shape as of `instants`; NaN of an empty one."""
+        """Minimum and maximum of each bin in their order, shape as of `instants`; NaN for an empty bin."""
         if self.whole:
             return value
         size = np.diff(np.append(self.starts, self.size))
@@ -195,12 +195,12 @@ _LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
 @dataclass(frozen=True)
 class PointBudget:
-    """How much of all traces together the page carries.
+    """Size of all traces together in the page.
 
     Args:
-        numbers: drawn, of two bytes each: three megabytes and a half, a third more as text.
-        corners: of inputs, of eight bytes each.
-        least, most: points of one trace.
+        numbers: drawn numbers, two bytes each: three megabytes and a half, a third more as text.
+        corners: corners of inputs, eight bytes each.
+        least, most: least and largest number of points of one trace.
     """
 
     numbers: int = 1_750_000
@@ -209,28 +209,28 @@ class PointBudget:
     most: int = 8_000
 
     def points(self, traces: Sequence[Trace]) -> int:
-        """Of each of these traces."""
+        """Number of points for each of these traces."""
         columns = sum(_COLUMNS + _OF_CHANNEL * len(trace.channels) for trace in traces)
         return int(np.clip(self.numbers // max(1, columns), self.least, self.most))
 
     def corners_of_each(self, traces: int) -> int:
-        """Of the input of each of so many traces."""
+        """Number of corners for the input of each of `count` traces."""
         return int(np.clip(self.corners // max(1, traces), self.least, self.most))
 
 
-# numbers of a point: its instant is two, four of missing torque and voltage; and of each channel measured, two models
-# and their errors
+# numbers of a point: two for its instant, four for missing torque and voltage; and for each channel the measurement,
+# two models and their errors
 _COLUMNS, _OF_CHANNEL = 6, 5
 
 
 @dataclass(frozen=True, eq=False)
 class TraceSources:
-    """All that is known of the traces.
+    """All data of the traces.
 
     Args:
-        before: the first model where a diagnosis was made, else None.
-        final: the model that the page shows.
-        diagnosis: None where none was made.
+        before: the first model if a diagnosis was made, else None.
+        final: the model of the page.
+        diagnosis: the diagnosis, or None.
     """
 
     before: FitResult | None
@@ -239,7 +239,7 @@ class TraceSources:
 
 
 def traces_json(sources: TraceSources, budget: PointBudget = PointBudget()) -> list[dict[str, Any]]:
-    """One object a trace, those fitted first, then those held out."""
+    """One object per trace, fitted traces first, then held-out ones."""
     every = all_traces(sources.final)
     points, corners = budget.points(every), budget.corners_of_each(len(every))
     problems = (sources.final.problem, *([sources.final.holdout] if sources.final.holdout is not None else []))
@@ -314,7 +314,7 @@ def _channel(sources: TraceSources, trace: Trace, m: int, bins: Bins) -> dict[st
 
 
 def _missing(trace: Trace, motion: Motion | None, bins: Bins) -> Iterator[dict[str, Any]]:
-    """Missing torque and voltage along the measured motion, with the first and with the final model, where known."""
+    """Missing torque and voltage along the measured motion, with the first and with the final model, if known."""
     if motion is None or motion.torque.size != trace.instants.size:
         return
     for enters, unit, before in (("torque", "N m", motion.torque), ("voltage", "V", motion.voltage)):
@@ -345,7 +345,7 @@ def _sim(trace: Trace, excitation: Excitation, final: FitResult) -> dict[str, An
 
 
 def _span(trace: Trace, predicted: np.ndarray, gear: float) -> dict[str, float]:
-    """What current, angle and speed range over in the trace, SI, against which the page's steps are judged."""
+    """Ranges of current, angle and speed in the trace, SI, by which the page's steps are judged."""
     to_state = {"current": ("i", 1.0), "position": ("theta", 1.0), "motor_speed": ("omega", 1.0 / gear)}
     span = dict(_LEAST_SPAN)
     for m, name in enumerate(trace.channels):

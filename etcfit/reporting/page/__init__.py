@@ -1,7 +1,7 @@
-"""RUN/report.html: one self-contained page of everything that a run folder holds.
+"""RUN/report.html: one self-contained page of everything in a run folder.
 
-It is made from the folder's files alone (formats.md), so that it can be made again, elsewhere and later, without a
-fit. JSON files are read by the keys of formats.md; others are welcome, and optional ones may be absent.
+It is made only from the folder's files (formats.md), so that it can be made again, elsewhere and later, without a
+fit. JSON files are read by the keys of formats.md; further keys are allowed, and optional ones may be absent.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from ...run_folder.reading import object_in
 
 @dataclass(frozen=True)
 class Page:
-    """What came of writing it.
+    """The written page.
 
     Args:
-        failure: why the model that it shows did not converge, or "".
-        missing: why pictures are missing from it, or "".
+        failure: why its model did not converge, or "".
+        missing: why pictures are missing, or "".
     """
 
     path: Path
@@ -32,14 +32,14 @@ class Page:
 
 
 def write_page(run_dir: Path | str) -> Page:
-    """Write RUN/report.html, whole or not at all, from RUN/fit.json and whatever else the run folder holds.
+    """Write RUN/report.html, completely or not at all, from RUN/fit.json and the other files in the run folder.
 
     Returns:
-        Where the page is, and whether its model converged.
+        The page's path, and whether its model converged.
     Raises:
-        UsageError: no fit.json, or a file of the run is not what it should be.
+        UsageError: no fit.json, or an invalid file in the run.
     """
-    from .render import render  # the closing of a fit reads contents and verdict, and none of what a page loads
+    from .render import render  # the closing of a fit reads contents and verdict without these modules
 
     run = Path(run_dir)
     contents = read_run(run)
@@ -77,12 +77,12 @@ class Contents:
     hashes: Mapping[str, str]
 
     def get(self, kind: str) -> Mapping[str, Any]:
-        """The object of a file; empty where there is none."""
+        """The object of a file; empty if there is none."""
         return self.files.get(kind, {})
 
     @property
     def final(self) -> Mapping[str, Any]:
-        """The file whose model and parameters count: the diagnosis, or the fit where there is none."""
+        """The file of the last model: the diagnosis, or the fit if there is none."""
         return self.files.get("diagnosis") or self.files["fit"]
 
     @property
@@ -100,7 +100,7 @@ def read_run(run: Path) -> Contents:
     """Read every JSON file of a run folder.
 
     Raises:
-        UsageError: no fit, or a file of the run is not what it should be, or was made from another model.
+        UsageError: no fit, or a file of the run is invalid or was made from another model.
     """
     require(run, "fit")
     files, hashes = {}, {}
@@ -114,13 +114,13 @@ def read_run(run: Path) -> Contents:
 
 
 def logs_of(run: Path) -> Mapping[str, Any]:
-    """The object of RUN/drive.json, which no stage makes; empty where there is none."""
+    """The object of RUN/drive.json, which no stage makes; empty if there is none."""
     path = run / "drive.json"
     return _object(path, "drive", path.read_bytes()) if path.is_file() else {}
 
 
 def tuned_of(run: Path) -> Mapping[str, Any]:
-    """The object of RUN/tune.json where its gains are those of pid.json; empty where there is none, or of others."""
+    """The object of RUN/tune.json if its gains are those of pid.json, else empty."""
     path, gains = run / "tune.json", run / "pid.json"
     if not path.is_file():
         return {}
@@ -130,7 +130,7 @@ def tuned_of(run: Path) -> Mapping[str, Any]:
 
 
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:
-    """Rows of `score` (formats.md); those of a model that could not be simulated are left out."""
+    """Rows of `score` (formats.md), without rows of a model that could not be simulated."""
     return [
         PredictionError(**{key: row[key] for key in _ROW}) for row in rows if row["rms"] is not None and row["sigma"]
     ]
