@@ -1,4 +1,4 @@
-"""Tables for a terminal, and what stands around them: titles, sentences, a console that obeys no text of a user."""
+"""Tables for a terminal with their titles and sentences, and a console that does not interpret a user's text."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from rich.text import Text
 from ..errors import visible
 from .table import Part, Table, there
 
-if TYPE_CHECKING:  # a console needs none of what these load
+if TYPE_CHECKING:  # a console does not need these modules
     from ..estimation.fitted_model import FitState
     from ..rig.base import RigConfig
 
-_GAP = 2, 1  # characters between columns: usually, and where it is tight
+_GAP = 2, 1  # characters between columns: usually, and if space is scarce
 _STYLES = {"": "", "bad": "bold red", "doubt": "bold yellow", "dim": "dim", "strong": "bold"}
-_COMFORT = 24  # characters a line that prose has, at least, while there are columns to be spared
+_COMFORT = 24  # least number of characters per line of prose, as long as there are columns to omit
 
 
 class PlainTable:
-    """A table as a terminal lays it out: columns that may be spared go first, then others go on below.
+    """A table laid out for a terminal: optional columns are omitted first, then columns continue below.
 
-    Texts are what they say: `channel_gain[response]` is a name, and no style called "response".
+    Texts are not interpreted: `channel_gain[response]` is a name, not a style called "response".
     """
 
     def __init__(self, table: Table) -> None:
@@ -76,7 +76,7 @@ class PlainTable:
         return sum(widths) + _GAP[tight] * (len(widths) - 1)
 
     def _blocks(self, kept: Sequence[int], width: int) -> list[list[int]]:
-        """Columns that go beside each other, the keys first in every block."""
+        """Columns side by side in each block, the keys first."""
         keys = [k for k in self.keys if k in kept]
         blocks = [list(keys)]
         for k in kept:
@@ -87,10 +87,10 @@ class PlainTable:
         return blocks
 
     def _widths(self, shown: Sequence[int], width: int, tight: bool) -> list[int]:
-        """What is left over goes to prose and file names first, then to headers."""
+        """Extra width goes to prose and file names first, then to headers."""
         widths = [self._least(k, tight) for k in shown]
         free = width - self._total(shown, tight)
-        if free < 0:  # one name is longer than the terminal is wide
+        if free < 0:  # one name is longer than the width of the terminal
             widest = widths.index(max(widths))
             widths[widest] = max(1, widths[widest] + free)
             return widths
@@ -104,7 +104,7 @@ class PlainTable:
 
     def _block(self, console: Console, shown: Sequence[int], width: int, tight: bool) -> Iterator[Text]:
         widths, gap = self._widths(shown, width, tight), " " * _GAP[tight]
-        # a header may say itself where its lines end: a name above its unit
+        # a header may contain line ends: a name above its unit
         heads = [[piece for line in self.columns[k].head.split("\n") for piece in _folded(console, Text(line), w)]
                  for k, w in zip(shown, widths, strict=True)]  # fmt: skip
         deepest = max(map(len, heads), default=0)
@@ -134,7 +134,7 @@ def _longest(words: Iterable[str]) -> int:
 
 
 def _folded(console: Console, text: Text, width: int) -> list[Text]:
-    """At spaces; within a word only where a word alone is too long."""
+    """Broken at spaces; within a word only if the word alone is too long."""
     if text.cell_len <= width:
         return [text]
     return list(text.wrap(console, width, justify="left", overflow="fold"))
@@ -155,12 +155,12 @@ def _at_slashes(console: Console, text: Text, width: int) -> list[Text]:
 
 
 def rig_title(config: RigConfig, rest: str) -> Text:
-    """Names the rig, and made-up data as such."""
+    """Title with the name of the rig, and a remark if the data are synthetic."""
     return headline(f"{config.name}: {rest}", config.synthetic)
 
 
 def headline(text: str, synthetic: bool) -> Text:
-    """What a command prints first; made-up data are called so."""
+    """First lines of a command's output, with a remark if the data are synthetic."""
     head = Text(text, style="bold")
     if synthetic:
         head.append("  SYNTHETIC DATA", style="bold magenta")
@@ -168,7 +168,7 @@ def headline(text: str, synthetic: bool) -> Text:
 
 
 def sentences(title: str, texts: Sequence[str]) -> Padding | None:
-    """A dash and a line each; None where there is nothing to say."""
+    """One line with a dash for each sentence; None without sentences."""
     if not texts:
         return None
     return headed(title, Group(*dashed(texts)))
@@ -188,12 +188,12 @@ def shown(part: Part) -> Padding:
 
 
 def all_shown(*parts: Part | None) -> Group:
-    """One below the other, without those that hold nothing."""
+    """Blocks one below the other, without empty ones."""
     return Group(*map(shown, there(*parts)))
 
 
 def outcome(converged: bool, words: tuple[str, str], rest: str) -> Text:
-    """How a computation ended: the first of two words in green where it converged, else the second in red."""
+    """The outcome of a computation: the first of two words in green if it converged, else the second in red."""
     word, style = (words[0], "bold green") if converged else (words[1], "bold red")
     return Text.assemble((word, style), f": {rest}")
 

@@ -1,4 +1,4 @@
-"""All pictures of a fit: where each goes in RUN/pictures and how it is drawn; the one of all parameters."""
+"""All pictures of a fit: paths in RUN/pictures and drawing functions; the picture of all parameters."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from .drawing import Job
 from .numbers import counted, is_share, short, with_error
 from .tables import model_words
 
-_AT_THE_MOTOR = {"K_b": 1, "K_m": 1, "B_m": 2}  # symbol -> power of N that takes it to the plate
+_AT_THE_MOTOR = {"K_b": 1, "K_m": 1, "B_m": 2}  # symbol -> power of N that refers it to the plate
 
 
 def beside(config: RigConfig) -> dict[str, float]:
-    """Table 2 as it compares with this rig's parameters, SI by symbol, combinations among them.
+    """Values of Table 2 to compare with this rig's parameters, SI by symbol, with combinations.
 
-    Empty for a rig that is no plate between two stops. Where the gear ratio is not known, the rig's motor is described
-    as seen from the plate, and so is the table's. J_m and J_L are left out: they contradict the J_eq printed with them.
+    Empty for a rig that is no plate between two stops. If the gear ratio is not known, the rig's motor is described
+    at the plate, and so is the table's. J_m and J_L are left out: they contradict the J_eq printed with them.
     """
     if not all(map(math.isfinite, config.travel)):
         return {}
@@ -47,14 +47,14 @@ def beside(config: RigConfig) -> dict[str, float]:
     return combined | printed
 
 
-_LINEAR = 0.1  # per cent of the fitted value about zero, beyond which the axis is logarithmic
+_LINEAR = 0.1  # per cent of the fitted value: range about zero in which the axis is linear, not logarithmic
 _EDGE = 100.0  # per cent
 _TICKS = (-100.0, -10.0, -1.0, -0.1, 0.0, 0.1, 1.0, 10.0, 100.0)
 
 
 @dataclass(frozen=True)
 class _Mark:
-    """How a value that is not the fit's is drawn; fields are matplotlib's."""
+    """Style of a value that is not the fit's; fields are matplotlib's."""
 
     label: str
     marker: str
@@ -64,7 +64,7 @@ class _Mark:
 
 
 _READING = _Mark("graph reading", "o", style.READING, style.READING, 8.0)
-# larger than a reading, so that an arrow shows behind another
+# larger than a reading, so that an arrow is visible behind another
 _TABLE_2 = _Mark("the paper's Table 2: another rig", "s", style.MEASURED, "white", 9.5)
 
 _INTERVAL: dict[str, Any] = {"color": style.SIMULATED, "label": "fit, 95 % interval"}
@@ -77,15 +77,16 @@ _RANGE: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class ParameterPicture:
-    """What the picture of the parameters shows.
+    """Contents of the picture of the parameters.
 
     Args:
-        model: in words.
-        intervals: by symbol.
-        units: SI, by symbol.
-        readings: SI, by symbol, where there is one.
-        table_2: what the paper's table has, of another rig: no truth and no measurement of this one; SI, by symbol.
-        synthetic: the data were made up.
+        model: the model in words.
+        intervals: intervals by symbol.
+        units: SI units by symbol.
+        readings: readings, SI by symbol.
+        table_2: values of the paper's table, for another rig: neither true values nor measurements of this one; SI by
+            symbol.
+        synthetic: whether the data are synthetic.
     """
 
     rig: str
@@ -98,10 +99,10 @@ class ParameterPicture:
 
 
 def draw_parameters(picture: ParameterPicture) -> Figure:
-    """A row a parameter that was free: its 95 % interval, and how far reading and Table 2 lie from the fitted value.
+    """One row per free parameter: its 95 % interval, and the distances of reading and Table 2 from the fitted value.
 
-    Shares that a rig test has of its own, such as a place between two samples, are left out: a per cent of one near 0
-    is no measure.
+    Shares of a single rig test, such as a place between two samples, are left out: per cent of a value near 0 have no
+    meaning.
     """
     free = {s: i for s, i in picture.intervals.items() if i.status in ("estimated", "not identifiable", "compromise")}
     shown = {s: i for s, i in free.items() if not is_share(s, picture.units[s])}
@@ -134,7 +135,7 @@ def _row(panel: Axes, row: int, interval: Interval) -> None:
 
 
 def _mark(panel: Axes, row: int, interval: Interval, value: float | None, mark: _Mark) -> None:
-    """Another value of the parameter; one beyond the edge is an arrow there, which the legend need not show."""
+    """Another value of the parameter; a value beyond the edge is an arrow there, which is not in the legend."""
     if value is None or interval.low is None or interval.value == 0.0:
         return
     distance = _relative(value, interval.value)
@@ -166,11 +167,11 @@ def _axes(panel: Axes, symbols: list[str]) -> None:
     panel.set_xlabel("distance from the fitted value [%]")
 
 
-_BRIEF = 36  # letters of a model's name in a title
+_BRIEF = 36  # largest number of letters of a model's name in a title
 
 
 def summary(result: FitResult) -> list[Job]:
-    """The picture that sums up a fit, as `jobs` has it."""
+    """The summary picture of a fit, from `jobs`."""
     return [(Path("parameters.png"), partial(draw_parameters, parameter_picture(result)))]
 
 
@@ -187,13 +188,13 @@ def jobs(result: FitResult) -> list[Job]:
 
 
 def all_traces(result: FitResult) -> tuple[Trace, ...]:
-    """Fitted traces, then those held out."""
+    """Fitted traces, then held-out ones."""
     held_out = result.holdout.batch.traces if result.holdout is not None else ()
     return (*result.problem.batch.traces, *held_out)
 
 
 def briefly(result: FitResult) -> str:
-    """The model as a title has room for it: whole, without what is the rig's, or with its effects counted."""
+    """The model for a title: complete, without rig effects, or with the number of effects."""
     whole = model_words(result)
     first, *others = whole.split(" + ")
     of_throttle = " + ".join([first, *(name for name in others if name in EFFECT_BY_NAME)])
@@ -202,7 +203,7 @@ def briefly(result: FitResult) -> str:
 
 
 def file_name(trace: Trace) -> str:
-    """Of a trace's picture."""
+    """Title of a trace's picture."""
     return f"{trace.test.name}__{PurePosixPath(trace.measurement.file).stem}.png"
 
 
@@ -230,7 +231,7 @@ def _test_picture(result: FitResult, name: str) -> traces.TestPicture:
 
 
 def _lines(result: FitResult, test: str) -> tuple[str, ...]:
-    """What this test's graph said of its parameters, and what the fit says."""
+    """The readings of this test's parameters from its graph, and their fitted values."""
     known_, units, read = intervals(result) | lumped(result), _units(result), readings_of(result)
     return tuple(
         f"{symbol} [{units[symbol] or '1'}]: reading {short(read[symbol], 4)}, fit {_fitted(known_[symbol])}"

@@ -131,7 +131,7 @@ def of_requirements(pid: Mapping[str, Any], steps: Sequence[Mapping[str, Any]]) 
 
     Args:
         pid: the object of pid.json.
-        steps: those of tune.json, the proposed gains last.
+        steps: steps of tune.json, the proposed gains last.
     """
     here, there = missed_on_nominal(pid), missed_in_corner(pid)
     if not here and not there:
@@ -179,7 +179,7 @@ def _model(found: Any) -> list[str]:
 
 
 def percent(share: float) -> str:
-    """A share in per cent, one that is not whole never as 100.0."""
+    """A share in per cent; below 1 never printed as 100.0."""
     return "over 99.9" if 0.999 < share < 1.0 else f"{100.0 * share:.1f}"
 
 
@@ -187,7 +187,7 @@ def _next(steps: Sequence[Mapping[str, Any]], biased: bool) -> list[str]:
     """What to do, and what the next log should show.
 
     Args:
-        biased: the ECU has a bias table now.
+        biased: whether the ECU has a bias table now.
     """
     if len(steps) == 1:
         return ["Say which gains are in the ECU now (--present P,I,D or --msq FILE): then a half-way step is given.",
@@ -206,7 +206,7 @@ def _next(steps: Sequence[Mapping[str, Any]], biased: bool) -> list[str]:
 
 
 def _settles(seconds: Sequence[float | None]) -> str:
-    """What a range of settling times says, one that ends at infinity in words."""
+    """A range of settling times in words, also if it ends at infinity."""
     low, _, high = seconds
     if high is not None:
         return f"settle in {range_of(seconds)} s"

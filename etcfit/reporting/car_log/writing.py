@@ -88,7 +88,7 @@ def _stretch(panel: Axes, log: DriveLog) -> None:
 
 
 def draw_answers(each: Study, synthetic: bool) -> Figure | None:
-    """Every step's answer over the step, the error by parts of the travel, one sensor over the other; None where the
+    """Every step response over its step, the error by parts of the travel, one sensor over the other; None if the
     log has none of them."""
     shown = [panel for panel, there in ((_answers, any(abs(s.size) >= _LEAST for s in each.steps)),
                                         (_by_range, each.tracking is not None and each.tracking.ranges),
@@ -150,7 +150,7 @@ def _sensors(panel: Axes, each: Study) -> None:
 def write_page(
     path: Path, config: RigConfig, studies: Sequence[Study], lacks: Sequence[Lack], drawn: Sequence[Sequence[Path]]
 ) -> None:
-    """Write drive.html: a section a log with its pictures, and what to record next."""
+    """Write drive.html: one section per log with its pictures, and what to record next."""
     made = environment(("etcfit.reporting.car_log", "template"))
     logs = [
         {
@@ -179,7 +179,7 @@ def write_drive(
     run: Path, config: RigConfig, studies: Sequence[Study], report: Callable[[str, float], None],
     beside: Held | None = None,
 ) -> None:  # fmt: skip
-    """RUN/drive.json, RUN/drive.html and RUN/pictures/drive; with `beside`, also the log against its prediction."""
+    """Write RUN/drive.json, RUN/drive.html and RUN/pictures/drive; with `beside`, also the log and its prediction."""
     lacks = record_next([each.log for each in studies])
     with held(run), style.drawing():
         write_json(run / "drive.json", "drive", drive_json(config, studies, lacks, beside))

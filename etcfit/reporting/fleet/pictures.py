@@ -178,7 +178,7 @@ def shown_symbols(content: Content, columns: Columns) -> list[str]:
 
 
 def draw_population(content: Content, columns: Columns) -> Figure:
-    """Two panels a symbol, side by side."""
+    """Two panels per symbol, side by side."""
     names = shown_symbols(content, columns)
     rows = -(-len(names) // 2)
     tall = 1.2 + 2.35 * rows
@@ -227,7 +227,7 @@ def _sorted(panel: Axes, value: np.ndarray, low: np.ndarray, high: np.ndarray, o
 
 
 def _reach(value: np.ndarray, lines: list[float]) -> tuple[float, float]:
-    """All units and limits; those units stand at the edge that would flatten all others."""
+    """Range of all units and limits; units that would compress the picture are drawn at the edge."""
     finite = value[np.isfinite(value)]
     if finite.size:
         quarter, last = np.quantile(finite, [0.25, 0.75])
@@ -257,7 +257,7 @@ def _words(known: dict[str, float]) -> str:
 
 
 def draw_fleet(content: Content, units: pd.DataFrame, folder: Path) -> tuple[Path, ...]:
-    """Every picture that fleet.json and units.parquet have something for, the population first; those of before go."""
+    """Draw every picture with data in fleet.json and units.parquet, the population first; delete older pictures."""
     for old in folder.glob("*.png"):
         old.unlink()
     written: list[Path] = []

@@ -83,7 +83,7 @@ def script(types: Types) -> str:
     """JavaScript of a throttle of these effects and of the ECU.
 
     Raises:
-        NotScalarError, NotWrittenError: an effect computes what JavaScript printed from it cannot.
+        NotScalarError, NotWrittenError: an effect cannot be printed as JavaScript.
     """
     begins = ", ".join(literal(float(start)) for effect in types for start in effect.z0)
     return "\n".join((
@@ -150,7 +150,7 @@ def _method(name: str, arguments: Sequence[str], function: Callable[..., Any], n
     return method(name, arguments, graph, nodes)
 
 
-_FACTOR = 4.0  # a slider goes from a fourth of a positive value to four times it
+_FACTOR = 4.0  # a slider goes from a quarter of a positive value to four times it
 _SPAN = 2.0  # or as many times the larger of value and typical size away from it
 
 
@@ -272,8 +272,8 @@ class Excitation:
         within: largest error of the input, unit of the level.
         boundary: circuit, plate, series resistance, gear ratio and stops, by the stepper's names.
         start: current (A), angle (rad), speed (rad/s).
-        release: when a held plate is let go, s; infinite where it never is.
-        readings: gain and zero of each channel as the rig logs it, where they are not 1 and 0.
+        release: release of a held plate, s; infinite if never.
+        readings: gain and zero of each logged channel, if they are not 1 and 0.
         lacks: what the page's simulation leaves out of this trace, in words.
     """
 
@@ -288,7 +288,8 @@ class Excitation:
 
 
 def excitations(problem: EstimationProblem, x: np.ndarray, most: int) -> list[Excitation | str]:
-    """Of every trace of a problem at x, shape (P,), with so many corners at most; a sentence where the page cannot."""
+    """Excitation of every trace of a problem at x, shape (P,), with at most so many corners; a sentence if
+    impossible."""
     values = problem.layout.values(x, problem.free_parameters.held)
     throttle = Throttle.build(problem.layout.types, values)
     batch = problem.arrays()
@@ -340,7 +341,7 @@ def _of_trace(
 
 
 def _polyline(time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of what goes straight from begin to end in each step; the first step has no length."""
+    """Corners of an input that is linear in each step; the first step has no length."""
     t = np.repeat(time, 2)[1:-1]
     level = np.stack([begin[1:], end[1:]], axis=1).ravel()
     if not level.size:

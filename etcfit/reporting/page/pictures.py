@@ -1,4 +1,4 @@
-"""The run's pictures, small enough to be carried in the page itself, each with a sentence on what it shows."""
+"""The run's pictures, small enough for the page itself, each with a sentence on its contents."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _CONTROL = {
     "safety": "What the proposed gains do where something fails: jam check, position sensor, loss of the current, and "
     "what holding the plate takes.",
 }
-"""By name of the file in RUN/pictures/control, without its ending."""
+"""Captions by name of the file in RUN/pictures/control, without its suffix."""
 
 
 _ONE = {f"control/{stem}": said for stem, said in _CONTROL.items()} | {
@@ -56,7 +56,7 @@ _EACH = {
 
 
 def caption(folder: str, stem: str) -> str:
-    """Of a picture by the folder below RUN/pictures and its file's name; a newcomer's is its name.
+    """Caption of a picture by its folder below RUN/pictures and its file's name; for an unknown picture its name.
 
     Args:
         folder: "" for RUN/pictures itself.
@@ -73,8 +73,8 @@ def caption(folder: str, stem: str) -> str:
     return _EACH.get(folder, "{}.").format(name[:1].upper() + name[1:] if folder.endswith("traces") else name)
 
 
-BUDGET = 4_500_000  # bytes of the page that pictures may take; commands/report.md promises less than 5 MB in all
-_COLOURS = 64  # of a plot: enough for lines, bands and the grey of their edges
+BUDGET = 4_500_000  # largest size of all pictures in the page, bytes; commands/report.md states less than 5 MB in all
+_COLOURS = 64  # colours of a plot: enough for lines, bands and the grey of their edges
 
 # folder below RUN/pictures -> title of its group, in the order of interest; folders not named here follow
 GROUPS = {
@@ -99,7 +99,7 @@ class Picture:
     """A picture in the page.
 
     Args:
-        name: of its file, as it is spoken.
+        name: name of its file, in words.
         caption: what it shows, a sentence.
         uri: data URI.
         width, height: px.
@@ -117,10 +117,10 @@ class Group:
     """Pictures of one kind.
 
     Args:
-        title: of the group.
+        title: title of the group.
         folder: below RUN/pictures.
         pictures: in the order of their names.
-        left_out: names of those for which there was no room.
+        left_out: names of pictures left out for lack of space.
     """
 
     title: str
@@ -130,14 +130,14 @@ class Group:
 
     @property
     def open(self) -> bool:
-        """Shown without a click."""
+        """Whether the group is shown without a click."""
         return self.folder in OPEN or self.folder not in GROUPS
 
 
 def groups(run: Path, budget: int = BUDGET) -> list[Group]:
-    """Every picture of a run folder, as many as there is room for in so many bytes, those of most interest first."""
+    """The pictures of a run folder that fit into so many bytes, those of most interest first."""
     base, room, out = run / "pictures", budget, []
-    with ThreadPoolExecutor() as pool:  # Pillow lets go of Python's lock
+    with ThreadPoolExecutor() as pool:  # Pillow releases Python's lock
         drawn = [(*each, pool.map(partial(carried, folder=each[0]), _drawn(base, each[0]))) for each in _folders(base)]
     for folder, title, pictures in drawn:
         taken, left_out = [], []
@@ -153,7 +153,7 @@ def groups(run: Path, budget: int = BUDGET) -> list[Group]:
 
 
 def _drawn(base: Path, folder: str) -> list[Path]:
-    """The pictures of a group; that of `etcfit tune`, RUN/pictures/tune.png, is one by itself."""
+    """The pictures of a group; that of `etcfit tune`, RUN/pictures/tune.png, is a group of its own."""
     if folder == "tune":
         return [path for path in [base / "tune.png"] if path.is_file()]
     return [path for path in sorted((base / folder).glob("*.png")) if path != base / "tune.png"]

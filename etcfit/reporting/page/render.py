@@ -1,4 +1,4 @@
-"""The page's parts put into its template; from which files and by which versions it was made."""
+"""The page's parts in its template, with the files and versions from which it was made."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .verdict import model, verdict
 
 
 def files_table(contents: Contents) -> Table:
-    """SHA-256 of every measurement file, as it was when it was fitted, and of the run's own files as they are."""
+    """SHA-256 of every measurement file at the time of the fit, and of the run's present files."""
     fit = contents.files["fit"]
     role = {row["file"]: "held out" for row in fit["score"]["holdout"]}
     role |= {row["file"]: "fitted" for row in fit["score"]["fit"]}
@@ -33,7 +33,7 @@ def files_table(contents: Contents) -> Table:
 
 
 def versions_table(contents: Contents) -> Table:
-    """Versions of each step; steps by the same versions share a line each."""
+    """Versions of each step; steps with the same versions share a line."""
     steps: dict[tuple[str, str], list[str]] = {}
     for kind, content in contents.files.items():
         for name, version in (content.get("versions") or {}).items():
@@ -43,7 +43,7 @@ def versions_table(contents: Contents) -> Table:
 
 
 def _errors(contents: Contents) -> Table:
-    """With a diagnosis before and after it, else of the fit alone."""
+    """Errors before and after a diagnosis, else those of the fit."""
     fitted, held_out = (rows_of(contents.score[part]) for part in ("fit", "holdout"))
     found, before = contents.get("diagnosis"), None
     if found:
@@ -52,7 +52,7 @@ def _errors(contents: Contents) -> Table:
 
 
 def stale(contents: Contents) -> list[str]:
-    """Results that were not made of the files that the fit was made of."""
+    """Results that were made from other files than the fit."""
     files = contents.files["fit"].get("files") or {}
     out = []
     for kind, content in contents.files.items():
@@ -64,7 +64,7 @@ def stale(contents: Contents) -> list[str]:
 
 
 def to_record(logs: Mapping[str, Any]) -> list[str]:
-    """A line for each log to record next; none where drive.json is older than that."""
+    """A line for each log to record next; none for an older drive.json."""
     return [f"Record next: {each['record']}. It tells {each['why']}." for each in logs.get("record_next") or ()]
 
 
@@ -94,7 +94,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
                 "Parameters of the final model",
             ),
             *posterior_parts(contents.get("posterior")),
-            # the fit's own words: of a model that a diagnosis has replaced they say nothing any more
+            # the fit's own sentences do not apply if a diagnosis has replaced its model
             *knowledge_parts(contents.final if contents.added else {**fit, **contents.final}),
         ],
         "lost": [s for s, p in contents.final["parameters"].items() if p["status"] == LOST],
@@ -117,7 +117,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
 
 
 def _warnings(contents: Contents) -> Iterator[str]:
-    """Of the final model, then of what was made from it; each once."""
+    """Warnings of the final model, then of results made from it; each once."""
     of_model = contents.final.get("warnings", contents.get("fit").get("warnings"))
     later = (
         contents.get(kind).get("warnings") for kind in ("posterior", "transfer_function", "frequency_response", "pid")

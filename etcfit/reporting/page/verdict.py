@@ -1,4 +1,4 @@
-"""A run in a few sentences: how well the model fits and predicts, what is wrong with the rig, what is known, gains."""
+"""A run in a few sentences: fit and prediction, mistakes of the rig, known parameters, gains."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from . import Contents, rows_of, tuned_of
 
 
 def verdict(contents: Contents) -> tuple[Markup, ...]:
-    """The sentences at the top of the page; on the gains those of terminal and notebook, of a run of `etcfit tune` its
-    own, so that both say the same."""
+    """The sentences at the top of the page; those on the gains are the same as on terminal and notebook, for a run of
+    `etcfit tune` its own."""
     left, pid = left_unexplained(contents), contents.get("pid")
     text = Markup("<strong>Something is left that no known effect explains</strong>, with probability {}.")
     told = tuned_of(contents.run)
     said = (told["says"]["answer"], told["says"]["requirements"]) if told else (sentence(pid) if pid else None,)
     of_gains = [escape(each) for each in said if each]
     return (
-        *(of_gains if told else ()),  # whoever asked for gains reads them first
+        *(of_gains if told else ()),  # for `tune` the gains come first
         _fits(contents),
         _predicts(contents),
         *([] if left is None else [text.format(number(left, 2))]),
@@ -44,15 +44,15 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
 
 
 def left_unexplained(contents: Contents) -> float | None:
-    """Probability that something acts which no known effect explains, where that is likelier than not."""
+    """Probability of an unknown cause, if that is above one half."""
     found = (contents.get("diagnosis").get("probabilities") or {}).get(UNEXPLAINED)
     return found if found and found > 0.5 else None
 
 
 def _mistakes(contents: Contents) -> Iterator[Markup]:
-    """Each mistake of the rig that the records show by themselves; a habit that the fit allows for is none."""
+    """Each mistake of the rig that the records show directly, without habits that the fit allows for."""
     rig = contents.get("diagnosis").get("rig")
-    for each in rig if isinstance(rig, list) else ():  # the rig's name in files of before
+    for each in rig if isinstance(rig, list) else ():  # the rig's name in older files
         if each.get("effect") or each["kind"] in ALLOWED_FOR:
             continue
         what, where = each["kind"].replace("_", " "), (each["test"] or "every test").replace("_", " ")
@@ -62,17 +62,17 @@ def _mistakes(contents: Contents) -> Iterator[Markup]:
 
 
 def _contradicts(contents: Contents) -> Iterator[Markup]:
-    """Each test that the others contradict, with what the parameter that it pulls most would be without it."""
+    """Each test that the others contradict, with the value without it of the parameter that it pulls most."""
     text = Markup("<strong>{} contradicts the other tests</strong>: without it {} is {} {} instead of {}.")
     for each in contents.final.get("contradictions") or ():
         without, value = each["without"], each["value"]
-        digits = 3 if without is None or value is None else digits_apart(without, value)  # as many as tell them apart
+        digits = 3 if without is None or value is None else digits_apart(without, value)  # enough to differ
         test, of = each["test"].replace("_", " "), unit(each["unit"])
         yield text.format(test, symbol(each["parameter"]), number(without, digits), of, number(value, digits))
 
 
 def model(contents: Contents) -> str:
-    """Eqs. 1-2, and what they were given besides."""
+    """Eqs. 1-2 and the added effects."""
     return listed(["Eqs. 1–2", *(name.replace("_", " ") for name in contents.added)])
 
 
@@ -93,15 +93,15 @@ def _fits(contents: Contents) -> Markup:
 
 
 def _motion(score: Mapping[str, Any]) -> str:
-    """How much of the motion is explained; "" in a file of before."""
+    """The explained share of the motion; "" for an older file."""
     return explained.sentence(score.get("explained"), score.get("explained_holdout"))
 
 
 def residuals(score: Mapping[str, Any]) -> str:
-    """What the residuals of the fitted traces are by the one rule (`estimation.goodness`), in words."""
+    """The verdict on the residuals of the fitted traces (`estimation.goodness`), in words."""
     rows, chi2 = score["fit"], f"(χ²/dof {short(score['chi2_per_dof'])})"
     count = Counter(row.get("left") for row in rows)
-    if None in count:  # a file of before
+    if None in count:  # an older file
         return f"residuals {chi2}"
     more, strays = count[Left.MORE] + count[Left.FAR], count[Left.STRAYS]
     if more and len(rows) == 1:

@@ -1,4 +1,4 @@
-"""A plan on the terminal, and PLAN/procedure.html: what a person at the bench needs of it, on paper."""
+"""A plan on the terminal, and PLAN/procedure.html: its sheet for the bench, on paper."""
 
 from __future__ import annotations
 
@@ -65,13 +65,13 @@ def hottest(test: PlannedTest, campaign: Campaign) -> float:
 
 _BAND = "#f2c49b"
 _LIMIT = "#a83a00"
-# how a person reads them, where the rig has not logged them in a unit of its own
+# units for people, if the rig has not logged the channel
 _UNITS = {"current": ("A", 1.0), "position": ("deg", float(np.pi / 180.0)), "emf": ("V", 1.0),
           "motor_speed": ("rpm", float(np.pi / 30.0))}  # fmt: skip
 
 
 def panels_of(test: PlannedTest, campaign: Campaign) -> tuple[str, ...]:
-    """Channels worth a panel: what is logged, and current and angle whether logged or not."""
+    """Channels with a panel: logged channels, and always current and angle."""
     boundary = TEST_BY_NAME[test.candidate.plan.test].boundary
     still = {"position"} if boundary.plate_held or boundary.gear_apart else set()
     idle = {"current"} if boundary.terminals_open else set()
@@ -114,7 +114,7 @@ def _channel(panel: Axes, test: PlannedTest, campaign: Campaign, name: str) -> N
 
 
 def _as_read(name: str, values: np.ndarray, own: Channel | None) -> tuple[str, np.ndarray]:
-    """Unit and values as a person reads them: in that of the rig's logs, an angle in degrees."""
+    """Unit and values for people: the unit of the rig's logs, an angle in degrees."""
     if own is not None and name not in ("position", "current"):
         return own.unit, own.logged(values)
     unit, size = _UNITS[name]
@@ -122,13 +122,13 @@ def _as_read(name: str, values: np.ndarray, own: Channel | None) -> tuple[str, n
 
 
 def _banded(panel: Axes, time: np.ndarray, value: np.ndarray, ends: np.ndarray) -> None:
-    """A line in its band; ends have shape (2, n), in either order."""
+    """A line with its band; ends have shape (2, n), in either order."""
     panel.fill_between(time, ends.min(axis=0), ends.max(axis=0), color=_BAND, lw=0, label="must stay within")
     panel.plot(*style.thin(time, value), color=style.SIMULATED, lw=1.1, label="expected")
 
 
-_FUSES = (1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0, 30.0)  # A, blade fuses as they are sold
-_TELLS = 0.95  # share of its standard error below which a test is said to tell a parameter
+_FUSES = (1.0, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0, 30.0)  # A, common blade fuses
+_TELLS = 0.95  # ratio of standard errors below which a test counts as improving a parameter
 
 
 @dataclass(frozen=True)
@@ -137,14 +137,14 @@ class Step:
 
     Args:
         number, title: in the order of the plan.
-        how: what is played.
-        remark: what was assumed, or "".
-        wiring: how the throttle is connected and held.
-        watch: what is particular about it.
-        play: the file that is played; "" with open terminals.
+        how: the played signal.
+        remark: assumptions, or "".
+        wiring: connection and support of the throttle.
+        watch: special instructions.
+        play: the file to play; "" with open terminals.
         record: the file of the record.
         logger: columns, ranges, resolution.
-        tells: what it will tell.
+        tells: the parameters that it improves.
         facts: seconds, rate, amperes, temperature, pause.
         picture: the expected curves.
     """
@@ -164,7 +164,7 @@ class Step:
 
 
 def write_sheet(folder: Path, campaign: Campaign) -> Path:
-    """Draw PLAN/pictures and write PLAN/procedure.html; where the page is."""
+    """Draw PLAN/pictures and write PLAN/procedure.html; return the page's path."""
     steps = [_step(folder, campaign, number, test) for number, test in enumerate(campaign.tests, 1)]
     path = folder / "procedure.html"
     write_text(path, _render(campaign, steps))
@@ -277,7 +277,7 @@ _EXPECTED = "Standard errors now and expected after all tests, %"
 
 
 def _stderr(symbols: tuple[str, ...], before: np.ndarray, after: np.ndarray, title: str, below: float = 2.0) -> Table:
-    """A row a parameter whose standard error shrinks to less than `below` times what it is."""
+    """One row per parameter whose standard error shrinks to less than `below` times what it is."""
     rows = [(s, 100.0 * float(b), 100.0 * float(a), f"{a / b:.2f}")
             for s, b, a in zip(symbols, before, after, strict=True) if a < below * b]  # fmt: skip
     return Table(title, (Column("parameter", 0, "symbol"), Column("now", 1, digits=2), Column("expected", 2, digits=2),

@@ -32,13 +32,13 @@ def posterior_table(posterior: Posterior, profiles: Mapping[str, Profile]) -> Re
 
 
 def posterior_parts(posterior: Mapping[str, Any]) -> list[Part]:
-    """Parameters with their spread by Laplace, profile and posterior side by side, then the profiles."""
+    """Parameters with their spread by Laplace, profile and posterior, then the profiles."""
     parameters = posterior.get("parameters")
     return there(parameters_table(posterior), _profiles(parameters)) if parameters else []
 
 
 def parameters_table(posterior: Mapping[str, Any]) -> Table:
-    """A row a parameter; one that is not identifiable gets no number."""
+    """One row per parameter; no number if it is not identifiable."""
     rows = [{"symbol": symbol, **each} for symbol, each in posterior["parameters"].items()]
     exact = ", formulas of effects taken as exact (intervals of the fit allow for inexact ones)"
     differ = "; in red where fit, profile and posterior differ by more than 20 % in width"
@@ -61,7 +61,7 @@ def parameters_table(posterior: Mapping[str, Any]) -> Table:
 
 
 def _profiled(row: Mapping[str, Any]) -> str:
-    """Its standard deviation, or what kind of profile it is where it has none."""
+    """The standard deviation of a profile, or the kind of profile if it has none."""
     profile = row.get("profile") or {}
     return short(profile["sd"]) if profile.get("sd") else profile.get("kind", "")
 

@@ -1,4 +1,4 @@
-"""All pictures of a posterior: where each goes and how it is drawn, in the order of interest."""
+"""All pictures of a posterior: paths and drawing functions, in the order of interest."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from ..pictures import file_name
 from ..traces import headed, name_of, signal, source, stack
 
 _INSIDE = "#f2c49b"
-_ERRORS_SHOWN = 0.998  # of the errors lie inside their panel
+_ERRORS_SHOWN = 0.998  # share of the errors inside their panel
 
 
 def draw_band(band: Band, synthetic: bool) -> Figure:
-    """Two panels a channel: the signal, and measured - predicted with the band about zero."""
+    """Two panels per channel: the signal, and measured - predicted with the band about zero."""
     trace = band.trace
     heights = [h for _ in trace.channels for h in (1.7, 1.3)]
     fig, panels = stack(heights, synthetic)
@@ -62,17 +62,17 @@ with warnings.catch_warnings():  # it loads ArviZ, which announces its next vers
 
 
 _CELL = 1.15  # inches
-_SHOWN = 4.0  # standard deviations either way
+_SHOWN = 4.0  # range in standard deviations on both sides
 
 
 def draw_corner(
     rig: str, draws: Mapping[str, np.ndarray], units: Mapping[str, str], truths: Mapping[str, float], synthetic: bool
 ) -> Figure:
-    """Each axis is a distance from the posterior mean in per cent of it, so that ticks stay short.
+    """Each axis is the distance from the posterior mean in per cent of it, so that ticks are short.
 
     Args:
         draws: SI by symbol, shape (D,) each.
-        truths: SI by symbol, where known.
+        truths: true values, SI by symbol, if known.
     """
     symbols = list(draws)
     side = 1.6 + _CELL * len(symbols)
@@ -113,7 +113,7 @@ def _percent(value: np.ndarray | float, draws: np.ndarray) -> np.ndarray:
 
 
 def _means(rig: str, draws: Mapping[str, np.ndarray], units: Mapping[str, str], synthetic: bool) -> str:
-    """Means, since the axes show distances from them."""
+    """Means, because the axes show distances from them."""
     lines = [f"{rig}: posterior", "distance from the mean [%], 1 and 2 sd"]
     lines += ["orange: what the data were made from"] if synthetic else []
     for s, d in draws.items():
@@ -125,7 +125,7 @@ _ACROSS = 3
 
 
 def draw_profiles(rig: str, profiles: Sequence[Profile], units: Mapping[str, str], synthetic: bool) -> Figure:
-    """chi2's rise over its least as one parameter is held and the others follow."""
+    """Rise of chi2 over its minimum with one parameter held and the others fitted."""
     across = min(_ACROSS, len(profiles))
     down = -(-len(profiles) // across)
     tall = 0.7 + 2.9 * down
@@ -152,7 +152,7 @@ def _panel(panel: Axes, profile: Profile, unit: str) -> None:
     panel.set_title(f"{profile.symbol}: {profile.kind}", loc="left")
 
 
-_EDGE = 6.0  # of the unit of the axis
+_EDGE = 6.0  # edge of the picture, in units of the axis
 LAPLACE, PROFILE, POSTERIOR = style.SIMULATED, "#009e73", style.READING
 
 
@@ -161,12 +161,12 @@ class Spread:
     """One parameter, SI.
 
     Args:
-        symbol, unit: which.
-        fitted, stderr: of the fit; no standard error where it is a compromise.
-        mean, sd, low, high: of the posterior.
-        profile: its interval, or None.
-        reading, truth: or None.
-        apart: they differ in width by more than 20 %.
+        symbol, unit: symbol and unit of the parameter.
+        fitted, stderr: value and standard error of the fit; no standard error for a compromise.
+        mean, sd, low, high: figures of the posterior.
+        profile: interval of the profile, or None.
+        reading, truth: reading and true value, or None.
+        apart: whether the widths differ by more than 20 %.
     """
 
     symbol: str
@@ -184,12 +184,12 @@ class Spread:
 
     @property
     def scale(self) -> float:
-        """Unit of the axis: the standard error of the fit, or where it has none the posterior's standard deviation."""
+        """Unit of the axis: the standard error of the fit, or without one the posterior's standard deviation."""
         return self.sd if self.stderr is None else self.stderr
 
 
 def draw_spreads(rig: str, spreads: Sequence[Spread], synthetic: bool) -> Figure:
-    """A row a parameter; 95 % intervals about the fitted value, see `Spread.scale`."""
+    """One row per parameter; 95 % intervals about the fitted value, see `Spread.scale`."""
     fig, panel = style.titled(f"{rig}  ·  how sure", 1.6 + 0.46 * max(1, len(spreads)), (0.2, 0.62), synthetic)
     panel.axvline(0.0, color="black", lw=0.8)
     if any(spread.reading is not None for spread in spreads):
@@ -254,7 +254,7 @@ def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[
 
 
 def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[Spread]:
-    """Of whatever both the fit and the posterior put a number to, ties aside."""
+    """Parameters with a number from both the fit and the posterior, without tied ones."""
     fit, read, true = posterior.fit, readings_of(posterior.fit), truths(posterior.fit.rig)
     known = intervals(fit) | lumped(fit)
     out = []
