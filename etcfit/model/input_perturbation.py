@@ -116,7 +116,7 @@ def step_inputs_along(throttle: Throttle, path: Any, steps: Step, resets: Reset)
     x, z = jax.tree.map(lambda leaf: jnp.concatenate((jnp.zeros_like(leaf[:1]), leaf[:-1])), path)
 
     def one(x: State, z: tuple[Scalar, ...], s: Step, reset: Reset) -> StepInputs:
-        at, memories = begun(throttle, x, z, reset)
+        at, memories = begun(throttle, x, z, s, reset)
         return step_inputs(throttle, at, memories, s)
 
     return jax.vmap(jax.vmap(one))(x, z, steps, resets)
@@ -196,7 +196,8 @@ def _memories(effect: AbstractEffect, along: StepInputs, s: Step, reset: Reset, 
     if not effect.z0:
         return (), (), ()
     alone, (early, late, *_) = Throttle((effect,)), along
-    z = tuple(jnp.where(reset.begins > 0.5, first, now) for first, now in zip(effect.z0, z, strict=True))
+    firsts = effect.first(early.u.motor + early.u.external)
+    z = tuple(jnp.where(reset.begins > 0.5, first, now) for first, now in zip(firsts, z, strict=True))
     a, second = GAMMA * s.dt, State(*(at + way for at, way in zip(late.x, late.dx, strict=True)))
     z_early = memory(alone, z, z, early.x, early.u, a)
     z1 = memory(alone, z, z_early, late.x, early.u, a)

@@ -578,12 +578,13 @@ class Reset(NamedTuple):
     omega: Scalar
 
 
-def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> StatePath:
+def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, reset: Reset) -> StatePath:
     """State and memories at the begin of a step: those of the step before, or the initial ones if a trace begins.
 
     Args:
         throttle: the model, for the first memories.
         x, z: state and memories at the end of the step before.
+        s: the step.
         reset: whether a trace begins here, and its initial state.
     """
     begins = reset.begins > 0.5
@@ -592,7 +593,8 @@ def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], reset: Reset) -> 
         jnp.where(begins, reset.theta, x.theta),
         jnp.where(begins, reset.omega, x.omega),
     )
-    return x, tuple(jnp.where(begins, first, now) for first, now in zip(throttle.z0, z, strict=True))
+    firsts = throttle.first(x, s.inputs(0.0))
+    return x, tuple(jnp.where(begins, first, now) for first, now in zip(firsts, z, strict=True))
 
 
 def simulate(throttle: Throttle, steps: Step, resets: Reset) -> StatePath:
@@ -611,7 +613,7 @@ def simulate(throttle: Throttle, steps: Step, resets: Reset) -> StatePath:
 
     def advance(carry: StatePath, entry: tuple[Step, Reset]):
         s, reset = entry
-        carry = jax.vmap(step, in_axes=(None, 0, 0, 0))(throttle, *begun(throttle, *carry, reset), s)
+        carry = jax.vmap(lambda x, z, s, reset: step(throttle, *begun(throttle, x, z, s, reset), s))(*carry, s, reset)
         return carry, carry
 
     _, path = jax.lax.scan(advance, (x0, z0), (steps, resets))

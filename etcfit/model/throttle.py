@@ -57,6 +57,13 @@ class Throttle(eqx.Module):
         """Memories of all effects at the begin of a trace, one after the other."""
         return tuple(z for effect in self.effects for z in effect.z0)
 
+    def first(self, x: State, u: Inputs) -> tuple[Scalar, ...]:
+        """Memories of all effects of a plate that rested in this state; `z0` where none depends on its load."""
+        if all(type(effect).first is AbstractEffect.first for effect in self.effects):
+            return self.z0
+        u = self.informed(x, self.z0, u)
+        return tuple(z for effect in self.effects for z in effect.first(u.motor + u.external))
+
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         """Sum of the contributions of all effects.
 

@@ -94,7 +94,7 @@ def _taken(form: Form, values: Any, path: StatePath, entry: Any) -> Given:
     steps, resets, slots, disturbance, test_of = entry
     throttle = Throttle.build(form.types, values)
     steps, resets = equipped(throttle, steps, resets, test_of, values)
-    before = begun(throttle, *path, resets)
+    before = begun(throttle, *path, steps, resets)
     batch = BatchArrays(steps, resets, slots, disturbance, test_of)
     return Given(throttle, before, step(throttle, *before, steps), batch)
 

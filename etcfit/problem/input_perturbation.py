@@ -174,7 +174,7 @@ def _asks(form: Form) -> Any:
         s, reset, test_of = entry
         throttle = Throttle.build(form.types, values)
         s, reset = equipped(throttle, s, reset, test_of, values)
-        x, z = begun(throttle, path[0], path[1], reset)
+        x, z = begun(throttle, path[0], path[1], s, reset)
         return step(throttle, x, z, s), Where(step_inputs(throttle, x, z, s), s, reset)
 
     memories = Throttle.build(form.types, dict.fromkeys(form.index, 0.5)).z0

@@ -61,7 +61,7 @@ def _observed(late: Sequence[str], form: Form, values: Any, carried: Carried, en
     batch, kind, ways = entry
     acting, throttle = batch.steps.acting, Throttle.build(form.types, values)
     s, reset = equipped(throttle, *batch, values)
-    x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
+    x, z = step(throttle, *begun(throttle, carried.x, carried.z, s, reset), s)
     seen = throttle.read(throttle.observe(x, z, s.inputs(1.0)), batch.test_of, s.trace)
     prompt = shown({name: seen[name] for name in KINDS if name not in late}, kind)
     return Carried(x, z, ()), _Observed(prompt, {name: seen[name] for name in late}, acting, ways)

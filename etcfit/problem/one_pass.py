@@ -99,7 +99,7 @@ def advance(
     s, reset, slots, test_of, filter_ = entry
     throttle = Throttle.build(form.types, values)
     s, reset = equipped(throttle, s, reset, test_of, values)
-    x, z = step(throttle, *begun(throttle, carried.x, carried.z, reset), s)
+    x, z = step(throttle, *begun(throttle, carried.x, carried.z, s, reset), s)
     seen = shown(throttle.read(throttle.observe(x, z, s.inputs(1.0)), test_of, s.trace), slots.kind)
     error, r = innovate(carried.error, filter_, slots.weight * (slots.value - seen))
     return Carried(x, z, error), Compared(seen, r)

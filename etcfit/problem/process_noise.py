@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from ..model.effects import AbstractEffect, State
 from ..model.parameters import AnyArray, Scalar
 from ..model.running import running_sum
-from ..model.stepper import Reset, StatePath, Step, step
+from ..model.stepper import Reset, StatePath, Step, begun, step
 from ..model.throttle import Throttle, followed
 from .batch import BatchArrays, Disturbance, SampleSlots
 
@@ -88,7 +88,7 @@ def error_process(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Er
         batch: the batch with the rig's effects and the guide's lever, see `residual.run`.
     """
     steps, resets, slots, disturbance, _ = batch
-    before = before_steps(throttle, path, resets)
+    before = before_steps(throttle, path, steps, resets)
     # entry by entry, here and below: such a loop compiles in a fraction of the time for whole arrays
     each = jax.vmap(partial(linearised_step, throttle))
     inner, push = jax.lax.map(lambda entry: each(*entry), (*before, steps, disturbance))
@@ -166,16 +166,10 @@ def spread_on(
     return covariance, jnp.sum((sense @ covariance) * sense, axis=-1)
 
 
-def before_steps(throttle: Throttle, path: StatePath, resets: Reset) -> StatePath:
+def before_steps(throttle: Throttle, path: StatePath, steps: Step, resets: Reset) -> StatePath:
     """State and memories at the begin of every step, shape (T, L) each, from those at its end."""
-
-    def shift(column: Float[Array, "T L"], first: Scalar) -> Float[Array, "T L"]:
-        late = jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1]))
-        return jnp.where(resets.begins > 0.5, first, late)
-
-    x, z = path
-    state = State(shift(x.i, resets.i), shift(x.theta, resets.theta), shift(x.omega, resets.omega))
-    return state, tuple(shift(c, first) for c, first in zip(z, throttle.z0, strict=True))
+    late = jax.tree.map(lambda column: jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1])), path)
+    return begun(throttle, *late, steps, resets)
 
 
 def linearised_step(

@@ -33,7 +33,7 @@ def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Floa
         Shape (T, L), in standard deviations of the samples.
     """
     steps, resets, slots, _, test_of = batch
-    x, z = before_steps(throttle, path, resets)
+    x, z = before_steps(throttle, path, steps, resets)
     # entry by entry: a loop over one entry's lanes compiles in a fraction of the time for whole arrays
     each = jax.vmap(partial(step_error, throttle))
     error = jax.lax.map(lambda entry: each(*entry), (x, z, steps, slots, test_of))

@@ -168,6 +168,10 @@ class AbstractEffect(eqx.Module):
         """A declared parameter as it is in the model; a family of effects may change its symbol or scale."""
         return p
 
+    def first(self, load: Scalar) -> tuple[Scalar, ...]:
+        """Memories with which a trace begins, of a plate that rested under a load, N m, positive opens."""
+        return self.z0
+
     @abc.abstractmethod
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         """The effect's contribution; a pure function of its parameters, x, z and u."""

@@ -12,6 +12,7 @@ from .base import AbstractEffect, Contribution, Inputs, State
 
 _AT_REST = 1e-12  # share of the Stribeck speed below which a power would have no finite slope
 _VANISHED = 6.0  # log of the largest power that differs from infinity: exp(-exp(6)) = 1e-175
+_NO_LOAD = 1e-12  # N m, below which the load of a contact counts as none
 
 
 def _power(ratio: Scalar, exponent: Scalar) -> Scalar:
@@ -126,8 +127,9 @@ class PreslidingFriction(AbstractEffect):
     """torque = -T_z (s + tau_z ds/dt), ds/dt = (omega - |omega| s)/delta_z: a contact of stiffness T_z/delta_z that
     slides at T_z, damped while it yields.
 
-    The memory s is the share of T_z that the contact carries; each trace begins with the contact unloaded. It adds to
-    the set-valued friction T_f, which does not yield. Without damping a plate at rest oscillates on its contact.
+    The memory s is the share of T_z that the contact carries. A trace begins with a plate at rest, whose contact
+    carries the load T as far as it can: s = T / max(|T|, T_z). It adds to the set-valued friction T_f, which does not
+    yield. Without damping a plate at rest oscillates on its contact.
 
     Source: Dahl 1968, A solid friction model, TOR-0158(3107-18)-1; Canudas de Wit, Olsson, Astrom and Lischinsky 1995,
     IEEE Trans. Autom. Control 40(3), with sigma_1 = T_z tau_z/delta_z. Differs from source: no Stribeck effect.
@@ -144,6 +146,9 @@ class PreslidingFriction(AbstractEffect):
     tau_z: Scalar = parameter(
         "s", NonNegative(0.01), 0.0, "damping over stiffness of the yielding contact", "Canudas de Wit et al. 1995"
     )
+
+    def first(self, load: Scalar) -> tuple[Scalar, ...]:
+        return (load / jnp.maximum(jnp.maximum(jnp.abs(load), self.T_z), _NO_LOAD),)
 
     def __call__(self, x: State, z: tuple[Scalar, ...], u: Inputs) -> Contribution:
         rate = (x.omega - jnp.abs(x.omega) * z[0]) / self.delta_z

@@ -110,6 +110,9 @@ def _plant(types: Types) -> tuple[str, ...]:
         state, memories = x
         return step(Throttle.build(types, p), state, memories, Step(**u, **_FREE))
 
+    def first(p: Any, x: tuple[State, Any], u: Any) -> Any:
+        return [0.0 + each for each in Throttle.build(types, p).first(x[0], Step(**u, **_FREE).inputs(0.0))]
+
     def read(p: Any, x: tuple[State, Any], u: Any) -> Any:
         state, memories = x
         seen = Throttle.build(types, p).observe(state, memories, Step(**u, **_FREE).inputs(1.0))
@@ -121,6 +124,7 @@ def _plant(types: Types) -> tuple[str, ...]:
 
     return (
         _method("advance", "pxu", advance, names),
+        _method("first", "pxu", first, names),
         _method("read", "pxu", read, names),
         _method("delays", "p", delays, names[:1]),
     )

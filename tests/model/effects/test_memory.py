@@ -10,7 +10,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from effect_samples import AXES, follow, inputs, made, rows, table
-from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Inputs, State
+from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Inputs, State
+from etcfit.model.parameters import parameters_of
+from etcfit.model.stepper import Reset, Step, simulate
+from etcfit.model.throttle import Throttle
 
 
 def still(**x: Any) -> State:
@@ -125,6 +128,27 @@ def test_a_contact_is_bounded_by_its_friction_torque() -> None:
 
     torque = follow(effect, motion, 1.0, 20000).c.torque
     assert 0.07 < np.max(np.abs(torque)) <= 0.08
+
+
+@pytest.mark.parametrize(("load", "carried"), [(0.03, 0.03), (-0.03, -0.03), (0.5, 0.08), (-0.5, -0.08), (0.0, 0.0)])
+def test_the_contact_of_a_plate_at_rest_carries_its_load_as_far_as_it_can(load: float, carried: float) -> None:
+    effect = made(EFFECT_BY_NAME["presliding_friction"], T_z=0.08, delta_z=0.004, tau_z=2e-3)
+    assert float(effect(still(), effect.first(load), inputs()).torque) == pytest.approx(-carried, abs=1e-15)
+
+
+def test_a_plate_that_rests_on_its_contact_stays_where_it_is() -> None:
+    """A spring pulls it with half of what the contact holds; unloaded, the contact would let it sink."""
+    types = (*PAPER, EFFECT_BY_NAME["presliding_friction"])
+    values = {p.symbol: p.nominal for t in types for p in parameters_of(t)}
+    values |= {"K_s": 0.05, "T_PL": 0.0, "T_f": 0.0, "T_z": 0.08, "delta_z": 0.004, "tau_z": 1e-3}
+    throttle = Throttle.build(types, values)
+    begin, lane = State(*(jnp.full((200, 1), v) for v in (0.0, 0.8, 0.0))), jnp.ones((200, 1))
+    none = 0.0 * lane
+    steps = Step(1e-3 * lane, none, none, none, none, none, lane, lane, lane, none, 20.0 * lane, none, 1.5 * lane,
+                 none, none, none, none)  # fmt: skip
+    path = simulate(throttle, steps, Reset(none.at[0].set(1.0), begin.i, begin.theta, begin.omega))
+    assert_allclose(path[0].theta[-1], 0.8, atol=1e-9)
+    assert_allclose(path[1][0][-1], -0.04 / 0.08, rtol=1e-6)
 
 
 # ---- a gear with play

@@ -68,6 +68,9 @@
     }
 
     u.mobile = begun >= sim.release ? 1 : 0;
+    u[from] = input.at(0, begun);
+    model.first(values, x, u, late);
+    x.set(late.subarray(0, model.z0.length), 3);
     advance(x, begun, 0, 0, x); // onto the stops
     record(begun, x);
     const longest = LONGEST * (end - begun);
