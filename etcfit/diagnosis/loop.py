@@ -17,13 +17,15 @@ from .composition import Effect, is_of_the_rig, resting
 from .formula_errors import EXACT, FormulaErrors
 from .refit import is_no_worse, refit_fully
 from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
-from .score import Score, baseline, folds, left_out
+from .score import Score, baseline, folds, left_out, score
 from .screen import Background, Signature, ranked, screen_of_the_rig
 from .tangents import Tangents, tangents_inside, variants
 from .trial import Trial, judge_trial, run_trial, second_trial
 
 ROUGH_CHI2 = 1.2  # chi2 per sample after the trial of a rough effect above which a population searches on
 STARTS = 4  # variants of an effect from which its refit starts, at most
+SURPRISING = 2.0  # fall of chi2 in a trial over the promise, above which the model before is tried from its end too
+NOT_ITS_OWN = 0.5  # share of that fall which the model before must reach without the effect to begin the round anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,26 @@ class Round:
 
 
 def run_round(s: CandidateModel, report: Report) -> Round:
-    """One round."""
+    """One round; made anew from a deeper optimum of the model before, where the trial of the effect chosen leads to
+    one."""
+    turned = _one_round(s, report)
+    deeper = None if s.far else deeper_optimum(turned, report)
+    return turned if deeper is None else _one_round(deeper, report)
+
+
+def deeper_optimum(turned: Round, report: Report) -> CandidateModel | None:
+    """The model before, refitted from where the trial of the effect chosen ended, if that explains most of what the
+    effect seemed to explain; None where it does not, or where the effect explains what it promised."""
+    promise = {g.variant.effect: g.gain for g in turned.screened}.get(turned.added)
+    if promise is None or turned.best.verdict.gain < SURPRISING * promise:
+        return None
+    report(f"refitting without {turned.best.verdict.effect.name}", 0.8)
+    less = turned.best.model.without(turned.best.verdict.effect).optimised()
+    fall = turned.score.chi2 - score(less, turned.score.errors).chi2
+    return less if fall > NOT_ITS_OWN * turned.best.verdict.gain else None
+
+
+def _one_round(s: CandidateModel, report: Report) -> Round:
     before = baseline(s)
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)

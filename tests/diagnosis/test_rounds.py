@@ -15,14 +15,14 @@ from etcfit.diagnosis.choice import Choice, Outcome, choose
 from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.exchange import Found
-from etcfit.diagnosis.loop import Round, refit_chosen, run_round, starts_of
+from etcfit.diagnosis.loop import Round, deeper_optimum, refit_chosen, run_round, starts_of
 from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.rounds import Near, Progress, find_masked_effect, forward, maskable, nearest, reported
-from etcfit.diagnosis.score import Apart
+from etcfit.diagnosis.score import Apart, baseline
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
-from etcfit.diagnosis.trial import Trial
+from etcfit.diagnosis.trial import Trial, judge_trial
 from etcfit.estimation.joint_fit import quiet
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
 from etcfit.rig.base import Rig
@@ -78,6 +78,28 @@ def test_an_effect_that_was_refitted_unscreened_is_reported_with_what_the_refit_
     assert (first.refitted, first.bic_change, first.screened) == (True, -500.0, turned.trials[0].verdict.gain)
     of_round = (told,), {GRAVITY.name}, False, DiagnosisSettings()
     assert probabilities(questions(*of_round), *of_round)[GRAVITY.name] > 0.4  # its tie as much
+
+
+def test_a_round_begins_anew_where_the_model_before_gains_as_much_without_the_effect(small: CandidateModel) -> None:
+    """Three names of one folder gained 250 of chi2 each, and none of it was theirs: the model before was not at its
+    optimum."""
+    shallow, deep = (replace(small, x=small.optimised().x + away).optimised() for away in (0.0, 0.5))
+    before, choice = baseline(shallow), Choice(Outcome.ADDED, GRAVITY, (), "")
+
+    def found(end: CandidateModel, promise: float, gain: float | None = None) -> CandidateModel | None:
+        trial = judge_trial(GRAVITY, before, end.trying((GRAVITY,), {"T_g": 0.0}))
+        gain = trial.verdict.gain if gain is None else gain
+        assert gain > 0.0
+        trial = replace(trial, verdict=replace(trial.verdict, gain=gain))
+        screened = (signature(GRAVITY, promise * gain),)
+        return deeper_optimum(Round(shallow, before, screened, (trial,), choice), quiet)
+
+    anew = found(deep, 0.4)
+    assert anew is not None
+    assert anew.added == ()
+    assert anew.chi2 < shallow.chi2
+    assert found(shallow, 0.4, gain=50.0) is None, "the gain is the effect's own"
+    assert found(deep, 0.6) is None, "the effect explains what it promised"
 
 
 def test_no_round_is_made_beyond_those_that_the_settings_allow(small: CandidateModel, rig: Rig) -> None:
