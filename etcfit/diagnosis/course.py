@@ -21,7 +21,14 @@ from .findings import Diagnosis, Question, SetTried, Unexplained
 from .formula_errors import formula_covariance, percent_off
 from .free_sets import FREE_SPREAD, searched_free
 from .other_rig import Strange, explains_misfit, of_another_rig
-from .probabilities import SOMETHING_ELSE, UNSAID, doubted_effects, named_effects, with_proven_effect
+from .probabilities import (
+    SOMETHING_ELSE,
+    UNSAID,
+    doubted_effects,
+    largest_probability,
+    named_effects,
+    with_effect_before_rounds,
+)
 from .refit import start
 from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, reported
 from .score import score, tie_covariance
@@ -206,7 +213,8 @@ def _diagnosis_without_piece(
     """The diagnosis of the other data where a piece of the data is set aside, with the statement on that piece."""
     report(strange.why, 0.0)
     rest = diagnose(strange.rest, report, settings)
-    stated = strange.statement(settings)
+    likely = largest_probability(strange.name, rest.rounds, rest.unexplained is not None, settings)
+    stated = strange.statement(likely, settings)
     mistake = strange.mistake(stated)
     before_rounds = Question("Before any round: what explains the misfit?",
                      {strange.name: stated.probability, SOMETHING_ELSE: 1.0 - stated.probability})  # fmt: skip
@@ -218,7 +226,7 @@ def _diagnosis_without_piece(
         removed=(strange.why, *rest.removed),
         rig=(mistake, *rest.rig),
         aside=(*strange.traces, *rest.aside),
-        probabilities=with_proven_effect(strange.name, rest.probabilities, settings),
+        probabilities=with_effect_before_rounds(strange.name, likely, rest.probabilities),
         questions=(before_rounds, *rest.questions),
         statements=(stated, *rest.statements),
         verdict=(stated.sentence, *rest.verdict),

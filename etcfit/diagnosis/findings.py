@@ -112,6 +112,7 @@ class RoundReport:
         added: the effect found, or None.
         ties: effects that explain these data as well as the one added.
         why: one sentence.
+        beside_formulas: whether effects with inexact formulas are at work in that model.
     """
 
     effects: tuple[str, ...]
@@ -122,6 +123,7 @@ class RoundReport:
     added: str | None
     ties: tuple[str, ...]
     why: str
+    beside_formulas: bool = False
 
 
 @dataclass(frozen=True)

@@ -72,13 +72,13 @@ class Strange:
         """Name of the effect."""
         return OtherRig.at(self.place).name
 
-    def statement(self, settings: DiagnosisSettings) -> Statement:
-        """The statement on it; its probability is one less the lapse."""
+    def statement(self, probability: float, settings: DiagnosisSettings) -> Statement:
+        """The statement on it."""
         apart = differences(self.own, self.rest)
         each = [f"{symbol} {100.0 * d:+.3g} %" for symbol, d in list(apart.items())[:_NAMED]]
         differs = listed(each) if each else "parameters that it does not determine"
         said = f"{OtherRig.kind} in {self.place.words}: another throttle body, which differs in {differs}"
-        return statement(OtherRig.at(self.place), Named(said, self._mend), 1.0 - settings.lapse, {}, settings)
+        return statement(OtherRig.at(self.place), Named(said, self._mend), probability, {}, settings)
 
     @property
     def _mend(self) -> str:

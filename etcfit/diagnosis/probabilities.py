@@ -15,17 +15,22 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from ..model.rig_effects import Place, rig_effect
-from .findings import Question, RoundReport, Whiteness
+from .findings import Candidate, Question, RoundReport, Whiteness
+from .refit import NEAR_CHI2_PER_DOF
 from .settings import DiagnosisSettings
+from .trial import BESIDE_FORMULAS
 
 # ---- What is probable enough to be printed: one list for statements, terminal and pages
 
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
-LEAST_CREDIT = 0.7  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
+LEAST_CREDIT = 0.5  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
+LEAST_CREDIT_OF_A_MISTAKE = 0.7  # the same of a mistake of the rig, which leaves noise where it is what is wrong
 
 
 _PRINTED_FROM = 0.02
+MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on another cause is at work
+BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
 WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
 
 
@@ -69,7 +74,11 @@ def credit_by_round(rounds: Sequence[RoundReport], added: Collection[str]) -> li
 def doubted_effects(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
     """Effects that stay in the model but are not named, because another cause is likelier."""
     believed = zip(rounds, credit_by_round(rounds, added), strict=True)
-    return [str(each.added) for each, credit in believed if credit < LEAST_CREDIT]
+    return [str(each.added) for each, credit in believed if credit < _least_credit(each.added)]
+
+
+def _least_credit(name: str | None) -> float:
+    return LEAST_CREDIT if name is None or rig_effect(name) is None else LEAST_CREDIT_OF_A_MISTAKE
 
 
 def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
@@ -98,9 +107,14 @@ def _in_one_test(one: Place, other: Place) -> bool:
 
 
 def _gain(k: int, rounds: Sequence[RoundReport], place: Place) -> float:
-    """Fall of chi2 of the samples at a place in a round; 0 where chi2 rose."""
-    before, after = (sum(_excess(row) for row in rounds[j].evidence.rows if _is_at(row, place)) for j in (k, k + 1))
-    return max(0.0, before - after)
+    """Fall of chi2 of the samples at a place in a round; 0 where chi2 rose.
+
+    Where it rose far from the data, because every model has weights of its own there, it is the fall until the end."""
+    before, after, end = (
+        sum(_excess(row) for row in rounds[j].evidence.rows if _is_at(row, place)) for j in (k, k + 1, -1)
+    )
+    far = before > NEAR_CHI2_PER_DOF * sum(row.n for row in rounds[k].evidence.rows)
+    return max(0.0, before - (end if far and after > before else after))
 
 
 def _excess(row: Whiteness) -> float:
@@ -132,12 +146,17 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 #
 #     w_e = prior_e exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
 #
-# T tempers it: correlated residuals and inexact formulas make BIC surer than it should be. The prior (`trial.surprise`,
-# which the change of BIC leaves out here) is not tempered. `lapse` is the probability of the answer "something else":
-# the rate at which a name is wrong however strong its evidence is, because the true cause may be outside the catalogue;
-# it is higher where an effect explains only a part of the misfit at its place (`credit_by_round`). The answers of a
-# question add up to one. An effect is absent only if it is absent in every round. The calibration of these
-# probabilities: docs/validation/bank.md.
+# T tempers it: correlated residuals make BIC surer than it should be. Beside effects with inexact formulas the effect
+# added is compared with "nothing" by `BESIDE_FORMULAS` T, as `trial` requires that much more evidence there. The prior
+# (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the probability of the answer
+# "something else": the rate at which a name is wrong however strong its evidence is, because the true cause may be
+# outside the catalogue; it is higher where an effect explains only a part of the misfit at its place
+# (`credit_by_round`), and where a mistake of the rig leaves more than noise. The answers of a question add up to one.
+# An effect is absent only if it is absent in every round. The calibration of these probabilities:
+# docs/validation/bank.md.
+#
+# A mistake of the rig changes the data exactly as its formula says: a model that knows it leaves noise. Where it leaves
+# more, another cause is at work, which the mistake may only imitate.
 #
 # Source: Kass and Raftery 1995, eq. 9 (BIC as evidence). Differs from source: tempered, and with a lapse.
 
@@ -170,12 +189,13 @@ def questions(
         doubts: other effects of that model, for which another cause is likelier (`doubted_effects`).
     """
     gone = _withdrawn(rounds, added)
-    believed = [min(each, 1.0 - settings.lapse) for each in credit_by_round(rounds, {*added, *doubts})]
+    limits = (largest_probability(each.added, rounds, curve, settings) for each in rounds)
+    believed = [min(pair) for pair in zip(credit_by_round(rounds, {*added, *doubts}), limits, strict=True)]
     round_questions = [
         Question(f"Round {k}: which effect explains the residual?", _answers(each, gone, most, settings))
         for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)
     ]
-    left = _probability_of_unnamed_rest(rounds, bool(added), curve, doubts, settings)
+    left = _probability_of_unnamed_rest(rounds, added, curve, doubts, settings)
     every = (
         *round_questions,
         Question("At the end: what explains the remaining residual?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}),
@@ -265,10 +285,24 @@ def probabilities(
     }
 
 
-def with_proven_effect(name: str, found: Mapping[str, float], settings: DiagnosisSettings) -> Mapping[str, float]:
-    """`found` with an effect that was proven before the rounds: its probability is 1 - lapse, and that of "nothing" is
-    multiplied by the lapse."""
-    return {name: 1.0 - settings.lapse, **found, NOTHING: settings.lapse * found[NOTHING]}
+def with_effect_before_rounds(name: str, probability: float, found: Mapping[str, float]) -> Mapping[str, float]:
+    """`found` with an effect of this probability that was found before the rounds; that of "nothing" is multiplied by
+    the rest."""
+    return {name: probability, **found, NOTHING: (1.0 - probability) * found[NOTHING]}
+
+
+def largest_probability(
+    name: str | None, rounds: Sequence[RoundReport], curve: bool, settings: DiagnosisSettings
+) -> float:
+    """The largest probability that an effect may have, however strong its evidence; smaller for a mistake of the rig
+    where more than noise is left."""
+    imitates = name is not None and rig_effect(name) is not None and (curve or _leaves_more_than_noise(rounds))
+    return BESIDE_A_MISFIT if imitates else 1.0 - settings.lapse
+
+
+def _leaves_more_than_noise(rounds: Sequence[RoundReport]) -> bool:
+    last = rounds[-1].evidence.rows
+    return sum(map(_chi2_left, last)) > MISFIT_LEFT * sum(row.n for row in last)
 
 
 def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str]:
@@ -277,15 +311,21 @@ def _withdrawn(rounds: Sequence[RoundReport], added: Collection[str]) -> set[str
 
 
 def _probability_of_unnamed_rest(
-    rounds: Sequence[RoundReport], named: bool, curve: bool, doubts: Collection[str], settings: DiagnosisSettings
+    rounds: Sequence[RoundReport],
+    added: Collection[str],
+    curve: bool,
+    doubts: Collection[str],
+    settings: DiagnosisSettings,
 ) -> float:
     """Probability that something without a name is left at the end."""
     noise = rounds[-1].evidence.white and not doubts
-    if curve or not (named or noise):
+    if curve or not (added or noise):
         return 1.0 - settings.lapse
     if noise:
-        return settings.lapse if named else settings.missed
-    return min(max(left_share(rounds, doubts), settings.lapse), 1.0 - settings.lapse)
+        return settings.lapse if added else settings.missed
+    imitated = _leaves_more_than_noise(rounds) and any(rig_effect(name) is not None for name in added)
+    least = 1.0 - BESIDE_A_MISFIT if imitated else settings.lapse
+    return min(max(left_share(rounds, doubts), least), 1.0 - settings.lapse)
 
 
 def _answers(
@@ -297,21 +337,23 @@ def _answers(
     held-out traces contradict have 0. In a round that added none, all effects together have `missed` at most. An effect
     that was taken away again has `missed` at most, and the rest of its probability goes to "something else".
     """
-    changes = {c.effect: _tempered(c.bic_change, c.prior or 0.0)
-               for c in each.candidates if c.bic_change is not None}  # fmt: skip
+    refitted = [c for c in each.candidates if c.bic_change is not None]
+    changes = {c.effect: _tempered(c, BIC_TEMPER) for c in refitted}
     best = changes.get(each.added, 0.0) if each.added is not None else 0.0
     weights = {e: math.exp(0.5 * (best - max(b, best))) for e, b in changes.items()}
     if each.added is None:
         named = {e: settings.missed * w / (sum(weights.values()) + 1.0) for e, w in weights.items()}
         return {**named, NOTHING: 1.0 - sum(named.values()), SOMETHING_ELSE: 0.0}
     standing = {e: w for e, w in weights.items() if e == each.added or e in each.ties or changes[e] >= best}
-    nothing = math.exp(0.5 * min(best, 0.0))
+    temper = BIC_TEMPER * (BESIDE_FORMULAS if each.beside_formulas else 1.0)
+    nothing = math.exp(0.5 * min([0.0, *(_tempered(c, temper) for c in refitted if c.effect == each.added)]))
     share = most / (sum(standing.values()) + nothing)
     named = {e: share * standing.get(e, 0.0) for e in changes}
     named |= {e: min(named[e], settings.missed) for e in withdrawn if e in named}
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
 
 
-def _tempered(bic_change: float, prior: float) -> float:
-    """-2 ln w of an effect: its evidence tempered, its prior as it is."""
-    return (bic_change - prior) / BIC_TEMPER + prior
+def _tempered(tried: Candidate, temper: float) -> float:
+    """-2 ln w of an effect that was refitted: its evidence tempered, its prior as it is."""
+    prior = tried.prior or 0.0
+    return ((tried.bic_change or 0.0) - prior) / temper + prior

@@ -255,6 +255,7 @@ def reported(turned: Round) -> RoundReport:
         added=turned.added.name if turned.added else None,
         ties=tuple(e.name for e in turned.choice.ties),
         why=turned.choice.why,
+        beside_formulas=bool(turned.score.errors),
     )
 
 

@@ -88,7 +88,7 @@ def test_what_differs_is_named_with_its_share_the_surest_first(odd: Rig) -> None
     assert told["R_a"] == pytest.approx(0.2)
     assert told["K_s"] == pytest.approx(-0.2)
     strange = Strange(Place.named("response/1.csv"), rest, own, (), "why")
-    mistake = strange.mistake(strange.statement(DEFAULT))
+    mistake = strange.mistake(strange.statement(0.9, DEFAULT))
     assert (mistake.kind, mistake.file, mistake.test) == ("other_rig", "response/1.csv", "response")
     assert mistake.size == pytest.approx(0.2)
     assert "K_s -20 % and R_a +20 %" in mistake.sentence
@@ -100,7 +100,7 @@ def test_what_cannot_be_told_is_not_said_to_differ(odd: Rig) -> None:
     own = with_values(rest, R_a=2.0 * rest.values["R_a"])
     assert differences(own, rest) == {}
     strange = Strange(Place.named("response/1.csv"), rest, own, (), "why")
-    assert "in parameters that it does not determine" in strange.statement(DEFAULT).sentence
+    assert "in parameters that it does not determine" in strange.statement(0.9, DEFAULT).sentence
 
 
 # ---- how far it is looked for
