@@ -16,19 +16,19 @@ from typing import NamedTuple
 
 from ..model.rig_effects import Place, rig_effect
 from .findings import Candidate, Question, RoundReport, Whiteness
-from .refit import NEAR_CHI2_PER_DOF
 from .settings import DiagnosisSettings
-from .trial import BESIDE_FORMULAS
 
 # ---- What is probable enough to be printed: one list for statements, terminal and pages
 
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
+BESIDE_FORMULAS = 7.0  # factor of the required change of BIC where effects with inexact formulas are at work
 LEAST_CREDIT = 0.5  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
 LEAST_CREDIT_OF_A_MISTAKE = 0.7  # the same of a mistake of the rig, which leaves noise where it is what is wrong
 
 
 _PRINTED_FROM = 0.02
+FAR_CHI2 = 10.0  # chi2 above noise a sample of a model that is far from the data
 MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on another cause is at work
 BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
 WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
@@ -113,7 +113,7 @@ def _gain(k: int, rounds: Sequence[RoundReport], place: Place) -> float:
     before, after, end = (
         sum(_excess(row) for row in rounds[j].evidence.rows if _is_at(row, place)) for j in (k, k + 1, -1)
     )
-    far = before > NEAR_CHI2_PER_DOF * sum(row.n for row in rounds[k].evidence.rows)
+    far = before > FAR_CHI2 * sum(row.n for row in rounds[k].evidence.rows)
     return max(0.0, before - (end if far and after > before else after))
 
 

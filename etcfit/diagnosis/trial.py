@@ -11,6 +11,7 @@ import numpy as np
 from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
+from .probabilities import BESIDE_FORMULAS
 from .rig_screen import gain_in_one_event
 from .score import Score, score
 from .settings import DiagnosisSettings
@@ -33,8 +34,6 @@ from .tangents import variants
 # held-out chi2 may rise by this share of the fall of chi2 of the fitted traces: held-out traces may not show the effect
 SPARED_GAIN = 0.01
 
-
-BESIDE_FORMULAS = 7.0  # factor of the required change of BIC where effects with inexact formulas are at work
 
 _FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake that no check found
 

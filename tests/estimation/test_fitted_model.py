@@ -90,7 +90,8 @@ def test_gradients_are_those_of_differences(fitted: Fitted) -> None:
         return 20.68**2 * values["J_m"] + values["J_L"]
 
     h = 1e-5
-    slopes = np.asarray(fitted.gradient(of))
+    value, slopes = fitted.value_and_gradient(of)
+    assert value == pytest.approx(of(fitted.values), rel=1e-12)
     assert slopes.shape == (fitted.x.size,)
     for k in range(fitted.x.size):
         up, down = (of(replace(fitted, x=fitted.x + way * h * np.eye(fitted.x.size)[k]).values) for way in (1, -1))

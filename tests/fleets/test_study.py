@@ -236,7 +236,7 @@ def test_what_the_model_does_not_have_is_refused_with_the_line(
     tmp_path: Path, there: str, wrong: str, line: int
 ) -> None:
     config = fleet_folder(tmp_path, FLEET_TOML.replace(there, wrong))
-    with pytest.raises(MeasurementError, match=rf"fleet.toml:{line}\b.*is nothing that this fleet's model has"):
+    with pytest.raises(MeasurementError, match=rf"fleet.toml:{line}\b.*this fleet's model has no"):
         refuse_wrong_limits(config, config_of(rig_of_one(config), "fleet"))
 
 
