@@ -180,7 +180,11 @@ def _swinging(
     swings = _swings(smooth, period, step)
     if swings[-1] < _DECAYS * swings[0] or np.median(swings) < quantum:
         return None
-    return float(np.median(swings)), period, _still(smooth, period, step), value
+    # share of the time in which the plate is slower than a quarter of its highest speed
+    width = max(round(0.1 * period / step), 1)
+    way = np.abs(smooth[width:] - smooth[:-width])
+    still = float(np.mean(way < _SLOW * np.quantile(way, 0.98)))
+    return float(np.median(swings)), period, still, value
 
 
 def _period(moved: np.ndarray, step: float) -> float | None:
@@ -220,13 +224,6 @@ def _swings(moved: np.ndarray, period: float, step: float) -> np.ndarray:
     width = max(round(period / step), 2)
     parts = [moved[k : k + width + 1] for k in range(0, max(moved.size - width, 1), width)]
     return np.array([0.5 * np.ptp(part) for part in parts])
-
-
-def _still(moved: np.ndarray, period: float, step: float) -> float:
-    """Share of the time in which the plate is slower than a quarter of its highest speed."""
-    width = max(round(0.1 * period / step), 1)
-    way = np.abs(moved[width:] - moved[:-width])
-    return float(np.mean(way < _SLOW * np.quantile(way, 0.98)))
 
 
 def _of_duty(duty: Series | None, begin: float, end: float, period: float) -> float | None:

@@ -117,15 +117,20 @@ def read_log(path: Path, config: RigConfig, toml: str) -> DriveLog:
     along = others.series(time.si, [column.values for column in sheet.columns], places)
     beside = {name: headers[places[name][0]] for name in along}
     if plate is None and others.VOLTS_1 in along:
-        return _sweep(path.name, series.get("setpoint"), along, beside)
+        # a log of the sensors' voltages without a position: the first one's voltage over its own range is the position
+        first = along[others.VOLTS_1]
+        shown = 100.0 * (first.value - first.value.min()) / max(float(np.ptp(first.value)), 1e-9)
+        hint = "No position in %: the first sensor's voltage is shown between its least and its highest value."
+        return DriveLog(path.name, Series(first.time, shown), series.get("setpoint"), beside, hint, along)
     if plate is None:
         raise _without_plate(str(path), sheets)
     written = {"time": time.column.label, "position": _shown(plate.column),
                **({"setpoint": _shown(takes["setpoint"].column)} if "setpoint" in takes else {})}  # fmt: skip
     hints = ("" if "setpoint" in takes else _of_setpoint(sheet), _of_unit(plate, sheet),
              *(f"{each[0].upper()}{each[1:]}." for each in (*sheet.losses, *sheet.missing)))  # fmt: skip
+    ends = None if config.tps is None else (config.tps.closed_V, config.tps.open_V)
     return DriveLog(path.name, series["position"], series.get("setpoint"), written | beside,
-                    " ".join(filter(None, hints)), along, _ends(config))  # fmt: skip
+                    " ".join(filter(None, hints)), along, ends)  # fmt: skip
 
 
 def _headers(sheet: Sheet) -> list[str]:
@@ -136,18 +141,6 @@ def _raw_volts(sheet: Sheet, config: RigConfig) -> frozenset[int]:
     """Columns of sensor voltages that are not read as the position; with [tps] of rig.toml the first one is."""
     names = () if config.tps else (others.VOLTS_1, others.VOLTS_2)
     return frozenset(place for name, (place, _) in others.found(_headers(sheet)).items() if name in names)
-
-
-def _ends(config: RigConfig) -> tuple[float, float] | None:
-    return None if config.tps is None else (config.tps.closed_V, config.tps.open_V)
-
-
-def _sweep(name: str, setpoint: Series | None, along: Mapping[str, Series], written: Mapping[str, str]) -> DriveLog:
-    """A log of the sensors' voltages without a position: the first one's voltage over its own range is the position."""
-    first = along[others.VOLTS_1]
-    shown = 100.0 * (first.value - first.value.min()) / max(float(np.ptp(first.value)), 1e-9)
-    hint = "No position in %: the first sensor's voltage is shown between its least and its highest value."
-    return DriveLog(name, Series(first.time, shown), setpoint, dict(written), hint, along)
 
 
 def _answers(columns: Mapping[str, str], toml: str) -> Answers:

@@ -165,7 +165,9 @@ def _ended(
     near = None if about is None else _from_a_like_body(problem, start, about, settings)
     if near is None and _angles_alone(problem):
         report("start 1, the reading, led along the measured angle", 0.1)
-        near = _along_the_angle(problem, start, settings)
+        # from the end of a guide that starts at the reading; None if that ends far from the data
+        led, steps = led_by_guide(problem, start, ROUGH_TOLERANCE, settings)
+        near = _from_one_start("reading, led along the measured angle", problem, start, led, steps, settings)
     x, starts, misfit = near or _from_several_starts(problem, start, report, settings, only_near)
     x = with_lag_of_start(start, problem, x)
     problem = problem.with_instants(x)
@@ -280,12 +282,6 @@ def _angles_alone(problem: EstimationProblem) -> bool:
     """Whether every trace logs only the plate's angle, with a known voltage. Without a current the paper's reading
     determines little, and a guide along the angle leads to the valley of the data sooner than many starts do."""
     return not problem.controlled and all(set(trace.channels) == {"position"} for trace in problem.batch.traces)
-
-
-def _along_the_angle(problem: EstimationProblem, start: np.ndarray, settings: FitSettings) -> Deepest | None:
-    """From the end of a guide that starts at the reading; None if that ends far from the data."""
-    led, steps = led_by_guide(problem, start, ROUGH_TOLERANCE, settings)
-    return _from_one_start("reading, led along the measured angle", problem, start, led, steps, settings)
 
 
 def _from_one_start(

@@ -69,7 +69,15 @@ def local_copy(location: str | Path, unit: str) -> Iterator[Path]:
     address = address_of(location, unit)
     with tempfile.TemporaryDirectory(prefix="etcfit-") as scratch:
         folder = Path(scratch) / unit
-        _fetch(address, folder)
+        # fetch the files that a reader may need: those of the folder itself and of the folders in it
+        system, root = _system(address)
+        files = [file for file in system.find(root, maxdepth=2) if not PurePosixPath(file).name.startswith(".")]
+        if not files:
+            raise MeasurementError(address, "no file in it.", "A measurement folder is required.", "Check the address.")
+        for file in files:
+            to = folder / PurePosixPath(file).relative_to(root)
+            to.parent.mkdir(parents=True, exist_ok=True)
+            system.get_file(file, str(to))
         try:
             yield folder
         except MeasurementError as error:
@@ -109,18 +117,6 @@ def _folders_at(url: str) -> list[str]:
         raise MeasurementError(url, "nothing is there.", "A fleet is a folder of measurement folders.",
                                "Check the address.") from None  # fmt: skip
     return [PurePosixPath(each["name"].rstrip("/")).name for each in found if each["type"] == "directory"]
-
-
-def _fetch(url: str, folder: Path) -> None:
-    """Fetch the files that a reader may need: those of the folder itself and of the folders in it."""
-    system, root = _system(url)
-    files = [file for file in system.find(root, maxdepth=2) if not PurePosixPath(file).name.startswith(".")]
-    if not files:
-        raise MeasurementError(url, "no file in it.", "A measurement folder is required.", "Check the address.")
-    for file in files:
-        to = folder / PurePosixPath(file).relative_to(root)
-        to.parent.mkdir(parents=True, exist_ok=True)
-        system.get_file(file, str(to))
 
 
 def _system(url: str) -> tuple[Any, str]:

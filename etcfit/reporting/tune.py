@@ -34,11 +34,14 @@ def tune_table(told: Mapping[str, Any]) -> RenderableType:
     """
     says, withheld = told["says"], told["why_not"]
     doubts = [] if withheld else told["doubts"]
+    rows = [(c["name"], "ok" if c["passed"] else "STOPS" if c["stops"] else "doubtful",
+             c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in told["checks"]]  # fmt: skip
+    checks = of_texts("The logs", ("check", "", "found"), rows, 2, {"found": "prose"})
     parts: list[RenderableType | None] = [
         Text(f"{named(told['ecu']).title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {withheld}", style="bold red"))] if withheld else []),
         *([spaced(Text(" ".join(doubts), style="bold red"))] if doubts else []),
-        shown(_checks(told)),
+        shown(checks),
         sentences("Model", says["model"]),
         *map(shown, tables_of_steps(told)),
         sentences("What is asked of gains", [says["requirements"]] if says["requirements"] else []),
@@ -48,12 +51,6 @@ def tune_table(told: Mapping[str, Any]) -> RenderableType:
              for each in told["record_next"]]  # fmt: skip
     parts.append(sentences("To record next, for surer gains", lacks))
     return stacked(*parts)
-
-
-def _checks(told: Mapping[str, Any]) -> Table:
-    rows = [(c["name"], "ok" if c["passed"] else "STOPS" if c["stops"] else "doubtful",
-             c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in told["checks"]]  # fmt: skip
-    return of_texts("The logs", ("check", "", "found"), rows, 2, {"found": "prose"})
 
 
 def tables_of_steps(told: Mapping[str, Any]) -> tuple[Table, ...]:

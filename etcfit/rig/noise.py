@@ -46,7 +46,13 @@ class Texture:
 def textures(time: np.ndarray, values: Sequence[np.ndarray]) -> list[Texture]:
     """The textures of several channels that were logged at the same instants, whose weights are computed together."""
     quanta = [quantum(value) for value in values]
-    fine = _noises(time, values, [(ROBUST, COARSE) if q else (ROBUST,) for q in quanta])
+    # the noise of each channel, for each of its values of Huber's c
+    clips = [(ROBUST, COARSE) if q else (ROBUST,) for q in quanta]
+    least = [[np.inf] * len(own) for own in clips]
+    for order in (p for p in ORDERS if len(time) >= 2 * (p + 1)):
+        for known, own, d in zip(least, clips, _divided_differences(time, values, order), strict=True):
+            known[:] = [min(before, _spread(d, clip)) for before, clip in zip(known, own, strict=True)]
+    fine = [tuple(s if np.isfinite(s) else 0.0 for s in known) for known in least]
     found = []
     for value, q, sigmas in zip(values, quanta, fine, strict=True):
         span = (float(np.ptp(value)) if len(value) else 0.0) or float(np.max(np.abs(value), initial=0.0)) * 1e-3
@@ -78,17 +84,6 @@ def pooled(own: Sequence[Texture], of_rig: Sequence[Texture]) -> tuple[float, fl
     )
     quantum = _median(seen_here) or _median(seen)
     return max(sigma, quantum / math.sqrt(12), FLOOR * span, 1e-12), quantum
-
-
-def _noises(
-    time: np.ndarray, values: Sequence[np.ndarray], clips: Sequence[tuple[float, ...]]
-) -> list[tuple[float, ...]]:
-    """The noise of each channel, for each of its values of Huber's c."""
-    least = [[np.inf] * len(own) for own in clips]
-    for order in (p for p in ORDERS if len(time) >= 2 * (p + 1)):
-        for known, own, d in zip(least, clips, _divided_differences(time, values, order), strict=True):
-            known[:] = [min(before, _spread(d, clip)) for before, clip in zip(known, own, strict=True)]
-    return [tuple(s if np.isfinite(s) else 0.0 for s in known) for known in least]
 
 
 def quantum(value: np.ndarray) -> float:

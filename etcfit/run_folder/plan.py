@@ -180,22 +180,19 @@ def play_files(campaign: Campaign) -> dict[str, str]:
     for number, test in enumerate(campaign.tests, 1):
         if test.candidate.played is None:
             continue
-        about = _about(campaign, test, number)
+        plan, config = test.candidate.plan, campaign.rig.config
+        synthetic = ["SYNTHETIC: planned from simulated data, not from a rig."] if config.synthetic else []
+        about = [
+            f"etcfit plan, test {number} of {len(campaign.tests)}: {plan.test}, {plan.says}.",
+            f"Rig: {config.name}. Supply: {campaign.setting.supply:g} V.",
+            f"Record it as measurements/{test.file}.",
+            *synthetic,
+        ]
         name = f"plan_{number}"
         files[f"play/{name}.csv"] = csv(test.candidate.played, about)
         files[f"play/{name}/{name}.h"] = c_table(test.candidate.played, name, about)
         files[f"play/{name}/{name}.ino"] = sketch(name, about)
     return files
-
-
-def _about(campaign: Campaign, test: PlannedTest, number: int) -> list[str]:
-    synthetic = ["SYNTHETIC: planned from simulated data, not from a rig."] if campaign.rig.config.synthetic else []
-    return [
-        f"etcfit plan, test {number} of {len(campaign.tests)}: {test.candidate.plan.test}, {test.candidate.plan.says}.",
-        f"Rig: {campaign.rig.config.name}. Supply: {campaign.setting.supply:g} V.",
-        f"Record it as measurements/{test.file}.",
-        *synthetic,
-    ]
 
 
 def csv(played: Played, about: list[str]) -> str:

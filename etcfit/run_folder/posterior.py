@@ -215,7 +215,13 @@ def write_netcdf(path: Path, posterior: Posterior) -> None:
     stats = {"lp": (lp, {"unit": "1", "meaning": "log-probability of the coordinates, to a constant"})}
     groups = {"posterior": draws, "unconstrained_posterior": points, "sample_stats": stats}
     tree = xarray.DataTree.from_dict({name: _dataset(of) for name, of in groups.items()})
-    tree.attrs = _attributes(posterior, thin)
+    # what the file says of itself; netCDF knows no booleans
+    config, here = posterior.fit.rig.config, posterior.convergence
+    tree.attrs = {
+        "schema": "etcfit.posterior/1", "rig": config.name, "synthetic": int(config.synthetic),
+        "converged": int(here.converged), "reason": here.reason, "thin": thin, "burn_in": here.burn,
+        "inference_library": "emcee", "inference_library_version": metadata.version("emcee"),
+    }  # fmt: skip
     with whole(path) as draft:
         tree.to_netcdf(draft, engine=_ENGINE)
 
@@ -230,13 +236,3 @@ def _dataset(of: Mapping[str, tuple[np.ndarray, dict[str, str]]]) -> Any:
     coords = {"chain": np.arange(ensembles * walkers), "draw": np.arange(steps),
               "ensemble": ("chain", np.repeat(np.arange(ensembles), walkers))}  # fmt: skip
     return xarray.Dataset(arrays, coords)
-
-
-def _attributes(posterior: Posterior, thin: int) -> dict[str, Any]:
-    """What the file says of itself; netCDF knows no booleans."""
-    config, here = posterior.fit.rig.config, posterior.convergence
-    return {
-        "schema": "etcfit.posterior/1", "rig": config.name, "synthetic": int(config.synthetic),
-        "converged": int(here.converged), "reason": here.reason, "thin": thin, "burn_in": here.burn,
-        "inference_library": "emcee", "inference_library_version": metadata.version("emcee"),
-    }  # fmt: skip

@@ -201,7 +201,12 @@ def _best(problem: _Problem, order: int, delayed: bool) -> Lag | None:
             break
         x = _squares(problem, x, tau, order, delayed)[0]
     aicc = deviance + 2.0 * p + 2.0 * p * (p + 1.0) / (n - p - 1.0)
-    return _lag(problem, x, tau, aicc, order, delayed)
+    # the candidate in SI
+    found = _Factors.of_logarithms(x, order, delayed)
+    corners = problem.w0 * found.corners()[: (order + 1) // 2]
+    stderr = _stderr(problem, x, tau, order, delayed)
+    return Lag(order, delayed, float(np.exp(found.gain)), tuple(corners.tolist()), tuple(found.damping().tolist()),
+               float(found.delay) / problem.w0, stderr, tau, aicc)  # fmt: skip
 
 
 def _start(problem: _Problem, order: int, delayed: bool, size: float) -> np.ndarray:
@@ -236,15 +241,6 @@ def _tau(squares: np.ndarray, variance: np.ndarray) -> tuple[float, float]:
 
     found: Any = minimize_scalar(deviance, bounds=_TAU, method="bounded")
     return float(np.exp(found.x)), float(found.fun)
-
-
-def _lag(problem: _Problem, x: np.ndarray, tau: float, aicc: float, order: int, delayed: bool) -> Lag:
-    """The candidate in SI."""
-    found = _Factors.of_logarithms(x, order, delayed)
-    corners = problem.w0 * found.corners()[: (order + 1) // 2]
-    stderr = _stderr(problem, x, tau, order, delayed)
-    return Lag(order, delayed, float(np.exp(found.gain)), tuple(corners.tolist()), tuple(found.damping().tolist()),
-               float(found.delay) / problem.w0, stderr, tau, aicc)  # fmt: skip
 
 
 def _stderr(problem: _Problem, x: np.ndarray, tau: float, order: int, delayed: bool) -> np.ndarray:

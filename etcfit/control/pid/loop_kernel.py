@@ -51,7 +51,11 @@ class LoopKernel:
 
         def simulated(values: Any) -> Any:
             leaves = [_array(values, k, shape) for k, shape in enumerate(kind.shapes)]
-            joined = _joined(jax.tree.unflatten(kind.tree, leaves), plant, run)
+            # plant and run with these numbers
+            lasting = jax.tree.unflatten(kind.tree, leaves)
+            (throttle, drive, ceiling), (settings, first), (ecu, body, start) = lasting
+            joined = (plant._replace(throttle=throttle, drive=drive, ceiling=ceiling),
+                    run._replace(settings=settings, first=first, ecu=ecu, body=body, start=start))  # fmt: skip
             return kind.simulation(kind.control, kind.keep, *joined, kind.parts, kind.room)
 
         like = jax.eval_shape(lambda: simulated(dict.fromkeys(names, 0.5)).begin)
@@ -173,13 +177,6 @@ def _lasting(plants: Any, run: Any) -> _Lasting:
     return _Lasting(
         (plants.throttle, plants.drive, plants.ceiling), (run.settings, run.first), (run.ecu, run.body, run.start)
     )
-
-
-def _joined(lasting: _Lasting, plant: Any, run: Any) -> tuple[Any, Any]:
-    """Plant and run with these numbers."""
-    (throttle, drive, ceiling), (settings, first), (ecu, body, start) = lasting
-    return (plant._replace(throttle=throttle, drive=drive, ceiling=ceiling),
-            run._replace(settings=settings, first=first, ecu=ecu, body=body, start=start))  # fmt: skip
 
 
 def _array(values: Any, k: int, shape: tuple[int, ...]) -> Any:

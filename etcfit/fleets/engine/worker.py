@@ -51,7 +51,11 @@ class FleetWorkerPlugin(WorkerPlugin):
         for variable, value in ONE_CORE.items():
             os.environ.setdefault(variable, value)
         if self.log is not None:
-            _print_into(self.log)
+            # append all later output of this process to a file, including what libraries write past Python
+            handle = os.open(self.log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+            for stream in (1, 2):
+                os.dup2(handle, stream)
+            os.close(handle)
             _step_behind()
         self._lock, self._work = threading.Lock(), None
 
@@ -113,14 +117,6 @@ def _step_behind() -> None:
     os.nice(_BEHIND)
 
 
-def _print_into(log: Path) -> None:
-    """Append all later output of this process to a file, including what libraries write past Python."""
-    handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    for stream in (1, 2):
-        os.dup2(handle, stream)
-    os.close(handle)
-
-
 class TimeLimitExceeded(BaseException):
     """Raised in the thread that took too long; a BaseException, so that no `except Exception` catches it."""
 
@@ -143,7 +139,11 @@ class TimeLimit:
         self._thread = threading.get_ident()
         self._stop = time.monotonic() + self._seconds
         self._end = self._stop + self._grace
-        _watch(self)
+        with _LOCK:
+            _WATCHED.add(self)
+            if not _WATCHMEN:
+                _WATCHMEN.append(threading.Thread(target=_look_always, name="etcfit time limit", daemon=True))
+                _WATCHMEN[0].start()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None):
         with _LOCK:
@@ -163,14 +163,6 @@ class TimeLimit:
 _LOCK = threading.Lock()
 _WATCHED: set[TimeLimit] = set()
 _WATCHMEN: list[threading.Thread] = []
-
-
-def _watch(limit: TimeLimit) -> None:
-    with _LOCK:
-        _WATCHED.add(limit)
-        if not _WATCHMEN:
-            _WATCHMEN.append(threading.Thread(target=_look_always, name="etcfit time limit", daemon=True))
-            _WATCHMEN[0].start()
 
 
 def _look_always() -> None:

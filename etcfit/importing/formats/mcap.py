@@ -68,7 +68,11 @@ def _read(source: Source) -> list[Sheet]:
                 others[channel.topic] = channel.message_encoding
                 continue
             if channel.id not in channels:
-                channels[channel.id] = _Channel(channel.topic, _units(schema, channel))
+                # units by dotted name; the unit of the whole channel under ""
+                units = {"": next((channel.metadata[key] for key in _UNITS if key in channel.metadata), "")}
+                if schema is not None and schema.encoding == "jsonschema" and schema.data:
+                    units |= dict(_units_of_fields(json.loads(schema.data), ""))
+                channels[channel.id] = _Channel(channel.topic, units)
             channels[channel.id].add(message)
     if messages is not None and read != messages:
         raise unreadable(source.where, f"it says that it has {messages} messages, and holds {read}", _KIND)
@@ -118,14 +122,6 @@ def _check_ends(source: Source) -> None:
         raise MeasurementError(source.where, "it is truncated: the mark at its end is missing.",
                                f"It must be {_KIND} that was closed.",
                                "Copy it again, or save what is whole: mcap recover FILE -o WHOLE.mcap.")  # fmt: skip
-
-
-def _units(schema: Any, channel: Any) -> dict[str, str]:
-    """Units by dotted name; the unit of the whole channel under ""."""
-    found = {"": next((channel.metadata[key] for key in _UNITS if key in channel.metadata), "")}
-    if schema is not None and schema.encoding == "jsonschema" and schema.data:
-        found |= dict(_units_of_fields(json.loads(schema.data), ""))
-    return found
 
 
 def _units_of_fields(schema: Any, name: str) -> Iterator[tuple[str, str]]:

@@ -93,7 +93,16 @@ def draw_sines(config: RigConfig, response: FrequencyResponse) -> Figure:
     _loop(list(grid[:, 0]), response)
     if driven:
         _plant(list(grid[:, 1]), response)
-    _axes(grid, response)
+    low, high = response.frequencies[0] / 1.15, response.frequencies[-1] * 1.15
+    for column in grid.T:
+        for panel in column[:2]:
+            style.quiet_axis(panel)
+        column[1].set_ylabel("phase [deg]")
+        column[2].set_xlabel("frequency [Hz]")
+        column[2].set_xscale("log")
+        column[2].set_xlim(low, high)
+        style.log_ticks(column[2].xaxis, (low, high))
+    grid[0, 0].figure.align_ylabels(list(grid[:, 0]))
     style.title(fig, f"{config.name}  ·  response to sines", 0.95 / wide)
     style.legend(fig, list(grid[0]), 0.95 / wide, 1.0 - 0.45 / tall, "upper left", most=2 * columns)
     said = f"Order of lag of the loop: {response.order.says}" + (" " + _UNDER if driven else "")
@@ -177,16 +186,3 @@ def _outside(panel: Axes, points: Sequence[Point], name: str) -> None:
     hertz = np.array([point.frequency for point in points])
     panel.plot(hertz, [100.0 * point.waves.outside[name] for point in points], "o-", ms=4, lw=1.0, color=style.MEASURED)
     panel.set_ylim(bottom=0.0)
-
-
-def _axes(grid: np.ndarray, response: FrequencyResponse) -> None:
-    low, high = response.frequencies[0] / 1.15, response.frequencies[-1] * 1.15
-    for column in grid.T:
-        for panel in column[:2]:
-            style.quiet_axis(panel)
-        column[1].set_ylabel("phase [deg]")
-        column[2].set_xlabel("frequency [Hz]")
-        column[2].set_xscale("log")
-        column[2].set_xlim(low, high)
-        style.log_ticks(column[2].xaxis, (low, high))
-    grid[0, 0].figure.align_ylabels(list(grid[:, 0]))

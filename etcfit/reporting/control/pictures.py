@@ -256,7 +256,13 @@ def draw_front(design: Design) -> Figure:
     """Tracking error over the duty's activity."""
     fig = style.figure(11.0, 6.6, design.fitted.config.synthetic)
     panel = fig.add_axes((0.08, 0.11, 0.89, 0.67))
-    rules = _rules(design)
+    # every rule with gains, by its figures on the nominal model
+    asked = design.task.requirements
+    rules = [
+        _Point(float(tuned.nonlinear.duty_activity_pct), float(tuned.nonlinear.rmse_pct),
+               tuned.rule.replace("_", " "), tuple(misses(tuned, asked, _DUTY)))
+        for tuned in design.tuned.values() if tuned.nonlinear is not None
+    ]  # fmt: skip
     best = _least([_Point(p.activity, p.rmse) for p in design.front if p.meets] + [p for p in rules if not p.missed])
     if best:
         panel.plot([p.activity for p in best], [p.error for p in best], "o-", color=style.SIMULATED, ms=5, lw=1.6,
@@ -278,16 +284,6 @@ def draw_front(design: Design) -> Figure:
         panel.text(0.5, 0.5, "no gains were found that meet everything else", transform=panel.transAxes, ha="center")
     style.caution(fig, design.fitted.state.cautions, 0.955)
     return fig
-
-
-def _rules(design: Design) -> list[_Point]:
-    """Every rule with gains, by its figures on the nominal model."""
-    asked = design.task.requirements
-    return [
-        _Point(float(tuned.nonlinear.duty_activity_pct), float(tuned.nonlinear.rmse_pct),
-               tuned.rule.replace("_", " "), tuple(misses(tuned, asked, _DUTY)))
-        for tuned in design.tuned.values() if tuned.nonlinear is not None
-    ]  # fmt: skip
 
 
 def _least(points: Sequence[_Point]) -> list[_Point]:

@@ -167,13 +167,8 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
     """Draw PLAN/pictures and write PLAN/procedure.html; return the page's path."""
     steps = [_step(folder, campaign, number, test) for number, test in enumerate(campaign.tests, 1)]
     path = folder / "procedure.html"
-    write_text(path, _render(campaign, steps))
-    return path
-
-
-def _render(campaign: Campaign, steps: list[Step]) -> str:
     made, current = environment(("etcfit.reporting.plan_sheet", "template")), campaign.settings.current
-    return made.get_template("sheet.html").render(
+    page = made.get_template("sheet.html").render(
         rig=campaign.rig.config.name,
         synthetic=campaign.rig.config.synthetic,
         at_fit=campaign.at_fit,
@@ -190,6 +185,8 @@ def _render(campaign: Campaign, steps: list[Step]) -> str:
         draws=campaign.settings.draws,
         hot=max(hottest(t, campaign) for t in campaign.tests),
     )
+    write_text(path, page)
+    return path
 
 
 def _limits(campaign: Campaign) -> Table:
