@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from etcfit.experiment.campaign import Campaign, Criterion, PlannedTest
+from etcfit.experiment.campaign import Campaign, Criterion, Forecast, PlannedTest, Winding
 from etcfit.experiment.candidates import Candidate, candidates
-from etcfit.experiment.limits import Forecast, Winding
 from etcfit.experiment.plan import Setting
 from etcfit.experiment.settings import CampaignSettings
 from etcfit.rig import TEST_BY_NAME

@@ -12,11 +12,11 @@ from .coverage import Lack as Lack
 from .coverage import record_next as record_next
 from .log import DriveLog as DriveLog
 from .log import Series as Series
-from .spectrum import Spectrum as Spectrum
-from .spectrum import spectrum as spectrum
 from .study import Study as Study
 from .study import study as study
 from .tracking import Tracking as Tracking
 from .tracking import tracking as tracking
+from .usage import Spectrum as Spectrum
 from .usage import Usage as Usage
+from .usage import spectrum as spectrum
 from .usage import usage as usage

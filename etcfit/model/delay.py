@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .parameters import AnyArray, Scalar
-from .running import running_max, running_sum
 from .stepper import Acting, Reset, Step
 
 
@@ -325,3 +324,27 @@ def _level(
     first, last = (_taken(column, at.row + 1) for column in (begin, end))
     level = at.between(first, last)
     return level, _taken(area, at.row) + 0.5 * (first + level) * at.share * at.span
+
+
+# JAX's own functions (`jnp.cumsum`, `lax.cummax`) become trees of slices, which XLA's CPU backend compiles for seconds,
+# once for every length: these are loops
+def running_sum(x: Float[AnyArray, "T ..."], xp: Any = jnp) -> Float[AnyArray, "T ..."]:
+    """sum_{j <= k} x_j along the first axis, unit and shape of x; by NumPy if xp is NumPy."""
+    if xp is np:
+        return np.cumsum(x, axis=0)
+
+    def add(total: Array, each: Array) -> tuple[Array, Array]:
+        return (total := total + each), total
+
+    return jax.lax.scan(add, jnp.zeros_like(x[0]), x)[1]
+
+
+def running_max(x: Float[AnyArray, "T ..."], xp: Any = jnp) -> Float[AnyArray, "T ..."]:
+    """max_{j <= k} x_j along the first axis, unit and shape of x; by NumPy if xp is NumPy."""
+    if xp is np:
+        return np.maximum.accumulate(x, axis=0)
+
+    def higher(most: Array, each: Array) -> tuple[Array, Array]:
+        return (most := jnp.maximum(most, each)), most
+
+    return jax.lax.scan(higher, jnp.full_like(x[0], -jnp.inf), x)[1]

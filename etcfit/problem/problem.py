@@ -16,7 +16,7 @@ from ..kernels.machine import available
 from ..model.parameters import AnyArray, Scalar
 from ..rig.base import RigConfig
 from . import filter_kernels, residual_kernels
-from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of
+from .batch import BatchArrays, SampleSlots, TraceBatch, batch_of, rounded
 from .free_parameters import Form, FreeParameters, Layout, Pick
 from .innovations import InnovationsFilter, Moved, kalman, plain, shifted_samples
 from .instants import SHARES
@@ -24,7 +24,6 @@ from .integrators import fitted_integrals
 from .lateness import moved_samples
 from .normal_equations import linearised
 from .one_pass_kernels import LinearisedTrace
-from .packing import rounded
 from .prediction_error import columns
 from .process_noise import free_run_variance, order_of
 from .records import as_numpy

@@ -23,9 +23,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..model.delay import running_sum
 from ..model.effects import AbstractEffect, State
 from ..model.parameters import AnyArray, Scalar
-from ..model.running import running_sum
 from ..model.stepper import Reset, StatePath, Step, begun, step
 from ..model.throttle import Throttle, followed
 from .batch import BatchArrays, Disturbance, SampleSlots

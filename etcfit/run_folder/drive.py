@@ -14,10 +14,9 @@ from ..car_log.duty import DutyUse
 from ..car_log.foretold import Figure
 from ..car_log.limit_cycle import LimitCycle
 from ..car_log.sensors import Sensors, Setting
-from ..car_log.spectrum import Spectrum
 from ..car_log.steps import Step
 from ..car_log.tracking import Tracking
-from ..car_log.usage import Usage
+from ..car_log.usage import Spectrum, Usage
 from ..files import plain
 from ..rig.base import RigConfig
 from .declared import RIG, SYNTHETIC, Record, key, list_of, record_of

@@ -13,9 +13,17 @@ import campaigns
 import results
 from benchmarks.plan import one
 from etcfit.errors import UsageError
-from etcfit.experiment.campaign import Criterion, band, logger, plan_campaign
+from etcfit.experiment.campaign import (
+    COOLING,
+    HEAT_CAPACITY,
+    Criterion,
+    Winding,
+    band,
+    exceeded_limits,
+    logger,
+    plan_campaign,
+)
 from etcfit.experiment.candidates import FULL, LEVELS, SHAPES, Candidate, Shape, candidates
-from etcfit.experiment.limits import COOLING, HEAT_CAPACITY, Winding, exceeded_limits
 from etcfit.experiment.plan import PLANS, Setting, channels, sweeps
 from etcfit.experiment.settings import CampaignSettings
 from etcfit.rig import TEST_BY_NAME

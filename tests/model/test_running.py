@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from etcfit.model.running import running_max, running_sum
+from etcfit.model.delay import running_max, running_sum
 
 
 def test_they_are_those_of_numpy_along_the_first_axis() -> None:

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from etcfit.model.rig_effects import number_of, rig_effect
-from etcfit.problem.batch import KINDS, TraceBatch, batch_of
-from etcfit.problem.packing import pack, rounded
+from etcfit.problem.batch import KINDS, TraceBatch, batch_of, pack, rounded
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Measurement, RigConfig
