@@ -235,17 +235,12 @@ class Contradiction:
     moved: float = math.inf
 
 
-def digits_apart(one: float, other: float, least: int = 3, most: int = 8) -> int:
-    """Significant digits at which two numbers differ by more than one unit of the last digit.
-
-    Args:
-        one, other: in one unit.
-        least, most: bounds of the number of digits.
-    """
+def digits_apart(one: float, other: float) -> int:
+    """Significant digits, 3 to 8, at which two numbers in one unit differ by more than one unit of the last digit."""
     gap, size = abs(one - other), max(abs(one), abs(other))
     if not (math.isfinite(gap) and gap > 0.0):
-        return least
-    return min(max(least, 1 + math.ceil(math.log10(size / gap))), most)
+        return 3
+    return min(max(3, 1 + math.ceil(math.log10(size / gap))), 8)
 
 
 @dataclass(frozen=True, eq=False)

@@ -288,14 +288,14 @@ def _models(
     return np.vstack((x[None], drawn))
 
 
-def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]], most: int = 2) -> Iterator[int]:
-    """Candidates of largest amplitude within the limits, some of each group: a smaller one says less."""
+def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]]) -> Iterator[int]:
+    """Candidates of largest amplitude within the limits, two of each group: a smaller one says less."""
     groups: dict[tuple[str, float, float], list[int]] = {}
     for k, why in enumerate(bad):
         if not why:
             groups.setdefault(every[k].group, []).append(k)
     for members in groups.values():
-        yield from members[-most:]
+        yield from members[-2:]
 
 
 def _chosen(

@@ -39,7 +39,6 @@ from .engine.cluster import Crew
 from .engine.run import run_units
 from .engine.store import Store
 from .folder import address_of, local_copy
-from .settings import EngineSettings
 from .unit import AbstractWork, FailedUnit, TraceMisfit, UnitEstimate, UnitParameter, UnitResult, digest_of
 
 PILOTS = 6  # units fitted from their own readings, whose median is the start of the others
@@ -58,13 +57,7 @@ class Results:
     remark: str = ""  # which stored results could not be used, or ""
 
 
-def fit_all(
-    config: FleetConfig,
-    crew: Crew,
-    parts: Path,
-    report: Callable[[str, float], None],
-    settings: EngineSettings = EngineSettings(),
-) -> Results:
+def fit_all(config: FleetConfig, crew: Crew, parts: Path, report: Callable[[str, float], None]) -> Results:
     """Fit every unit whose result, stored in the folder `parts`, no longer holds.
 
     Raises:
@@ -75,9 +68,9 @@ def fit_all(
     places = np.unique(np.linspace(0, len(units) - 1, min(PILOTS, len(units))).round().astype(int))
     pilots = [units[k] for k in places.tolist()]
     with Store(parts) as store:
-        run_units(pilots, work, crew, store, report, settings)
+        run_units(pilots, work, crew, store, report)
         work = replace(work, about=_middle(store, pilots))
-        run_units([unit for unit in units if unit not in pilots], work, crew, store, report, settings)
+        run_units([unit for unit in units if unit not in pilots], work, crew, store, report)
         ends = {end.unit: end for end in store.ends(units)}
     known = [ends[unit] for unit in units if unit in ends]
     fitted = tuple(end for end in known if isinstance(end, UnitResult))

@@ -69,20 +69,19 @@ def explained(y: np.ndarray, *columns: np.ndarray) -> float:
     return 1.0 - float(np.sum(left**2)) / total if total > 0.0 else 0.0
 
 
-def falls(values: np.ndarray, high: float = 0.7, low: float = 0.3) -> list[tuple[int, int]]:
-    """Each transition from the upper to the lower part of the range: last row above, first row below."""
+def falls(values: np.ndarray) -> list[tuple[int, int]]:
+    """Each transition from above 70 % of the range to below 30 %: last row above, first row below."""
     level = smooth(values, 5)
     bottom, top = np.quantile(level, [0.01, 0.99])
     share = (level - bottom) / max(top - bottom, 1e-300)
-    side = np.where(share > high, 1, np.where(share < low, -1, 0))
+    side = np.where(share > 0.7, 1, np.where(share < 0.3, -1, 0))
     marked = np.flatnonzero(side)
     turns = np.flatnonzero(np.diff(side[marked]) == -2)
     return [(int(marked[k]), int(marked[k + 1])) for k in turns]
 
 
-def is_ramp(time: np.ndarray, values: np.ndarray, slowest: float = 1.0, jump: float = 0.1) -> bool:
-    """Whether values rise once and fall once, each in at least `slowest` s, without a jump above this share of the
-    range."""
+def is_ramp(time: np.ndarray, values: np.ndarray, slowest: float) -> bool:
+    """Whether values rise once and fall once, each in at least `slowest` s, without a jump above 10 % of the range."""
     level = smooth(values, max(3, int(0.02 * values.size)))
     size = float(np.ptp(level))
     if size <= 8.0 * noise(values) / np.sqrt(max(3, int(0.02 * values.size))):
@@ -98,16 +97,16 @@ def is_ramp(time: np.ndarray, values: np.ndarray, slowest: float = 1.0, jump: fl
         return False
     up, down = time[first] - time[before[-1]], time[last + after[0]] - time[last]
     steepest = float(np.max(np.abs(np.diff(smooth(values, 3))))) - 6.0 * noise(values)
-    return min(up, down) >= slowest and steepest < jump * size
+    return min(up, down) >= slowest and steepest < 0.1 * size
 
 
-def one_frequency(time: np.ndarray, values: np.ndarray, share: float = 0.9) -> bool:
-    """Whether one line of the spectrum, with its neighbours, has this share of the power."""
+def one_frequency(time: np.ndarray, values: np.ndarray) -> bool:
+    """Whether one line of the spectrum, with its neighbours, has 90 % of the power."""
     even = np.interp(np.linspace(time[0], time[-1], time.size), time, values)
     power = np.abs(np.fft.rfft((even - np.mean(even)) * np.hanning(even.size))) ** 2
     power[0] = 0.0
     peak = int(np.argmax(power))
-    return float(np.sum(power[max(0, peak - 2) : peak + 3])) > share * float(np.sum(power)) > 0.0
+    return float(np.sum(power[max(0, peak - 2) : peak + 3])) > 0.9 * float(np.sum(power)) > 0.0
 
 
 def steps_followed(time: np.ndarray, drive: np.ndarray, response: np.ndarray) -> int:

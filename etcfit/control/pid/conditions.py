@@ -141,13 +141,13 @@ class Stuck(NamedTuple):
     wait_s: float  # t_f, time from sticking this far beyond the setpoint until the integral reverses the plate, s
 
 
-def stuck(loop: Loop, gains: Gains, share: float = MIDDLE) -> Stuck:
-    """The effect of dry friction on the nominal plate of a loop at a share of its travel.
+def stuck(loop: Loop, gains: Gains) -> Stuck:
+    """The effect of dry friction on the nominal plate of a loop at `MIDDLE` of its travel.
 
     Source: Olsson and Astrom 2001, IEEE Trans. Control Systems Technology 9(4) (hunting). Differs from source: the
     waiting time is for a plate that sticks at the edge of the band.
     """
-    down, _, up = loop.holds(np.array([loop.angle(share)]))
+    down, _, up = loop.holds(np.array([loop.angle(MIDDLE)]))
     friction = 0.5 * float(up[0] - down[0])
     error = friction / float(gains.Kp)
     wait = 2.0 * friction / (float(gains.Ki) * error) if gains.Ki else float("inf")

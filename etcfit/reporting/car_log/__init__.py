@@ -40,11 +40,11 @@ def says_of(each: Study) -> tuple[str, ...]:
     return (*cycle, *pair)
 
 
-def judgements_table(judgements: Sequence[Judgement], caption: str = "Good enough?") -> Table:
+def judgements_table(judgements: Sequence[Judgement]) -> Table:
     """One row per threshold."""
     rows = [(j.name, _found(j), _limit(j), _judged(_NAMES[j.word], j), j.where, j.source) for j in judgements]
     kinds: dict[str, Kind] = {"verdict": "word", "where": "prose", "threshold from": "prose"}
-    return of_texts(caption, ("figure", "found", "good is", *kinds), rows, 1, kinds, ("threshold from", "where"),
+    return of_texts("Good enough?", ("figure", "found", "good is", *kinds), rows, 1, kinds, ("threshold from", "where"),
                     file=_FILE)  # fmt: skip
 
 
