@@ -54,11 +54,11 @@ class Throttle(eqx.Module):
 
     @property
     def z0(self) -> tuple[float, ...]:
-        """Memories of all effects at the begin of a trace, one after the other."""
+        """Memories of all effects that nothing has loaded, one after the other."""
         return tuple(z for effect in self.effects for z in effect.z0)
 
     def first(self, x: State, u: Inputs) -> tuple[Scalar, ...]:
-        """Memories of all effects of a plate that rested in this state; `z0` where none depends on its load."""
+        """Memories of all effects of a plate at rest in this state; `z0` where none depends on its load."""
         if all(type(effect).first is AbstractEffect.first for effect in self.effects):
             return self.z0
         u = self.informed(x, self.z0, u)

@@ -134,7 +134,8 @@ class AbstractEffect(eqx.Module):
             1-2, which are always there. Its other parameters are its shape.
         told_by: the measurement that shows it best.
         scan: start values (SI) of the diagnosis for shapes, and for amplitudes that have no effect while small.
-        z0: memories at the begin of a trace; each entry decays or grows independently.
+        z0: memories of an effect that nothing has loaded; each entry decays or grows independently. Loops and exports
+            begin with it, traces with `first`.
         hidden: True if it shifts the reading of a moving plate: a run guided along the measured angle does not show it.
         loaded: True if it depends on the load of the gear (`Inputs.motor`, `Inputs.external`).
         delays: True if it shifts the input or a channel in time.
@@ -169,7 +170,7 @@ class AbstractEffect(eqx.Module):
         return p
 
     def first(self, load: Scalar) -> tuple[Scalar, ...]:
-        """Memories with which a trace begins, of a plate that rested under a load, N m, positive opens."""
+        """Memories with which a trace begins: those of a plate at rest under a load, N m, positive opens."""
         return self.z0
 
     @abc.abstractmethod

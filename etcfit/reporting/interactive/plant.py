@@ -1,6 +1,7 @@
 """Model, ECU and setpoint of the page's simulation: values, sliders, JavaScript printed from the fit's functions.
 
     etcfit.model.advance(p, x, u, out)     state and memories after a step              stepper.step
+    etcfit.model.first(p, x, u, out)       memories with which a trace begins          Throttle.first
     etcfit.model.read(p, x, u, out)        CHANNELS as their sensors show them          Throttle.observe
     etcfit.model.delays(p, out)            of input, position and current, s            Throttle.delays
     etcfit.ecu.begin(gains, ecu, angle, out)                memory of a PID at rest     Memory.at_rest
