@@ -291,9 +291,9 @@ def _fit_and_design(
     final = diagnosis.after
     # the model of a logged duty contains the delay already; that of an ECU does not
     delay = 0.0 if prepared.model == DUTY else prepared.delay
-    request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given, "delay": delay},
-                            profile=profile.name, anyway=request.anyway)  # fmt: skip
-    design = design_of(final.fitted(), request, None, part_of(report, _DIAGNOSIS, _DESIGN),
+    gains_request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given, "delay": delay},
+                                  profile=profile.name, anyway=request.anyway)  # fmt: skip
+    design = design_of(final.fitted(), gains_request, None, part_of(report, _DIAGNOSIS, _DESIGN),
                        design_settings())  # fmt: skip
     present = None
     if request.gains is not None:
@@ -306,7 +306,7 @@ def _fit_and_design(
     doubts = reasons_to_withhold(final, explained[0], judged, steps)
     if not doubts:  # a compromise that the loop tolerates: stated, and gains are given
         design = replace(design, anyway=True)
-    keep_design(run, final, design, replace(request, anyway=design.anyway).recorded())
+    keep_design(run, final, design, replace(gains_request, anyway=design.anyway).recorded())
     why_not = "" if request.anyway else " ".join(doubts)
     return Tuned(request, prepared, lacks, final, design, steps, explained, why_not, judged, doubts)
 

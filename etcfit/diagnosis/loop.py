@@ -77,11 +77,12 @@ def run_round(s: CandidateModel, report: Report) -> Round:
 def deeper_optimum(turned: Round, report: Report) -> CandidateModel | None:
     """The model before, refitted from where the trial of the effect chosen ended, if that explains most of what the
     effect seemed to explain; None where it does not, or where the effect explains what it promised."""
-    promise = {g.variant.effect: g.gain for g in turned.screened}.get(turned.added)
-    if promise is None or turned.best.verdict.gain < SURPRISING * promise:
+    effect = turned.added
+    promises = [g.gain for g in turned.screened if g.variant.effect is effect]
+    if effect is None or not promises or turned.best.verdict.gain < SURPRISING * promises[0]:
         return None
-    report(f"refitting without {turned.best.verdict.effect.name}", 0.8)
-    less = turned.best.model.without(turned.best.verdict.effect).optimised()
+    report(f"refitting without {effect.name}", 0.8)
+    less = turned.best.model.without(effect).optimised()
     fall = turned.score.chi2 - score(less, turned.score.errors).chi2
     return less if fall > NOT_ITS_OWN * turned.best.verdict.gain else None
 

@@ -168,8 +168,8 @@ def spread_on(
 
 def before_steps(throttle: Throttle, path: StatePath, steps: Step, resets: Reset) -> StatePath:
     """State and memories at the begin of every step, shape (T, L) each, from those at its end."""
-    late = jax.tree.map(lambda column: jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1])), path)
-    return begun(throttle, *late, steps, resets)
+    x, z = jax.tree.map(lambda column: jnp.concatenate((jnp.zeros_like(column[:1]), column[:-1])), path)
+    return begun(throttle, x, z, steps, resets)
 
 
 def linearised_step(
