@@ -15,6 +15,8 @@ import folders
 from etcfit.control.design import Design, propose
 from etcfit.control.pid import RULES, Task
 from etcfit.control.settings import DesignSettings, FrontSettings, OptimumSettings
+from etcfit.estimation.agreement import Compromise, Influence, Pull
+from etcfit.estimation.contradiction import Contradiction
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.estimation.identifiability import Direction, Identifiability
 from etcfit.estimation.joint_fit import FitResult, StartSummary
@@ -113,6 +115,21 @@ def result(
         "warnings": ("something is odd",),
     }
     return FitResult(**(fields | changes))
+
+
+def compromised(result: FitResult) -> FitResult:
+    """Two tests pull, one of which contradicts the others, so that the fit is a compromise."""
+    pulls = [("inductance", None, "L_a", -34.0, -0.6), ("inductance", "inductance/1.csv", "L_a", -20.0, -0.4),
+             ("response", None, "R_a", 0.9, 0.01), ("response", "response/1.csv", "K_b", 0.2, 0.01)]  # fmt: skip
+    why, size = "inductance contradicts the other tests", result.x.size
+    return replace(
+        result,
+        influence=Influence(tuple(Pull(*each) for each in pulls), {"B_m": "viscous", "J_m": "viscous"}),
+        contradictions=(Contradiction("inductance", "L_a", -34.0, 1.2e-3, 0.42e-3, 1e-9, 0.97),),
+        compromise=Compromise(
+            why, ("inductance",), result.x[None] - 0.5, 1e-4 * np.eye(size)[None], np.full((1, size), np.nan)
+        ),
+    )
 
 
 def bench_twin(folder: Path) -> FitResult:

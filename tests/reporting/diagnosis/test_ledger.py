@@ -14,7 +14,6 @@ from etcfit.diagnosis.findings import Diagnosis
 from etcfit.reporting.blocks import render
 from etcfit.reporting.diagnosis import diagnosis_table
 from etcfit.reporting.diagnosis.ledger import Entry, headline, ledger
-from etcfit.reporting.numbers import short
 
 
 @pytest.fixture(scope="module")
@@ -89,55 +88,10 @@ def text(found: Diagnosis) -> str:
     return render(diagnosis_table(found), 160)
 
 
-def lines(text: str, *words: str) -> list[str]:
-    return [line for line in text.splitlines() if all(word in line for word in words)]
-
-
-def test_the_ledger_says_before_and_after_in_units_and_sigma(found: Diagnosis, text: str) -> None:
-    was, now = (
-        next(r for r in result.score_holdout if r.channel == "current") for result in (found.before, found.after)
-    )
-    (line,) = lines(text, "response", "current", "held out")
-    assert line.split()[4:] == [
-        "1", "60", short(was.rms), short(now.rms), "mA", short(was.rms / was.sigma), short(now.rms / now.sigma),
-        short(0.9 * now.rms), short(0.9 * now.rms / now.sigma),
-    ]  # fmt: skip
-    assert lines(text, "before/sigma", "after/sigma", "with unknown")
-
-
 def test_without_an_unknown_there_is_no_column_for_it(found: Diagnosis) -> None:
     plain = render(diagnosis_table(replace(found, unexplained=None)), 160)
     assert "with unknown" not in plain
     assert "What no effect explains" not in plain
-
-
-def test_rounds_and_their_candidates(text: str) -> None:
-    assert lines(text, "round 1: limp_home_spring explains most.")
-    assert lines(text, "round 2: cogging_torque is not worth")
-    (best,) = lines(text, "limp_home_spring", "added")
-    assert best.split()[2:] == ["41000", "0.0600", "0.0500", "-30412.7"]
-    assert lines(text, "airflow_torque", "tie")
-    assert lines(text, "backlash", "not refitted")
-    assert lines(text, "the first 5 of 6")
-
-
-def test_parameters_before_and_after(text: str) -> None:
-    (new,) = [line for line in lines(text, "theta_lh") if "rad" in line]
-    assert new.split()[1:3] == ["-", "-"]
-    assert "0.1500" in new
-    (old,) = [line for line in text.splitlines() if line.startswith("R_a ")]
-    assert old.count("1.513") == 2
-    assert old.count("...") == 2
-    assert not [line for line in text.splitlines() if line.startswith("N ")]
-
-
-def test_what_stays_open_is_said(text: str) -> None:
-    assert lines(text, "limp_home_spring = airflow_torque")
-    assert lines(text, "The rest enters as torque")
-    assert lines(text, "In doubt beside it: stribeck_friction")
-    assert lines(text, "backlash was taken away again")
-    assert lines(text, "something is odd")
-    assert lines(text, "Eqs. 1-2 lack the limp-home spring.")
 
 
 def test_made_up_data_are_said_to_be(text: str, tmp_path: Path) -> None:

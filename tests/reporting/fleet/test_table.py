@@ -34,28 +34,6 @@ def text(content: dict[str, Any]) -> str:
     return render(fleet_table(content), width=200)
 
 
-def test_every_part_of_a_fleet_is_printed(content: dict[str, Any]) -> None:
-    printed = text(content)
-    assert "line 4, week 31  SYNTHETIC DATA" in printed
-    assert "60 units have a result, 1 of them not converged; 2 failed." in printed
-    for title in (
-        "Population",
-        "Specification limits",
-        "Odd units",
-        "Drift",
-        "Effects",
-        "What the line measures",
-        "Gauge",
-    ):
-        assert title in printed
-    for symbol in made.SYMBOLS:
-        assert f"\n{symbol}" in printed
-    for each in content["odd"]:
-        assert each["unit"] in printed
-    assert "time falls from 0.412 to 0.398 s" in printed
-    assert "<b>Required</b>" in printed  # text is text
-
-
 def test_numbers_have_the_digits_that_their_intervals_warrant(content: dict[str, Any]) -> None:
     known = {"mean": 0.1332174, "sd": 0.00861234, "mean_ci95": [0.131038, 0.135397], "sd_ci95": [0.00707, 0.010153],
              "unit": "N*m/rad", "cpk": 0.65412, "shared": False, "informed": 60}  # fmt: skip

@@ -17,6 +17,7 @@ from etcfit.reporting.page import read_run, write_page
 from etcfit.reporting.page.pictures import caption, carried
 from etcfit.reporting.page.render import render
 from etcfit.reporting.page.verdict import residuals
+from golden import check_view
 
 LIMIT = 5_000_000
 VOID = {"meta", "link", "img", "br", "wbr", "hr"}
@@ -86,25 +87,6 @@ def test_every_anchor_has_its_place(full: Path) -> None:
     page = read(full)
     places = {attributes.get("id") for _, attributes in page.tags}
     assert {(a["href"] or "")[1:] for a in page.of("a")} <= places
-
-
-def test_it_says_what_the_files_say(full: Path) -> None:
-    text = re.sub(r"\s+", " ", read(full).text)
-    assert "SYNTHETIC DATA" in text
-    for said in ("limp home spring", "limp_home_spring = backlash", "a slow ramp through the default angle",
-                 "A torque that depends on angle", "explains most <of it>", "not identifiable", "ziegler nichols",
-                 "103.87", "MISS on the nominal model: settling time 0.310 s (limit 0.2 s)", "probability 0.040",
-                 "it was 40.0 σ",
-                 "about 25 % of the travel (0.4400 rad)", "V/rad, ticks", "in red where fit, profile and",
-                 "one-sided", "static gain 1.722", "sine/2_Hz.csv", "0.83 ± 0.079", "−28.6 ± 0.57",
-                 "−20.00",
-                 "1 frequencies cannot tell <the order>.", "sine/bad.csv: no setpoint",
-                 "something is odd"):  # fmt: skip
-        assert said in text
-    for kind in ("fit", *runs.LATER):
-        assert f"{kind}.json" in text
-    hashes = re.findall(r"\b[0-9a-f]{64}\b", text)
-    assert len(hashes) == 6 + 1 + len(runs.LATER)  # rig.toml, five traces; fit.json and what came after
 
 
 def test_a_posterior_that_takes_formulas_as_exact_says_so(full: Path) -> None:
@@ -212,43 +194,9 @@ def test_extra_keys_and_other_layouts_are_borne(full: Path) -> None:
     assert "MISS on the nominal model: settling time" in read(full).text
 
 
-def test_settings_of_a_named_ecu_stand_on_the_page_with_what_is_assumed(full: Path) -> None:
-    assert "For Link" not in read(full).text
-    written = {"name": "link", "title": "Link <G4X>", "source": "its help", "assumed": ["its unit"],
-               "gains": {"P gain": {"value": 7.25, "unit": "%/%"}, "I gain": {"value": 110.0, "unit": "%/%, per s"},
-                         "D gain": {"value": 0.0825, "unit": "%/%, times s"}},
-               "limits": {"DC clamp": {"value": 87.5, "unit": "%"}}, "bias": None}  # fmt: skip
-    runs.changed(full, "pid", profile=written)
-    page = " ".join(read(full).text.split())
-    assert "For Link <G4X>: settings to type in" in page
-    assert all(each in page for each in ("P gain", "7.2500", "%/%, per s", "0.082500", "87.500", "assumed: its unit"))
-    assert "<G4X>" not in write_page(full).path.read_text(encoding="utf-8")  # what a file says is text
-
-
 SUPPLY_TABLE = {"ecu_has": None, "supply_V": [9.0, 12.0, 15.0], "unit": "%/%", "form": "seconds",
                 "gains": {"P": [22.31, 16.73, 13.38], "I": [346.0, 259.5, 207.6], "D": [0.1522, 0.1142, 0.0913]},
                 "says": ["at 9 V: it <helps> tracking there"]}  # fmt: skip
-
-
-def cells(page: Reader, caption: str) -> list[list[str]]:
-    """Of the table under a caption, row by row, head first."""
-    html = page.source[page.source.index(caption) :]
-    rows = re.findall(r"<tr.*?</tr>", html[: html.index("</table>")], re.S)
-    return [[re.sub(r"<[^>]+>", "", cell).strip() for cell in re.findall(r"<t[hd].*?</t[hd]>", row, re.S)]
-            for row in rows]  # fmt: skip
-
-
-def test_gains_over_the_supply_stand_in_a_small_table(full: Path) -> None:
-    caption = "Gains over the supply that keep the loop what it is"
-    assert caption not in read(full).text
-    runs.changed(full, "pid", supply_table=SUPPLY_TABLE)
-    page = read(full)
-    head, *rows = cells(page, caption)
-    assert head == ["gain", "9 V", "12 V", "15 V"]
-    assert rows[0] == ["P", "22.31", "16.73", "13.38"]
-    assert [row[0] for row in rows] == ["P", "I", "D"]
-    assert "at 9 V: it <helps> tracking there" in page.text
-    assert page.open == []
 
 
 @pytest.mark.parametrize("has", ["none", "unknown"])
@@ -259,37 +207,6 @@ def test_an_ecu_with_nowhere_to_type_it_has_no_such_table_but_is_told_why(full: 
     assert "at 9 V: it <helps> tracking there" in page.text
 
 
-def test_what_a_car_has_and_the_bench_has_not_is_asked_of_the_gains(full: Path) -> None:
-    worst = {"overshoot_pct": 7.5, "settling_s": None, "gain_margin_db": 4.25, "tracking": 1.0}
-    conditions = {
-        "supply_V": [9.0, 15.0],
-        "winding_degC": [-20.0, 130.0],
-        "friction_over_bench": [0.5, 1.5],
-        "worst": worst,
-        "hardest": {"supply_V": 9.0, "winding_degC": 130.0, "friction_over_bench": 0.5},
-        "met": {"overshoot_pct": True, "settling_s": False},
-        "stable": False,
-        "probability_met": 0.125,
-    }
-    runs.changed(full, "pid", conditions=conditions, requirements={"overshoot_pct": 10.0, "settling_s": 0.2})
-    page = read(full)
-    head, *rows = cells(page, "Away from the bench")
-    assert head == ["figure", "worst corner", "required", "unit", "met"]
-    assert rows == [
-        ["overshoot", "7.50", "≤ 10.0", "%", "yes"],
-        ["settling time", "never", "≤ 0.200", "s", "NO"],
-        ["gain margin", "4.25", "", "dB", ""],
-    ]
-    text = " ".join(page.text.split())
-    assert "supply 9 to 15 V, winding -20 to 130 degrees Celsius, dry friction 0.5 to 1.5 times the bench's" in text
-    assert "not met at every corner; 0.12 of the draws" in text
-    assert "hardest at 9 V, 130 degrees Celsius, friction 0.5" in text
-    assert "not stable at every corner" in text
-    assert page.open == []
-    runs.changed(full, "pid", conditions=None)
-    assert "Away from the bench" not in read(full).text
-
-
 def on_parts(share: float) -> dict[str, Any]:
     """How the gains of one rule fare on the parts."""
     worst = {"unit": "u<7>", "requirement": "settling_s", "figure": None, "limit": 0.2, "meets": False}
@@ -298,8 +215,26 @@ def on_parts(share: float) -> dict[str, Any]:
             "drawn": {**of, "share_met": share / 2.0, "of": 199, "worst_rmse_pct": None}}  # fmt: skip
 
 
-def test_every_rule_stands_on_the_parts_with_its_worst_unit(full: Path) -> None:
-    assert "On the parts" not in read(full).text
+def test_a_page_of_everything_is_as_it_was(full: Path) -> None:
+    """Gains of a make of ECU, over the supply, away from the bench and on the parts of a fleet among it."""
+    text = read(full).text
+    assert not any(
+        each in text for each in ("For Link", "keep the loop what it is", "Away from the bench", "On the parts")
+    )
+    profile = {"name": "link", "title": "Link <G4X>", "source": "its help", "assumed": ["its unit"],
+               "gains": {"P gain": {"value": 7.25, "unit": "%/%"}, "I gain": {"value": 110.0, "unit": "%/%, per s"},
+                         "D gain": {"value": 0.0825, "unit": "%/%, times s"}},
+               "limits": {"DC clamp": {"value": 87.5, "unit": "%"}}, "bias": None}  # fmt: skip
+    conditions = {
+        "supply_V": [9.0, 15.0],
+        "winding_degC": [-20.0, 130.0],
+        "friction_over_bench": [0.5, 1.5],
+        "worst": {"overshoot_pct": 7.5, "settling_s": None, "gain_margin_db": 4.25, "tracking": 1.0},
+        "hardest": {"supply_V": 9.0, "winding_degC": 130.0, "friction_over_bench": 0.5},
+        "met": {"overshoot_pct": True, "settling_s": False},
+        "stable": False,
+        "probability_met": 0.125,
+    }
     hardest = {"unit": "u3 at 9 V", "requirement": "stable", "figure": -1.5, "limit": 0.0, "meets": False}
     parts = {
         "fleet": "runs/line",
@@ -310,18 +245,15 @@ def test_every_rule_stands_on_the_parts_with_its_worst_unit(full: Path) -> None:
         "rules": {"simc": on_parts(0.5), "ziegler_nichols": on_parts(0.75)},
         "conditions": {"corners": {"share_met": 0.25, "of": 12}, "drawn": {"share_met": 0.125}, "hardest": hardest},
     }
-    runs.changed(full, "pid", parts=parts)
+    runs.changed(full, "pid", profile=profile, supply_table=SUPPLY_TABLE, conditions=conditions, parts=parts)
     page = read(full)
-    head, first, second = cells(page, "On the parts of line")
-    assert head[1:3] == ["met by, % of 12 units", "% of 199 drawn"]
-    assert first == ["simc", "50.0", "25.0", "1.25", "never", "u&lt;7&gt;", "settling time", "never", "0.200 s"]
-    assert second[:3] == ["ziegler nichols", "75.0", "37.5"]
-    text = " ".join(page.text.split())
-    assert "hardest: u3 at 9 V: gain margin -1.50 dB, asked 0 dB: missed" in text
-    assert "outside the bench: 3 of 12 units meet everything" in text
-    assert "not judged: u12, odd: <far> off" in text
-    assert "they do on 38 % of parts drawn from the fleet “line <4>”" in text  # in the verdict, of the proposed rule
     assert page.open == []
+    assert not {"<G4X>", "<far>", "u<7>"} & set(re.findall(r"\w?<\w+>", page.source))  # what a file says is text
+    words = "\n".join(line.strip() for line in page.text.splitlines() if line.strip())
+    shown, _, sources = words.rpartition("\nSources\n")
+    check_view("pages/report.txt", shown, json.loads((full / "fit.json").read_text("utf-8"))["folder"])
+    hashes = re.findall(r"\b[0-9a-f]{64}\b", sources)
+    assert len(hashes) == 6 + 1 + len(runs.LATER)  # rig.toml, five traces; fit.json and what came after
 
 
 def test_results_of_other_data_are_called_so(full: Path) -> None:
