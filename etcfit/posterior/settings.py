@@ -25,7 +25,7 @@ class SamplingSettings:
     """
 
     seeds: tuple[int, ...] = wholes((20230701, 20230702), 0, 2**32 - 1)
-    walkers_per_coordinate: int = whole(4, 2, 1000)
+    walkers_per_coordinate: int = whole(3, 2, 1000)
     most_steps: int = whole(20_000, 0, 10**9)
     length: float = real(50.0, 1.0, 1e6)
     still: float = real(0.05, 0.0, 10.0)

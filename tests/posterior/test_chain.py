@@ -129,7 +129,7 @@ def test_walkers_and_seeds_are_settings() -> None:
         settings = SamplingSettings(**changes)
         return Chain.begin(LINEAR.log_probability, ("a", "b", "c"), LINEAR.mean, LINEAR.covariance, settings)
 
-    assert [e.points.shape for e in begun(seeds=(1, 2, 3)).ensembles] == [(1, 12, 3)] * 3
+    assert [e.points.shape for e in begun(seeds=(1, 2, 3)).ensembles] == [(1, 9, 3)] * 3
     assert begun(walkers_per_coordinate=6, seeds=(1,)).ensembles[0].points.shape[1] == 18
     one, other = begun(seeds=(1, 2)).ensembles
     assert not np.array_equal(one.points, other.points)

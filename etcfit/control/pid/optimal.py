@@ -105,7 +105,8 @@ def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) ->
 def best_of_several(
     score: Score, begins: np.ndarray, rng: np.random.Generator, settings: OptimumSettings = OptimumSettings()
 ) -> np.ndarray:
-    """The best of several searches, each from one of the best starts, no start near another.
+    """The best of several searches, each from one of the best starts, no start near another; of those that are not
+    near the best after half of their populations no more.
 
     Args:
         begins: starts, logarithms of gains, shape (B, 3).
@@ -113,15 +114,24 @@ def best_of_several(
         logarithms of gains, shape (elite, 3), the best first.
     """
 
-    def searched(start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return elite_of(score, _about(start, rng, settings), settings.last_rounds, rng, settings)
+    def begun(start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return elite_of(score, _about(start, rng, settings), half, rng, settings)
 
+    def continued(elite: tuple[np.ndarray, np.ndarray], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        return improved(score, *elite, settings.last_rounds - half, rng, settings)
+
+    half = settings.last_rounds // 2
     starts = _apart(begins[np.argsort(score(begins).cost)], settings)
-    found = concurrently(lambda each: searched(*each), list(zip(starts, rng.spawn(len(starts)), strict=True)))
+    generators = rng.spawn(len(starts))
+    found = concurrently(lambda each: begun(*each), list(zip(starts, generators, strict=True)))
+    least = min(cost[0] for _, cost in found)
+    near = [each for each in zip(found, generators, strict=True) if each[0][1][0] <= _NEAR * least]
+    found = concurrently(lambda each: continued(*each), near)
     leaders, cost = (np.concatenate(each) for each in zip(*found, strict=True))
     return leaders[np.argsort(cost)[: settings.elite]]
 
 
+_NEAR = 1.1  # cost over the least one, at half of the search, of the searches that go on
 _ABOUT = 0.15  # standard deviation of the logarithm of the gains in the first population of a search
 
 
@@ -195,10 +205,21 @@ def elite_of(
     Returns:
         the best logarithms of gains found, shape (elite, 3), and their cost, shape (elite,), the best first.
     """
-    low, high = _ends(settings)
     cost = score(begin).cost
     order = np.argsort(cost)[: settings.elite]
-    leaders, cost = begin[order], cost[order]
+    return improved(score, begin[order], cost[order], rounds, rng, settings)
+
+
+def improved(
+    score: Score,
+    leaders: np.ndarray,
+    cost: np.ndarray,
+    rounds: int,
+    rng: np.random.Generator,
+    settings: OptimumSettings,
+) -> tuple[np.ndarray, np.ndarray]:
+    """The elite after some more populations; arguments and result as of `elite_of`, whose result may be passed on."""
+    low, high = _ends(settings)
     for _ in range(rounds):
         middle = leaders.mean(axis=0)
         spread = _WIDER * np.cov(leaders.T) + _NARROWEST**2 * np.eye(3)

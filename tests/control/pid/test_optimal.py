@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from etcfit.control.pid import Gains, experiments
 from etcfit.control.pid.experiments import grids, swing_of
@@ -76,6 +77,23 @@ def test_a_deeper_valley_is_found_from_a_begin_that_fares_worse_at_first(starts:
     found = best_of_several(two, begins, np.random.default_rng(3), OptimumSettings(starts=starts))
     assert found.shape == (OptimumSettings.elite, 3)
     assert bool(np.max(np.abs(found[0] - narrow)) < 0.05) is deepest
+
+
+@pytest.mark.parametrize(("deeper", "populations"), [(1.05, 12), (2.0, 6)])
+def test_a_search_that_is_far_behind_at_half_goes_no_further(deeper: float, populations: int) -> None:
+    """Of two valleys 3 apart the other is `deeper` times as costly at its bottom."""
+    settings, seen = OptimumSettings(starts=2, last_rounds=12), list[int]()
+
+    def two(logs: np.ndarray) -> Scores:
+        right = logs[:, 0] > 1.5
+        seen.append(int(np.sum(right)))
+        away = np.sum((logs - np.where(right, 3.0, 0.0)[:, None] * [1.0, 0.0, 0.0]) ** 2, axis=1)
+        return Scores(np.where(right, deeper, 1.0) * (1.0 + away), np.zeros((1, len(logs))))
+
+    begins = np.array([[0.1, 0.0, 0.0], [3.1, 0.0, 0.0]])
+    found = best_of_several(two, begins, np.random.default_rng(3), settings)
+    assert_allclose(found[0], 0.0, atol=0.05)
+    assert sum(n > 0.9 * settings.population for n in seen) == 1 + populations  # the first one, then those drawn
 
 
 def test_a_missed_requirement_costs_more_than_any_tracking_error() -> None:
