@@ -19,15 +19,12 @@ S = TypeVar("S")
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from `low` to `high`; an infinite end is no bound.
+    """Numbers from `low` to `high`; an infinite end is no bound."""
 
-    Args:
-        low, high: the ends.
-        open_low, open_high: whether the end itself is left out.
-    """
-
+    # low, high: the ends
     low: float = -math.inf
     high: float = math.inf
+    # open_low, open_high: whether the end itself is left out
     open_low: bool = False
     open_high: bool = False
 

@@ -37,22 +37,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Done:
-    """What a stage leaves for the terminal.
+    """What a stage leaves for the terminal."""
 
-    Args:
-        shown: what goes to stdout, a rich renderable; None where the closing says it all.
-        failure: why the model that is shown did not converge, or "".
-        remark: with what `etcfit run` made it anew, where it had been made before; what an export leaves out; why
-            pictures are missing from a page; or "".
-        closing: how the command ends; None of a stage made by hand, as in tests.
-        stopped: why the data are not sufficient; "" if they are.
-    """
-
-    shown: Any
-    failure: str = ""
+    shown: Any  # what goes to stdout, a rich renderable; None where the closing says it all
+    failure: str = ""  # why the model that is shown did not converge, or ""
+    # with what `etcfit run` made it anew, where it had been made before; what an export leaves out; why pictures are
+    # missing from a page; or ""
     remark: str = ""
-    closing: Closing | None = None
-    stopped: str = ""
+    closing: Closing | None = None  # how the command ends; None of a stage made by hand, as in tests
+    stopped: str = ""  # why the data are not sufficient; "" if they are
 
 
 def _alone(stage: str = "") -> Callable[[Callable[..., Done]], Callable[..., Done]]:
@@ -398,20 +391,14 @@ def _failure(result: FitResult) -> str:
 
 @dataclass(frozen=True)
 class Stage:
-    """A step from the measurements to the report.
+    """A step from the measurements to the report."""
 
-    Args:
-        name: of its command, and on the manifest.
-        work: what it does, from the measurement folder, the run folder and a progress report.
-        options: arguments of the work besides, with their annotations: under these names the manifest keeps what the
-            stage last ran with.
-        require: raises what would stop its work at the end, before any work.
-    """
-
-    name: str
-    work: Callable[..., Done]
+    name: str  # of its command, and on the manifest
+    work: Callable[..., Done]  # what it does, from the measurement folder, the run folder and a progress report
+    # arguments of the work besides, with their annotations: under these names the manifest keeps what the stage last
+    # ran with
     options: Mapping[str, str] = field(default_factory=dict)
-    require: Callable[[], None] = lambda: None
+    require: Callable[[], None] = lambda: None  # raises what would stop its work at the end, before any work
 
 
 def _of_run(work: Callable[..., Done]) -> Callable[..., Done]:

@@ -28,23 +28,16 @@ RESTS = (0.05, 0.12, 0.3, 0.6)  # shares of the travel at which the bench test o
 
 @dataclass(frozen=True)
 class Car:
-    """One car.
+    """One car."""
 
-    Args:
-        truth, effects: its throttle body.
-        supply: V.
-        gains: in the ECU, P (%/%), I (%/%, per s), D (%/%, times s).
-        rate: of the log, Hz.
-        duration: of the log, s.
-        in_step: each row is written at a tick of the ECU; else rows come at any instant, with what the last tick knew.
-    """
-
+    # truth, effects: its throttle body
     truth: Truth
     effects: Effects
-    supply: float
-    gains: tuple[float, float, float]
-    rate: float
-    duration: float
+    supply: float  # V
+    gains: tuple[float, float, float]  # in the ECU, P (%/%), I (%/%, per s), D (%/%, times s)
+    rate: float  # of the log, Hz
+    duration: float  # of the log, s
+    # each row is written at a tick of the ECU; else rows come at any instant, with what the last tick knew
     in_step: bool
 
     @property

@@ -13,29 +13,19 @@ from .simulate import H_MAX, longest_step
 
 @dataclass(frozen=True)
 class Computer:
-    """An engine computer that samples, computes and holds.
+    """An engine computer that samples, computes and holds."""
 
-    Args:
-        proportional, integral, derivative: V/rad, V/(rad s), V s/rad.
-        period: s.
-        supply: V.
-        filter: time constant of the derivative, s.
-        delay: s.
-        grain: of the position it reads, rad.
-        noise: of the position it reads, rad, a standard deviation.
-        hold: largest integral, V, which then runs on at the output's limit; 0: it stands still there.
-    """
-
+    # proportional, integral, derivative: V/rad, V/(rad s), V s/rad
     proportional: float
     integral: float
     derivative: float
-    period: float = 1e-3
-    supply: float = 12.0
-    filter: float = 2e-3
-    delay: float = 0.0
-    grain: float = 0.0
-    noise: float = 0.0
-    hold: float = 0.0
+    period: float = 1e-3  # s
+    supply: float = 12.0  # V
+    filter: float = 2e-3  # time constant of the derivative, s
+    delay: float = 0.0  # s
+    grain: float = 0.0  # of the position it reads, rad
+    noise: float = 0.0  # of the position it reads, rad, a standard deviation
+    hold: float = 0.0  # largest integral, V, which then runs on at the output's limit; 0: it stands still there
 
 
 def follow(plant: Plant, computer: Computer, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,390 +12,231 @@ from typing import NamedTuple
 
 
 class LimpHomeSpring(NamedTuple):
-    """Below the default position the preload changes sign and a stiff second spring pushes the plate open.
+    """Below the default position the preload changes sign and a stiff second spring pushes the plate open."""
 
-    Args:
-        angle: default position, rad; the off value lies below any travel.
-        stiffness: of the spring below it, N m/rad.
-        preload: opening torque just below it, N m.
-        corner: half width over which the two springs hand over, rad.
-    """
-
-    angle: float = -10.0
-    stiffness: float = 0.0
-    preload: float = 0.0
-    corner: float = 0.01
+    angle: float = -10.0  # default position, rad; the off value lies below any travel
+    stiffness: float = 0.0  # of the spring below it, N m/rad
+    preload: float = 0.0  # opening torque just below it, N m
+    corner: float = 0.01  # half width over which the two springs hand over, rad
 
 
 class StribeckFriction(NamedTuple):
-    """Breakaway friction above the running one, decaying as a Lorentzian of speed.
+    """Breakaway friction above the running one, decaying as a Lorentzian of speed."""
 
-    Args:
-        excess: friction at rest over that of motion, N m.
-        speed: speed at which half of it is left, rad/s.
-    """
-
-    excess: float = 0.0
-    speed: float = 1.0
+    excess: float = 0.0  # friction at rest over that of motion, N m
+    speed: float = 1.0  # speed at which half of it is left, rad/s
 
 
 class AsymmetricFriction(NamedTuple):
-    """Friction beside Eq. 2's, with dry and viscous coefficients of its own for each direction.
+    """Friction beside Eq. 2's, with dry and viscous coefficients of its own for each direction."""
 
-    Args:
-        opening, closing: dry, N m; what is more one way may be less the other.
-        opening_viscous, closing_viscous: N m s/rad at low speed.
-        knee: speed at which the viscous part has fallen to half of what it would be, rad/s.
-    """
-
+    # opening, closing: dry, N m; what is more one way may be less the other
     opening: float = 0.0
     closing: float = 0.0
+    # opening_viscous, closing_viscous: N m s/rad at low speed
     opening_viscous: float = 0.0
     closing_viscous: float = 0.0
-    knee: float = 150.0
+    knee: float = 150.0  # speed at which the viscous part has fallen to half of what it would be, rad/s
 
 
 class LoadDependentFriction(NamedTuple):
-    """Gear friction in proportion to the torque through the teeth.
+    """Gear friction in proportion to the torque through the teeth."""
 
-    Args:
-        share: friction per transmitted torque, dimensionless.
-    """
-
-    share: float = 0.0
+    share: float = 0.0  # friction per transmitted torque, dimensionless
 
 
 class MotorCoulombFriction(NamedTuple):
-    """Dry friction of the motor's bearings and brushes, with the gear on or apart.
+    """Dry friction of the motor's bearings and brushes, with the gear on or apart."""
 
-    Args:
-        torque: at rest, at the motor, N m.
-        growth: relative, of a fast motor.
-        speed: motor speed at which half the growth is reached, rad/s.
-    """
-
-    torque: float = 0.0
-    growth: float = 0.1
-    speed: float = 300.0
+    torque: float = 0.0  # at rest, at the motor, N m
+    growth: float = 0.1  # relative, of a fast motor
+    speed: float = 300.0  # motor speed at which half the growth is reached, rad/s
 
 
 class PreslidingFriction(NamedTuple):
-    """Bristles that bend before they slide; they replace the set-valued friction.
+    """Bristles that bend before they slide; they replace the set-valued friction."""
 
-    Args:
-        angle: deflection at which T_f is reached in a straight line, rad.
-        damping: ratio, of the plate on the bent bristles.
-    """
-
-    angle: float = 0.0
-    damping: float = 0.3
+    angle: float = 0.0  # deflection at which T_f is reached in a straight line, rad
+    damping: float = 0.3  # ratio, of the plate on the bent bristles
 
 
 class Backlash(NamedTuple):
-    """Motor and plate as two bodies with play between their teeth.
+    """Motor and plate as two bodies with play between their teeth."""
 
-    Args:
-        gap: whole play at the plate's shaft, rad.
-        stiffness: of the teeth, N m/rad at the plate's shaft.
-        damping: of the impact, relative torque per speed, s/rad.
-    """
-
-    gap: float = 0.0
-    stiffness: float = 20e3
-    damping: float = 1.0
+    gap: float = 0.0  # whole play at the plate's shaft, rad
+    stiffness: float = 20e3  # of the teeth, N m/rad at the plate's shaft
+    damping: float = 1.0  # of the impact, relative torque per speed, s/rad
 
 
 class CoggingTorque(NamedTuple):
-    """The magnets' detent torque, periodic in the motor's angle.
+    """The magnets' detent torque, periodic in the motor's angle."""
 
-    Args:
-        amplitude: at the plate, N m.
-        per_turn: detents in one turn of the motor.
-        phase: rad.
-        second: second harmonic over the first.
-        uneven: how much one half turn's detents are stronger than the other's, relative.
-    """
-
-    amplitude: float = 0.0
-    per_turn: float = 6.0
-    phase: float = 0.0
-    second: float = 0.0
-    uneven: float = 0.0
+    amplitude: float = 0.0  # at the plate, N m
+    per_turn: float = 6.0  # detents in one turn of the motor
+    phase: float = 0.0  # rad
+    second: float = 0.0  # second harmonic over the first
+    uneven: float = 0.0  # how much one half turn's detents are stronger than the other's, relative
 
 
 class QuadraticDrag(NamedTuple):
-    """Drag that grows faster than speed.
+    """Drag that grows faster than speed."""
 
-    Args:
-        drag: torque at 1 rad/s, N m.
-        power: of speed.
-    """
-
-    drag: float = 0.0
-    power: float = 1.8
+    drag: float = 0.0  # torque at 1 rad/s, N m
+    power: float = 1.8  # of speed
 
 
 class AirflowTorque(NamedTuple):
-    """The air that flows past the plate closes it, most at part travel.
+    """The air that flows past the plate closes it, most at part travel."""
 
-    Args:
-        peak: largest closing torque, N m.
-        skew: 1 puts the peak at half travel, more puts it beyond.
-    """
-
-    peak: float = 0.0
-    skew: float = 1.15
+    peak: float = 0.0  # largest closing torque, N m
+    skew: float = 1.15  # 1 puts the peak at half travel, more puts it beyond
 
 
 class StopBounce(NamedTuple):
-    """The stops give back part of the speed, less of a fast plate's.
+    """The stops give back part of the speed, less of a fast plate's."""
 
-    Args:
-        restitution: of a slow impact.
-        speed: at which half of that is left, rad/s.
-    """
-
-    restitution: float = 0.0
-    speed: float = 100.0
+    restitution: float = 0.0  # of a slow impact
+    speed: float = 100.0  # at which half of that is left, rad/s
 
 
 class GravityLoad(NamedTuple):
-    """The plate is out of balance.
+    """The plate is out of balance."""
 
-    Args:
-        torque: weight times arm, closing, N m.
-        tilt: angle of the plate at which it hangs straight, rad.
-    """
-
-    torque: float = 0.0
-    tilt: float = 0.03
+    torque: float = 0.0  # weight times arm, closing, N m
+    tilt: float = 0.03  # angle of the plate at which it hangs straight, rad
 
 
 class StiffeningSpring(NamedTuple):
-    """Coils that touch: extra closing torque with the third power of the angle.
+    """Coils that touch: extra closing torque with the third power of the angle."""
 
-    Args:
-        torque: with the plate open, N m.
-    """
-
-    torque: float = 0.0
+    torque: float = 0.0  # with the plate open, N m
 
 
 class FrictionSpot(NamedTuple):
-    """A rough place on the shaft: extra dry friction within a narrow band of angle.
+    """A rough place on the shaft: extra dry friction within a narrow band of angle."""
 
-    Args:
-        torque: in its middle, N m.
-        angle: of the middle, rad.
-        width: half width, rad.
-    """
-
-    torque: float = 0.0
-    angle: float = 0.7
-    width: float = 0.06
+    torque: float = 0.0  # in its middle, N m
+    angle: float = 0.7  # of the middle, rad
+    width: float = 0.06  # half width, rad
 
 
 class FrictionDrift(NamedTuple):
-    """Dry friction grows while a trace runs, and from trace to trace.
+    """Dry friction grows while a trace runs, and from trace to trace."""
 
-    Args:
-        running: N m per second of this trace.
-        session: N m per second of everything logged before.
-        before: seconds logged before; the session fills it in.
-    """
-
-    running: float = 0.0
-    session: float = 0.0
-    before: float = 0.0
+    running: float = 0.0  # N m per second of this trace
+    session: float = 0.0  # N m per second of everything logged before
+    before: float = 0.0  # seconds logged before; the session fills it in
 
 
 class FrictionTide(NamedTuple):
-    """Dry friction comes and goes with the time of day, torque sin(2 pi t / period).
+    """Dry friction comes and goes with the time of day, torque sin(2 pi t / period)."""
 
-    Args:
-        torque: N m.
-        period: s.
-        before: seconds logged before; the session fills it in.
-    """
-
-    torque: float = 0.0
-    period: float = 20.0
-    before: float = 0.0
+    torque: float = 0.0  # N m
+    period: float = 20.0  # s
+    before: float = 0.0  # seconds logged before; the session fills it in
 
 
 class TorqueRipple(NamedTuple):
-    """The motor's torque, and not its EMF, varies with its angle: T (1 + share sin(n a)), a the motor's angle.
+    """The motor's torque, and not its EMF, varies with its angle: T (1 + share sin(n a)), a the motor's angle."""
 
-    Args:
-        share: of the torque.
-        per_turn: n, commutator bars and slots in one turn of the motor.
-    """
-
-    share: float = 0.0
-    per_turn: float = 11.0
+    share: float = 0.0  # of the torque
+    per_turn: float = 11.0  # n, commutator bars and slots in one turn of the motor
 
 
 class SupplyCycling(NamedTuple):
-    """A load that a thermostat switches takes a share of the driver's supply while it is on; the log has the command.
+    """A load on a thermostat takes a share of the driver's supply while it is on; the log has the command."""
 
-    Args:
-        share: of the supply that is missing while it is on.
-        period: s.
-        edge: of the sine at which it has switched, dimensionless: small is sudden.
-        before: seconds logged before; the session fills it in.
-    """
-
-    share: float = 0.0
-    period: float = 0.7
-    edge: float = 0.05
-    before: float = 0.0
+    share: float = 0.0  # of the supply that is missing while it is on
+    period: float = 0.7  # s
+    edge: float = 0.05  # of the sine at which it has switched, dimensionless: small is sudden
+    before: float = 0.0  # seconds logged before; the session fills it in
 
 
 class BrushVoltageDrop(NamedTuple):
-    """Voltage between brush and commutator, V (1 - exp(-|i|/i_0)).
+    """Voltage between brush and commutator, V (1 - exp(-|i|/i_0))."""
 
-    Args:
-        volts: of both brushes, V.
-        current: i_0, A.
-    """
-
-    volts: float = 0.0
-    current: float = 0.06
+    volts: float = 0.0  # of both brushes, V
+    current: float = 0.06  # i_0, A
 
 
 class WindingHeating(NamedTuple):
-    """The winding warms by its own loss, the housing by the winding, and resistance follows; each trace begins cold.
+    """The winding warms by its own loss, the housing by the winding, and resistance follows; each trace begins cold."""
 
-    Args:
-        coefficient: relative resistance per kelvin, 1/K (copper 0.0039).
-        capacity: of the winding, J/K.
-        conductance: winding to housing, W/K.
-        housing_capacity: J/K; by default a housing that nothing warms.
-        housing_conductance: to the air, W/K.
-    """
-
-    coefficient: float = 0.0
-    capacity: float = 1.0
-    conductance: float = 0.0
-    housing_capacity: float = 1e12
-    housing_conductance: float = 0.0
+    coefficient: float = 0.0  # relative resistance per kelvin, 1/K (copper 0.0039)
+    capacity: float = 1.0  # of the winding, J/K
+    conductance: float = 0.0  # winding to housing, W/K
+    housing_capacity: float = 1e12  # J/K; by default a housing that nothing warms
+    housing_conductance: float = 0.0  # to the air, W/K
 
 
 class DriverDeadZone(NamedTuple):
-    """The driver loses a constant voltage, v - V z / (1 + z^6)^(1/6) with z = v/V; the log has the command.
+    """The driver loses a constant voltage, v - V z / (1 + z^6)^(1/6) with z = v/V; the log has the command."""
 
-    Args:
-        volts: lost, V.
-    """
-
-    volts: float = 0.0
+    volts: float = 0.0  # lost, V
 
 
 class CurrentLimit(NamedTuple):
-    """The driver takes back voltage once the current exceeds its limit; the log has the command.
+    """The driver takes back voltage once the current exceeds its limit; the log has the command."""
 
-    Args:
-        amps: the limit, A; 0 for none.
-        ohms: voltage taken back per excess.
-        corner: width over which it sets in, A.
-    """
-
-    amps: float = 0.0
-    ohms: float = 15.0
-    corner: float = 0.05
+    amps: float = 0.0  # the limit, A; 0 for none
+    ohms: float = 15.0  # voltage taken back per excess
+    corner: float = 0.05  # width over which it sets in, A
 
 
 class ActuationDelay(NamedTuple):
-    """The driver acts at the next PWM period after a delay, and takes a moment to; the log has the command.
+    """The driver acts at the next PWM period after a delay, and takes a moment to; the log has the command."""
 
-    Args:
-        delay: s.
-        period: of the PWM, s.
-        rise: of a jump at the terminals, s.
-    """
-
-    delay: float = 0.0
-    period: float = 50e-6
-    rise: float = 10e-6
+    delay: float = 0.0  # s
+    period: float = 50e-6  # of the PWM, s
+    rise: float = 10e-6  # of a jump at the terminals, s
 
 
 class TorqueSaturation(NamedTuple):
-    """The iron saturates: motor torque limit tanh(k_t i / limit).
+    """The iron saturates: motor torque limit tanh(k_t i / limit)."""
 
-    Args:
-        limit: at the plate, N m; 0 for none.
-    """
-
-    limit: float = 0.0
+    limit: float = 0.0  # at the plate, N m; 0 for none
 
 
 class PositionSensorLag(NamedTuple):
-    """RC filter at the sensor, and a faster one behind it.
+    """RC filter at the sensor, and a faster one behind it."""
 
-    Args:
-        time: of the first, s.
-        second: time of the second over that of the first.
-    """
-
-    time: float = 0.0
-    second: float = 0.15
+    time: float = 0.0  # of the first, s
+    second: float = 0.15  # time of the second over that of the first
 
 
 class PositionSensorNonlinearity(NamedTuple):
-    """The reading bends by bow sin(pi s) + wave sin(2 pi s), s the share of travel.
+    """The reading bends by bow sin(pi s) + wave sin(2 pi s), s the share of travel."""
 
-    Args:
-        bow, wave: rad.
-    """
-
+    # bow, wave: rad
     bow: float = 0.0
     wave: float = 0.0
 
 
 class SensorDeadSpot(NamedTuple):
-    """A worn place of the potentiometer: the reading stays at what it was when the wiper came upon it.
+    """A worn place of the potentiometer: the reading stays at what it was when the wiper came upon it."""
 
-    Args:
-        angle: of its middle, rad.
-        width: whole, rad.
-    """
-
-    angle: float = 0.6
-    width: float = 0.0
+    angle: float = 0.6  # of its middle, rad
+    width: float = 0.0  # whole, rad
 
 
 class SensorHysteresis(NamedTuple):
-    """A loose coupling at the sensor: the reading follows only after the plate has turned through the play.
+    """A loose coupling at the sensor: the reading follows only after the plate has turned through the play."""
 
-    Args:
-        play: whole, rad.
-    """
-
-    play: float = 0.0
+    play: float = 0.0  # whole, rad
 
 
 class CurrentSensorOffset(NamedTuple):
-    """Added to every reading of a current.
+    """Added to every reading of a current."""
 
-    Args:
-        amps: A.
-        scatter: of it from trace to trace, relative.
-    """
-
-    amps: float = 0.0
-    scatter: float = 0.02
+    amps: float = 0.0  # A
+    scatter: float = 0.02  # of it from trace to trace, relative
 
 
 class ChannelDelay(NamedTuple):
-    """The current was sampled earlier than its row says.
+    """The current was sampled earlier than its row says."""
 
-    Args:
-        time: s.
-        scatter: of it from trace to trace, relative.
-    """
-
-    time: float = 0.0
-    scatter: float = 0.02
+    time: float = 0.0  # s
+    scatter: float = 0.02  # of it from trace to trace, relative
 
 
 class Effects(NamedTuple):

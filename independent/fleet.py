@@ -46,16 +46,12 @@ COLUMNS = ("unit", "serial", "date", "batch", "rig", "operator", "temperature_C"
 
 @dataclass(frozen=True)
 class Limits:
-    """What a specification allows of one parameter; None: that side is free.
+    """What a specification allows of one parameter; None: that side is free."""
 
-    Args:
-        low, high: in `unit`.
-        unit: of measure.
-    """
-
+    # low, high: in `unit`
     low: float | None
     high: float | None
-    unit: str
+    unit: str  # of measure
 
     @property
     def toml(self) -> str:
@@ -69,26 +65,17 @@ NO_LIMITS: Mapping[str, Limits] = {}
 
 @dataclass(frozen=True)
 class UnitTruth:
-    """What one unit is.
+    """What one unit is."""
 
-    Args:
-        name: of its folder.
-        part: number of the physical throttle, from 0.
-        rig, operator: numbers, from 0.
-        temperature_C: of the room.
-        truth: Eqs. 1-2's parameters while it was measured.
-        odd: what it has of its own, or None.
-        seed: of its noise.
-    """
-
-    name: str
-    part: int
+    name: str  # of its folder
+    part: int  # number of the physical throttle, from 0
+    # rig, operator: numbers, from 0
     rig: int
     operator: int
-    temperature_C: float
-    truth: Truth
-    odd: Odd | None
-    seed: tuple[int, int]
+    temperature_C: float  # of the room
+    truth: Truth  # Eqs. 1-2's parameters while it was measured.
+    odd: Odd | None  # what it has of its own, or None
+    seed: tuple[int, int]  # of its noise
 
     @property
     def values(self) -> dict[str, float]:
@@ -98,19 +85,12 @@ class UnitTruth:
 
 @dataclass(frozen=True)
 class FleetTruth:
-    """What a fit of the fleet should find.
+    """What a fit of the fleet should find."""
 
-    Args:
-        line: that made it.
-        units: in the order of units.csv.
-        gains: of each rig, by channel.
-        seed: of all of it.
-    """
-
-    line: Line
-    units: tuple[UnitTruth, ...]
-    gains: tuple[Mapping[str, float], ...]
-    seed: int
+    line: Line  # that made it
+    units: tuple[UnitTruth, ...]  # in the order of units.csv
+    gains: tuple[Mapping[str, float], ...]  # of each rig, by channel
+    seed: int  # of all of it
 
     @property
     def mean(self) -> dict[str, float]:

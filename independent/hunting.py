@@ -18,42 +18,30 @@ PARTS = 4  # steps of the plant in a tick
 
 @dataclass(frozen=True)
 class Plate:
-    """What is driven.
+    """What is driven."""
 
-    Args:
-        g: acceleration a per cent of duty makes, %/s^2.
-        k, y0: spring, % of duty a % of travel, and where it is slack, %.
-        c: drag, % of duty a %/s.
-        sliding, sticking: dry friction, % of duty.
-        delay: ticks between a reading and its duty.
-    """
-
-    g: float = 900.0
+    g: float = 900.0  # acceleration a per cent of duty makes, %/s^2
+    # k, y0: spring, % of duty a % of travel, and where it is slack, %
     k: float = 0.15
     y0: float = 8.0
-    c: float = 0.04
+    c: float = 0.04  # drag, % of duty a %/s
+    # sliding, sticking: dry friction, % of duty
     sliding: float = 4.0
     sticking: float = 4.0
-    delay: int = 2
+    delay: int = 2  # ticks between a reading and its duty
 
 
 @dataclass(frozen=True)
 class Pid:
-    """What drives it.
+    """What drives it."""
 
-    Args:
-        p, i, d: % of duty a % of error, a % s, a %/s.
-        most: limit of the duty, %.
-        dead_zone: |error| below which the integral stands still, %.
-        dither: amplitude of a square wave added to the duty, %, and its half period, ticks.
-    """
-
+    # p, i, d: % of duty a % of error, a % s, a %/s
     p: float = 5.0
     i: float = 20.0
     d: float = 0.1
-    most: float = 90.0
-    dead_zone: float = 0.0
-    dither: float = 0.0
+    most: float = 90.0  # limit of the duty, %
+    dead_zone: float = 0.0  # |error| below which the integral stands still, %
+    dither: float = 0.0  # amplitude of a square wave added to the duty, %, and its half period, ticks
     half_period: int = 5
 
 

@@ -30,19 +30,12 @@ UNITS: dict[str, tuple[float, int]] = {
 
 @dataclass(frozen=True)
 class Sensor:
-    """Reads value + sigma * white noise, rounded to whole steps.
+    """Reads value + sigma * white noise, rounded to whole steps."""
 
-    Args:
-        quantity: name of its column.
-        unit: of sigma and step.
-        sigma: standard deviation of the noise before the ADC.
-        step: of the ADC.
-    """
-
-    quantity: str
-    unit: str
-    sigma: float
-    step: float
+    quantity: str  # name of its column
+    unit: str  # of sigma and step
+    sigma: float  # standard deviation of the noise before the ADC
+    step: float  # of the ADC
 
     @property
     def declared(self) -> float:
@@ -67,31 +60,22 @@ def _sensors() -> dict[str, Sensor]:
 
 @dataclass(frozen=True)
 class Bench:
-    """The instruments of one bench.
+    """The instruments of one bench."""
 
-    Args:
-        sensors: by quantity.
-        jitter: of the true sampling instants about the logged times, in sample periods, rms.
-        time_step: resolution of the time column, s.
-        rise: time the amplifier takes for a voltage jump, s.
-        series_ohm: harness and shunt in the inductance test, ohm (the paper's R_t - R_a is 1.218).
-        supply: V.
-        edge_phase: None: the voltage jumps at any instant; else so many sample periods before the first sample that
-            shows it, one clock driving output and logger.
-        edge_lead: the same as a time, s. A nanosecond before a sample, which shows it, is on that sample; so is 0 or a
-            nanosecond after it (-1e-9), but the sample does not show it yet.
-        supply_ohm: None: the responses' terminal voltage is logged; else the duty of a bridge in its place, fed by a
-            supply of that resistance, which nobody logs.
-    """
-
-    sensors: dict[str, Sensor] = field(default_factory=_sensors)
-    jitter: float = 0.01
-    time_step: float = 1e-6
-    rise: float = 0.0
-    series_ohm: float = 1.218
-    supply: float = 12.0
+    sensors: dict[str, Sensor] = field(default_factory=_sensors)  # by quantity
+    jitter: float = 0.01  # of the true sampling instants about the logged times, in sample periods, rms
+    time_step: float = 1e-6  # resolution of the time column, s
+    rise: float = 0.0  # time the amplifier takes for a voltage jump, s
+    series_ohm: float = 1.218  # harness and shunt in the inductance test, ohm (the paper's R_t - R_a is 1.218)
+    supply: float = 12.0  # V
+    # None: the voltage jumps at any instant; else so many sample periods before the first sample that shows it, one
+    # clock driving output and logger
     edge_phase: float | None = None
+    # the same as a time, s. A nanosecond before a sample, which shows it, is on that sample; so is 0 or a nanosecond
+    # after it (-1e-9), but the sample does not show it yet.
     edge_lead: float | None = None
+    # None: the responses' terminal voltage is logged; else the duty of a bridge in its place, fed by a supply of that
+    # resistance, which nobody logs
     supply_ohm: float | None = None
 
     def edge_place(self, rate: float) -> float | None:

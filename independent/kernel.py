@@ -30,60 +30,48 @@ compiled = njit(cache=__name__ == "independent.kernel")
 
 
 class Plant(NamedTuple):
-    """What one rig test moves: parameters at the plate's shaft, SI.
+    """What one rig test moves: parameters at the plate's shaft, SI."""
 
-    Args:
-        R, L: circuit of this test, ohm and H; R includes what the test adds in series.
-        closed_circuit: 1, or 0 where the terminals are open and no current flows.
-        k: N K_b, V s/rad; k_t: N K_m, N m/A.
-        J, B, K_s, T_PL, T_f: as in Eq. 2, lumped.
-        N: gear ratio, for what turns with the motor.
-        lower, upper: end stops, rad.
-        effects: beyond Eqs. 1-2.
-        J_m, B_m: the motor's part of J and B, for a motor that is a body of its own.
-    """
-
+    # R, L: circuit of this test, ohm and H; R includes what the test adds in series
     R: float
     L: float
-    closed_circuit: float
-    k: float
+    closed_circuit: float  # 1, or 0 where the terminals are open and no current flows
+    k: float  # N K_b, V s/rad; k_t: N K_m, N m/A
     k_t: float
+    # J, B, K_s, T_PL, T_f: as in Eq. 2, lumped.
     J: float
     B: float
     K_s: float
     T_PL: float
     T_f: float
-    N: float
+    N: float  # gear ratio, for what turns with the motor
+    # lower, upper: end stops, rad
     lower: float
     upper: float
-    effects: Effects = NONE
+    effects: Effects = NONE  # beyond Eqs. 1-2.
+    # J_m, B_m: the motor's part of J and B, for a motor that is a body of its own
     J_m: float = 0.0
     B_m: float = 0.0
 
 
 class State(NamedTuple):
-    """What changes in time, or its rate.
+    """What changes in time, or its rate."""
 
-    Args:
-        i, w, theta: current A, plate speed rad/s, plate angle rad.
-        warmth, housing: of winding and housing, K above the start.
-        w_m, theta_m: of a motor that is a body of its own, at the plate's shaft.
-        bristle: deflection, rad.
-        filtered, sensed: angle behind the sensor's first and second filter, rad.
-        age: s since the trace began.
-    """
-
+    # i, w, theta: current A, plate speed rad/s, plate angle rad
     i: float
     w: float
     theta: float
+    # warmth, housing: of winding and housing, K above the start
     warmth: float
     housing: float
+    # w_m, theta_m: of a motor that is a body of its own, at the plate's shaft
     w_m: float
     theta_m: float
-    bristle: float
+    bristle: float  # deflection, rad
+    # filtered, sensed: angle behind the sensor's first and second filter, rad
     filtered: float
     sensed: float
-    age: float
+    age: float  # s since the trace began
 
 
 def at_rest(plant: Plant, theta: float) -> State:

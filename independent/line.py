@@ -28,19 +28,14 @@ CORRELATION = {("R_a", "K_b"): 0.5, ("R_a", "L_a"): 0.4, ("K_s", "T_PL"): 0.6, (
 
 @dataclass(frozen=True)
 class Population:
-    """How the units of one design differ.
+    """How the units of one design differ."""
 
-    Args:
-        design: its means.
-        spread: standard deviation over mean, by symbol; those without one are alike in all units.
-        correlation: between pairs of symbols; 0 where none is given.
-        law: of the distribution.
-    """
-
-    design: Truth = DESIGN
+    design: Truth = DESIGN  # its means
+    # standard deviation over mean, by symbol; those without one are alike in all units
     spread: Mapping[str, float] = field(default_factory=lambda: dict(SPREAD))
+    # between pairs of symbols; 0 where none is given
     correlation: Mapping[tuple[str, str], float] = field(default_factory=lambda: dict(CORRELATION))
-    law: Literal["normal", "lognormal"] = "lognormal"
+    law: Literal["normal", "lognormal"] = "lognormal"  # of the distribution
 
     @property
     def mean(self) -> np.ndarray:
@@ -104,17 +99,11 @@ def with_symbols(truth: Truth, values: Mapping[str, float]) -> Truth:
 
 @dataclass(frozen=True)
 class Drift:
-    """From one part on a parameter is another by so much of its mean; a new supplier, a worn tool.
+    """From one part on a parameter is another by so much of its mean; a new supplier, a worn tool."""
 
-    Args:
-        symbol: one of SYMBOLS.
-        since: number of the first part after the change, from 0.
-        size: of the change, relative to the mean.
-    """
-
-    symbol: str
-    since: int
-    size: float
+    symbol: str  # one of SYMBOLS
+    since: int  # number of the first part after the change, from 0
+    size: float  # of the change, relative to the mean
 
 
 Strength = Literal["low", "medium", "high"]
@@ -123,53 +112,36 @@ STRENGTH: dict[Strength, int] = {"low": 0, "medium": 1, "high": 2}
 
 @dataclass(frozen=True)
 class Odd:
-    """One unit is not like the others.
+    """One unit is not like the others."""
 
-    Args:
-        unit: its number, from 0.
-        kind: an effect of `independent.strengths`, a mistake of `independent.line_mistakes`, or one of SYMBOLS.
-        strength: of it.
-    """
-
-    unit: int
-    kind: str
-    strength: Strength = "medium"
+    unit: int  # its number, from 0
+    kind: str  # an effect of `independent.strengths`, a mistake of `independent.line_mistakes`, or one of SYMBOLS
+    strength: Strength = "medium"  # of it
 
 
 @dataclass(frozen=True)
 class Line:
-    """One production line and its test bench.
+    """One production line and its test bench."""
 
-    Args:
-        population: of the parts.
-        drift: of one parameter, or None.
-        batch: parts in one; batch_share: standard deviation of a batch's mean, as a share of the population's.
-        a_day: units that are measured in one.
-        rigs, operators: how many take turns.
-        rig_gain: by channel, relative standard deviation of a rig's own gain error.
-        operator_spread: by symbol, relative standard deviation of what an operator's handling does to a part.
-        mounting: by symbol, relative standard deviation from one clamping of a part to the next.
-        repeats: 0: each part is measured once, rigs and operators in turn; else how often every operator measures it
-            on every rig.
-        temperature_C: mean and standard deviation of the room.
-        copper: by how much R_a rises with the room, 1/K; the population's R_a is that at the room's mean.
-        odd: the units that are not like the others.
-    """
-
-    population: Population = field(default_factory=Population)
-    drift: Drift | None = None
-    batch: int = 50
+    population: Population = field(default_factory=Population)  # of the parts
+    drift: Drift | None = None  # of one parameter, or None
+    batch: int = 50  # parts in one; batch_share: standard deviation of a batch's mean, as a share of the population's
     batch_share: float = 0.0
-    a_day: int = 120
+    a_day: int = 120  # units that are measured in one
+    # rigs, operators: how many take turns
     rigs: int = 1
     operators: int = 1
+    # by channel, relative standard deviation of a rig's own gain error
     rig_gain: Mapping[str, float] = field(default_factory=dict)
+    # by symbol, relative standard deviation of what an operator's handling does to a part
     operator_spread: Mapping[str, float] = field(default_factory=dict)
+    # by symbol, relative standard deviation from one clamping of a part to the next
     mounting: Mapping[str, float] = field(default_factory=dict)
+    # 0: each part is measured once, rigs and operators in turn; else how often every operator measures it on every rig
     repeats: int = 0
-    temperature_C: tuple[float, float] = (22.0, 0.8)
-    copper: float = 0.0
-    odd: tuple[Odd, ...] = ()
+    temperature_C: tuple[float, float] = (22.0, 0.8)  # mean and standard deviation of the room
+    copper: float = 0.0  # by how much R_a rises with the room, 1/K; the population's R_a is that at the room's mean
+    odd: tuple[Odd, ...] = ()  # the units that are not like the others
 
     @property
     def a_part(self) -> int:

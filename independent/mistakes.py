@@ -24,21 +24,13 @@ from .truth import Truth
 
 @dataclass(frozen=True)
 class Mistake:
-    """What was done.
+    """What was done."""
 
-    Args:
-        kind: its name.
-        test: where; None: to the whole rig.
-        channel: to which; None: none in particular.
-        size: how much, in the kind's own measure.
-        file: of the one trace to which it was done; "": to more than one.
-    """
-
-    kind: str
-    test: str | None
-    channel: str | None
-    size: float
-    file: str = ""
+    kind: str  # its name
+    test: str | None  # where; None: to the whole rig
+    channel: str | None  # to which; None: none in particular
+    size: float  # how much, in the kind's own measure
+    file: str = ""  # of the one trace to which it was done; "": to more than one
 
 
 @dataclass(frozen=True)

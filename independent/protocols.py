@@ -48,22 +48,16 @@ class Stopwatch:
 
 @dataclass(frozen=True)
 class Session:
-    """One throttle body on one bench.
+    """One throttle body on one bench."""
 
-    Args:
-        rng: of all that is random.
-        truth, effects: the body.
-        bench: the instruments.
-        stopwatch: what has been logged so far.
-        replays: where a list, each trace adds what the same body shows, without noise, under the voltage and at the
-            times that its log has; by header, each in its sensor's unit.
-    """
-
-    rng: np.random.Generator
+    rng: np.random.Generator  # of all that is random
+    # truth, effects: the body
     truth: Truth
     effects: Effects
-    bench: Bench
-    stopwatch: Stopwatch = field(default_factory=Stopwatch)
+    bench: Bench  # the instruments
+    stopwatch: Stopwatch = field(default_factory=Stopwatch)  # what has been logged so far
+    # where a list, each trace adds what the same body shows, without noise, under the voltage and at the times that its
+    # log has; by header, each in its sensor's unit
     replays: list[dict[str, np.ndarray]] | None = None
 
     def record(

@@ -22,23 +22,17 @@ STIFFENING = ("backlash", "brush_voltage_drop", "driver_dead_zone", "current_lim
 
 @dataclass(frozen=True)
 class Motion:
-    """What really happened at each instant, SI, shape (n,) each.
+    """What really happened at each instant, SI, shape (n,) each."""
 
-    Args:
-        time, current, speed, angle, warmth: of the plate and the winding.
-        voltage: that was commanded.
-        motor_speed: at the plate's shaft; the plate's own but for backlash.
-        sensed: angle that the position sensor follows.
-    """
-
+    # time, current, speed, angle, warmth: of the plate and the winding
     time: np.ndarray
     current: np.ndarray
     speed: np.ndarray
     angle: np.ndarray
     warmth: np.ndarray
-    voltage: np.ndarray
-    motor_speed: np.ndarray
-    sensed: np.ndarray
+    voltage: np.ndarray  # that was commanded
+    motor_speed: np.ndarray  # at the plate's shaft; the plate's own but for backlash
+    sensed: np.ndarray  # angle that the position sensor follows
 
 
 def throttle(truth: Truth, effects: Effects, series_ohm: float = 0.0) -> Plant:

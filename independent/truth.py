@@ -15,27 +15,25 @@ class Truth:
     """L_a di/dt + R_a i + N K_b w = v ;  J_eq dw/dt + B_eq w + K_s th + T_PL + T_f sgn w = N K_m i.
 
     Source: the paper's Eqs. 1-2 at the plate. Differs from source: sgn is set-valued at rest; B_L is not neglected.
-    Args:
-        R_a, L_a: armature, ohm and H.
-        K_b, K_m: V s/rad and N m/A, at the motor.
-        J_m, J_L: inertia of motor and plate, kg m^2, each on its own shaft.
-        B_m, B_L: viscous damping of motor and plate, N m s/rad, each on its own shaft.
-        K_s, T_PL, T_f: spring N m/rad, preload N m, dry friction N m, at the plate.
-        N: gear ratio.
     """
 
+    # R_a, L_a: armature, ohm and H
     R_a: float = 1.513
     L_a: float = 1.475e-3
+    # K_b, K_m: V s/rad and N m/A, at the motor
     K_b: float = 0.0189
     K_m: float = 0.0189
+    # J_m, J_L: inertia of motor and plate, kg m^2, each on its own shaft
     J_m: float = 1.0e-4
     J_L: float = 1.2e-3
+    # B_m, B_L: viscous damping of motor and plate, N m s/rad, each on its own shaft
     B_m: float = 2.0e-5
     B_L: float = 1.0e-3
+    # K_s, T_PL, T_f: spring N m/rad, preload N m, dry friction N m, at the plate
     K_s: float = 0.150
     T_PL: float = 0.362
     T_f: float = 0.239
-    N: float = 20.68
+    N: float = 20.68  # gear ratio
 
     @property
     def J_eq(self) -> float:

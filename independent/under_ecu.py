@@ -22,18 +22,12 @@ STEP_DEG = 0.01  # of the logged setpoint
 
 @dataclass(frozen=True)
 class Log:
-    """How one trace is logged.
+    """How one trace is logged."""
 
-    Args:
-        duration: s.
-        rate: Hz.
-        lead: s that the computer ran before the log began.
-        low, high: between which it asks, shares of the travel.
-    """
-
-    duration: float = 3.0
-    rate: float = 500.0
-    lead: float = 0.7
+    duration: float = 3.0  # s
+    rate: float = 500.0  # Hz
+    lead: float = 0.7  # s that the computer ran before the log began
+    # low, high: between which it asks, shares of the travel
     low: float = 0.12
     high: float = 0.85
 

@@ -14,20 +14,14 @@ import numpy as np
 
 
 class File(NamedTuple):
-    """A log.
+    """A log."""
 
-    Args:
-        name: of the file.
-        raw: its bytes.
-        position, setpoint: what the reader must call them; "" where the log has none.
-        digits: to which the file holds the drive, per cent.
-    """
-
-    name: str
-    raw: bytes
+    name: str  # of the file
+    raw: bytes  # its bytes
+    # position, setpoint: what the reader must call them; "" where the log has none
     position: str
     setpoint: str
-    digits: float = 0.006
+    digits: float = 0.006  # to which the file holds the drive, per cent
 
 
 RATE, SECONDS = 50.0, 20.0

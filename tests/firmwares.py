@@ -10,16 +10,13 @@ import numpy as np
 
 @dataclass
 class Settings:
-    """What one types in.
+    """What one types in."""
 
-    Args:
-        p, i, d: % of duty over % of travel; per s, times s.
-        bins, values: of the bias table, %; none where the ECU has none.
-    """
-
+    # p, i, d: % of duty over % of travel; per s, times s
     p: float
     i: float
     d: float
+    # bins, values: of the bias table, %; none where the ECU has none
     bins: Sequence[float] = (0.0, 100.0)
     values: Sequence[float] = (0.0, 0.0)
 
@@ -33,16 +30,12 @@ def clamp(low: float, value: float, high: float) -> float:
 
 @dataclass
 class Rusefi:
-    """electronic_throttle.cpp and efi_pid.cpp: 500 Hz. EtbController::update is getOpenLoop + getClosedLoop.
+    """electronic_throttle.cpp and efi_pid.cpp: 500 Hz. EtbController::update is getOpenLoop + getClosedLoop."""
 
-    Args:
-        settings: of it.
-        asked, held: what its PID made before any clamp, and its integral, tick by tick.
-    """
-
-    settings: Settings
+    settings: Settings  # of it
     previous: float = 0.0
     i_term: float = 0.0
+    # asked, held: what its PID made before any clamp, and its integral, tick by tick
     asked: list[float] = field(default_factory=list)
     held: list[float] = field(default_factory=list)
 

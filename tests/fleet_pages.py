@@ -28,17 +28,11 @@ _SLACK, _DECISION = 0.5, 5.0  # of the CUSUM
 
 @dataclass(frozen=True)
 class Made:
-    """What was made, and where the odd ones are.
+    """What was made, and where the odd ones are."""
 
-    Args:
-        content: fleet.json.
-        units: units.parquet.
-        odd: names of the units that were moved off.
-    """
-
-    content: dict[str, Any]
-    units: pd.DataFrame
-    odd: tuple[str, ...]
+    content: dict[str, Any]  # fleet.json
+    units: pd.DataFrame  # units.parquet
+    odd: tuple[str, ...]  # names of the units that were moved off
 
 
 def fleet(n: int = 60, odd: int = 3, seed: int = 4100, synthetic: bool = True) -> Made:

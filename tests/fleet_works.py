@@ -103,19 +103,12 @@ def _full_where_marked(mark: Path) -> None:
 
 @dataclass(frozen=True)
 class CountingWork(AbstractWork):
-    """Appends a line to `counts/<unit>` when it begins a unit, then does what that unit is said to do.
+    """Appends a line to `counts/<unit>` when it begins a unit, then does what that unit is said to do."""
 
-    Args:
-        counts: folder.
-        habits: by unit; the others give their result at once.
-        usual: habit of the others.
-        edition: goes into the digest.
-    """
-
-    counts: Path
-    habits: Mapping[str, Habit] = field(default_factory=dict)
-    usual: Habit = nothing
-    edition: Mapping[str, str] = field(default_factory=dict)
+    counts: Path  # folder
+    habits: Mapping[str, Habit] = field(default_factory=dict)  # by unit; the others give their result at once
+    usual: Habit = nothing  # habit of the others
+    edition: Mapping[str, str] = field(default_factory=dict)  # goes into the digest
 
     def prepare(self) -> None:
         with (self.counts / f".prepared-{os.getpid()}").open("a") as file:

@@ -14,15 +14,10 @@ SEEDS = SamplingSettings(seeds=(1, 2))
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """y = A x + noise of sd 1: the posterior is normal with covariance (A^T A)^-1 about the least squares solution.
+    """y = A x + noise of sd 1: the posterior is normal with covariance (A^T A)^-1 about the least squares solution."""
 
-    Args:
-        design: A, shape (n, P).
-        data: y, shape (n,).
-    """
-
-    design: np.ndarray
-    data: np.ndarray
+    design: np.ndarray  # A, shape (n, P)
+    data: np.ndarray  # y, shape (n,)
 
     @classmethod
     def make(cls, size: int = 3, samples: int = 40, seed: int = 5) -> Linear:

@@ -9,23 +9,28 @@ from typing import Any
 
 import numpy as np
 
+VOID = {"meta", "link", "img", "br", "wbr", "hr", "input", "progress"}
+
 
 class Reader(HTMLParser):
-    """Tags with their attributes, the words between them, and what stands in scripts and styles."""
+    """Tags with their attributes, the words between them, what stands in scripts and styles; tags close in turn."""
 
     def __init__(self, page: str) -> None:
         super().__init__()
         self.tags: list[tuple[str, dict[str, str | None]]] = []
         self.inside: list[tuple[str, dict[str, str | None], str]] = []
         self.words: list[str] = []
-        self.within = ""
+        self.within, self.open, self.source = "", list[str](), page
         self.feed(page)
+        self.close()
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, dict(attrs)))
         self.within = tag
+        self.open += [] if tag in VOID else [tag]
 
     def handle_endtag(self, tag: str) -> None:
+        assert tag in VOID or self.open.pop() == tag
         self.within = ""
 
     def handle_data(self, data: str) -> None:
@@ -33,6 +38,20 @@ class Reader(HTMLParser):
             self.inside.append((*self.tags[-1], data))
         else:
             self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        """The words, their blanks as one."""
+        return " ".join(" ".join(self.words).split())
+
+    @property
+    def lines(self) -> str:
+        """The words, in the lines of the page's source."""
+        return "\n".join(filter(None, (" ".join(line.split()) for line in " ".join(self.words).split("\n"))))
+
+    def of(self, tag: str) -> list[dict[str, str | None]]:
+        """Attributes of each such tag."""
+        return [attributes for name, attributes in self.tags if name == tag]
 
     @property
     def data(self) -> dict[str, Any]:

@@ -181,15 +181,10 @@ FOLDER = "units"  # below the run folder of the fleet
 
 @dataclass(frozen=True)
 class PageWork(AbstractWork):
-    """Fit a unit again, save the whole fit, and write its pictures and its page.
+    """Fit a unit again, save the whole fit, and write its pictures and its page."""
 
-    Args:
-        fits: how units are read and fitted.
-        run: the run folder of the fleet, as every worker sees it.
-    """
-
-    fits: FitWork
-    run: str
+    fits: FitWork  # how units are read and fitted
+    run: str  # the run folder of the fleet, as every worker sees it
 
     def prepare(self) -> None:
         """Import modules, set the folder of compiled programs, and draw pictures without a screen."""

@@ -211,16 +211,12 @@ class PosteriorPlots:
 
 @dataclass(frozen=True, eq=False)
 class ReductionPlots:
-    """Pictures of a linear plant.
+    """Pictures of a linear plant."""
 
-    Args:
-        fitted, reduction: the model and its linear plant.
-        response: frequency response measured by the rig's sine traces, or None.
-    """
-
+    # fitted, reduction: the model and its linear plant
     fitted: Fitted
     reduction: Reduction
-    response: FrequencyResponse | None
+    response: FrequencyResponse | None  # frequency response measured by the rig's sine traces, or None
 
     def bode(self) -> np.ndarray:
         """Magnitude above phase, with 95 % bands; Axes, shape (2,)."""

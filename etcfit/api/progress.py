@@ -23,15 +23,10 @@ _EVERY = 30.0  # s between two lines, at most
 
 
 class Expected(NamedTuple):
-    """Duration of some work, expected before it begins.
+    """Duration of some work, expected before it begins."""
 
-    Args:
-        seconds: the duration.
-        why: the source of the estimate, as in "as last time".
-    """
-
-    seconds: float
-    why: str
+    seconds: float  # the duration
+    why: str  # the source of the estimate, as in "as last time"
 
 
 def silent(stage: str, done: float) -> None:

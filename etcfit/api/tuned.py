@@ -50,29 +50,19 @@ _IMPORT, _FIT, _DIAGNOSIS, _DESIGN = 0.05, 0.3, 0.55, 0.95  # share of the work 
 
 @dataclass(frozen=True)
 class TuneRequest:
-    """The request of `etcfit tune`.
+    """The request of `etcfit tune`."""
 
-    Args:
-        profile: name of the make of ECU.
-        gains: P, I and D that the ECU has now, in its own numbers; None if unknown.
-        ecu: given properties of the ECU, by field of `Ecu`, as `period`.
-        supply: supply voltage, V; None: as logged.
-        answers: the user's answers about the columns.
-        anyway: give gains even if the model is a compromise or did not converge.
-        settings: which part of the logs is fitted.
-        of_logs: gains under which each log was made, if given; the last ones are the present gains.
-        own: settings of the user's own tune, or None; its gains count if none are given.
-    """
-
-    profile: str
+    profile: str  # name of the make of ECU
+    # P, I and D that the ECU has now, in its own numbers; None if unknown
     gains: tuple[float, float, float] | None = None
-    ecu: tuple[tuple[str, float], ...] = ()
-    supply: float | None = None
-    answers: Answers = field(default_factory=Answers)
-    anyway: bool = False
-    settings: TuneSettings = field(default_factory=TuneSettings)
+    ecu: tuple[tuple[str, float], ...] = ()  # given properties of the ECU, by field of `Ecu`, as `period`
+    supply: float | None = None  # supply voltage, V; None: as logged
+    answers: Answers = field(default_factory=Answers)  # the user's answers about the columns
+    anyway: bool = False  # give gains even if the model is a compromise or did not converge
+    settings: TuneSettings = field(default_factory=TuneSettings)  # which part of the logs is fitted
+    # gains under which each log was made, if given; the last ones are the present gains
     of_logs: tuple[tuple[float, float, float], ...] = ()
-    own: OwnTune | None = None
+    own: OwnTune | None = None  # settings of the user's own tune, or None; its gains count if none are given
 
     def with_tune(self, file: Path) -> TuneRequest:
         """The request with the settings of the user's own tune; given gains take precedence over those of the tune.

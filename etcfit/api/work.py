@@ -41,15 +41,10 @@ if TYPE_CHECKING:
 
 
 class Plant(NamedTuple):
-    """The linear plant of a fit.
+    """The linear plant of a fit."""
 
-    Args:
-        reduction: linear model about a plate held at a share of its travel.
-        response: frequency response measured by the sine traces; None if the rig has none.
-    """
-
-    reduction: Reduction
-    response: FrequencyResponse | None
+    reduction: Reduction  # linear model about a plate held at a share of its travel
+    response: FrequencyResponse | None  # frequency response measured by the sine traces; None if the rig has none
 
 
 def plant_of(

@@ -43,43 +43,27 @@ _OF_BEST = 0.8  # share of the time of all rules that `optimal` takes, approxima
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Gains for a rig.
+    """Gains for a rig."""
 
-    Args:
-        fitted: the model.
-        task: the input of the rules.
-        chosen: the result of the rule whose gains are proposed.
-        tuned: the result of every rule, by name.
-        draws: number of models on which they were judged, including the nominal one.
-        origin: "posterior", "laplace" or "fleet": origin of the draws; those of a fleet are its units.
-        bias: the voltage that holds each position, for an ECU that has such a curve.
-        sliding: voltage for dry friction, back-EMF and drag of a moving plate, for an ECU with such a feed-forward.
-        robust: the chosen gains under the conditions of a car.
-        supply_table: the chosen gains as a table over the supply, and its benefit.
-        front: the least tracking error within each limit of the duty's activity.
-        safety: the behaviour of the chosen gains when a part fails.
-        limits: where the chosen gains miss a requirement, the limits that keep any gains from meeting it.
-        fleet: the result on each unit, where the models are the units of a fleet; otherwise None.
-        parts: the result of every rule on the parts of a design, where a fleet is given; otherwise None.
-        anyway: gains are given even where the model behind them is no estimate.
-    """
-
-    fitted: Fitted
-    task: Task
-    chosen: Tuned
-    tuned: Mapping[str, Tuned]
-    draws: int
-    origin: str
-    bias: Bias
+    fitted: Fitted  # the model
+    task: Task  # the input of the rules
+    chosen: Tuned  # the result of the rule whose gains are proposed
+    tuned: Mapping[str, Tuned]  # the result of every rule, by name
+    draws: int  # number of models on which they were judged, including the nominal one
+    origin: str  # "posterior", "laplace" or "fleet": origin of the draws; those of a fleet are its units
+    bias: Bias  # the voltage that holds each position, for an ECU that has such a curve
+    # voltage for dry friction, back-EMF and drag of a moving plate, for an ECU with such a feed-forward
     sliding: Sliding
-    robust: Robust
-    supply_table: SupplyTable
-    front: tuple[FrontPoint, ...]
-    safety: Safety
-    limits: tuple[str, ...]
+    robust: Robust  # the chosen gains under the conditions of a car
+    supply_table: SupplyTable  # the chosen gains as a table over the supply, and its benefit
+    front: tuple[FrontPoint, ...]  # the least tracking error within each limit of the duty's activity
+    safety: Safety  # the behaviour of the chosen gains when a part fails
+    limits: tuple[str, ...]  # where the chosen gains miss a requirement, the limits that keep any gains from meeting it
+    # the result on each unit, where the models are the units of a fleet; otherwise None
     fleet: FleetVerdict | None = None
+    # the result of every rule on the parts of a design, where a fleet is given; otherwise None
     parts: PartsVerdict | None = None
-    anyway: bool = False
+    anyway: bool = False  # gains are given even where the model behind them is no estimate
 
     @property
     def withheld(self) -> bool:

@@ -21,21 +21,13 @@ PAPERS_SETPOINT = trapezoid()
 
 @dataclass(frozen=True, eq=False)
 class Robust:
-    """Results of gains where supply, winding and friction differ from those of the bench.
+    """Results of gains where supply, winding and friction differ from those of the bench."""
 
-    Args:
-        worst: figures of the nominal model, each at its worst over the corners of the conditions.
-        corner: the corner at which a requirement is missed by most, or met most narrowly.
-        met: by requirement, whether it is met at every corner.
-        stable: whether the loop is stable at every corner.
-        probability_met: share of the draws, each under randomly drawn conditions, that meet every requirement.
-    """
-
-    worst: LoopFigures
-    corner: Conditions
-    met: Mapping[str, bool]
-    stable: bool
-    probability_met: float
+    worst: LoopFigures  # figures of the nominal model, each at its worst over the corners of the conditions
+    corner: Conditions  # the corner at which a requirement is missed by most, or met most narrowly
+    met: Mapping[str, bool]  # by requirement, whether it is met at every corner
+    stable: bool  # whether the loop is stable at every corner
+    probability_met: float  # share of the draws, each under randomly drawn conditions, that meet every requirement
 
     @property
     def meets_all(self) -> bool:
@@ -45,33 +37,23 @@ class Robust:
 
 @dataclass(frozen=True, eq=False)
 class Tuned:
-    """The result of one rule.
+    """The result of one rule."""
 
-    Args:
-        rule: its name.
-        gains: SI, or None where the rule refused.
-        why: reason of a refusal.
-        linear: figures of the linear plant on the paper's trapezoid.
-        nonlinear: figures of the nominal model, the worst of all scenarios.
-        scenarios: figures of the nominal model, by scenario.
-        met: by requirement, whether the nominal nonlinear model meets it in every scenario.
-        met_linear: by requirement of the paper, whether the linear plant meets it.
-        probability_met: share of the draws whose nonlinear response meets every requirement with a stable loop, under
-            a noise sequence that no search used, because the noise decides whether a sticking plate slips.
-        probability_stable: share of them whose gain and phase margins meet the requirements.
-        band: position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K).
-    """
-
-    rule: str
-    gains: Gains | None
-    why: str
-    linear: LoopFigures | None = None
-    nonlinear: LoopFigures | None = None
-    scenarios: Mapping[str, LoopFigures] = field(default_factory=dict)
+    rule: str  # its name
+    gains: Gains | None  # SI, or None where the rule refused
+    why: str  # reason of a refusal
+    linear: LoopFigures | None = None  # figures of the linear plant on the paper's trapezoid
+    nonlinear: LoopFigures | None = None  # figures of the nominal model, the worst of all scenarios
+    scenarios: Mapping[str, LoopFigures] = field(default_factory=dict)  # figures of the nominal model, by scenario
+    # by requirement, whether the nominal nonlinear model meets it in every scenario
     met: Mapping[str, bool] = field(default_factory=dict)
+    # by requirement of the paper, whether the linear plant meets it
     met_linear: Mapping[str, bool] = field(default_factory=dict)
+    # share of the draws whose nonlinear response meets every requirement with a stable loop, under a noise sequence
+    # that no search used, because the noise decides whether a sticking plate slips
     probability_met: float | None = None
-    probability_stable: float | None = None
+    probability_stable: float | None = None  # share of them whose gain and phase margins meet the requirements
+    # position of the draws at each tick, quantiles 2.5, 50 and 97.5 %, shares of the travel, shape (3, K)
     band: np.ndarray | None = None
 
     @property

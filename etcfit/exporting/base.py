@@ -137,15 +137,10 @@ class Source:
 
 @dataclass(frozen=True)
 class Export:
-    """The result of a format.
+    """The result of a format."""
 
-    Args:
-        files: contents by name, relative to their folder.
-        cannot_hold: what the format leaves out or changes, one sentence each; the files say so too.
-    """
-
-    files: Mapping[str, str | bytes]
-    cannot_hold: tuple[str, ...] = ()
+    files: Mapping[str, str | bytes]  # contents by name, relative to their folder
+    cannot_hold: tuple[str, ...] = ()  # what the format leaves out or changes, one sentence each; the files say so too
 
 
 @dataclass(frozen=True)

@@ -34,19 +34,15 @@ class Target:
 class Answers:
     """All answers of the user.
 
-    Args:
-        columns: (file or "" for all, label or name of the column) -> its meaning.
-        tests: file -> rig test.
-        accepted: keys of doubts whose guess was accepted.
-        period: sampling period of a file without a time, s; None if not given.
     Raises:
         UsageError: a period that is not positive.
     """
 
+    # (file or "" for all, label or name of the column) -> its meaning
     columns: Mapping[tuple[str, str], Target] = field(default_factory=dict)
-    tests: Mapping[str, str] = field(default_factory=dict)
-    accepted: frozenset[str] = frozenset()
-    period: float | None = None
+    tests: Mapping[str, str] = field(default_factory=dict)  # file -> rig test
+    accepted: frozenset[str] = frozenset()  # keys of doubts whose guess was accepted
+    period: float | None = None  # sampling period of a file without a time, s; None if not given
 
     def __post_init__(self) -> None:
         if self.period is not None and not 0.0 < self.period < inf:

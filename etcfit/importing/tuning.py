@@ -55,18 +55,12 @@ PIECE = 2.5  # approximate length of one trace, s
 
 @dataclass(frozen=True)
 class TuneSettings:
-    """Which part of the logs of a car is fitted.
+    """Which part of the logs of a car is fitted."""
 
-    Args:
-        hold_out: share of the longest log, at its end, that is predicted and not fitted.
-        most_samples: largest number of fitted samples of all logs; of longer logs the pieces with most motion are
-            fitted.
-        supply: supply voltage, V, if neither the log nor the user gives it.
-    """
-
-    hold_out: float = real(0.4, 0.0, 0.8)
+    hold_out: float = real(0.4, 0.0, 0.8)  # share of the longest log, at its end, that is predicted and not fitted
+    # largest number of fitted samples of all logs; of longer logs the pieces with most motion are fitted
     most_samples: int = whole(4_500, 100, 10**7)
-    supply: float = real(13.5, 1.0, 100.0)
+    supply: float = real(13.5, 1.0, 100.0)  # supply voltage, V, if neither the log nor the user gives it
 
     __post_init__ = check_ranges
 

@@ -14,48 +14,30 @@ class NotWrittenError(Exception):
 
 
 class Written(NamedTuple):
-    """The form of an operation in a language.
+    """The form of an operation in a language."""
 
-    Args:
-        text: text with {0}, {1} ... for its operands.
-        binds: its precedence; operands with less precedence get parentheses.
-        operands: least precedence of an operand.
-    """
-
-    text: str
-    binds: int
-    operands: int
+    text: str  # text with {0}, {1} ... for its operands.
+    binds: int  # its precedence; operands with less precedence get parentheses
+    operands: int  # least precedence of an operand
 
 
 class Language(NamedTuple):
-    """The properties of a language.
+    """The properties of a language."""
 
-    Args:
-        written: the form of each operation.
-        literal: prints a constant, to the last digit.
-        number, condition: type in the declaration of a number and of a truth value.
-    """
-
-    written: Mapping[str, Written]
-    literal: Callable[[float | bool], str]
+    written: Mapping[str, Written]  # the form of each operation
+    literal: Callable[[float | bool], str]  # prints a constant, to the last digit
+    # number, condition: type in the declaration of a number and of a truth value
     number: str
     condition: str
 
 
 class Program(NamedTuple):
-    """Straight-line code.
+    """Straight-line code."""
 
-    Args:
-        lines: declarations of expressions that are long or used more than once, in order.
-        results: expressions, one for each result.
-        calls: names of the functions called.
-        inputs: names of the inputs read.
-    """
-
-    lines: tuple[str, ...]
-    results: tuple[str, ...]
-    calls: frozenset[str]
-    inputs: frozenset[str]
+    lines: tuple[str, ...]  # declarations of expressions that are long or used more than once, in order
+    results: tuple[str, ...]  # expressions, one for each result
+    calls: frozenset[str]  # names of the functions called
+    inputs: frozenset[str]  # names of the inputs read
 
 
 _CALL, _SIGN, _TIMES, _PLUS, _COMPARE, _LOGIC, _CHOICE = 9, 8, 7, 6, 5, 4, 3

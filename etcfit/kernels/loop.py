@@ -24,27 +24,17 @@ class Across(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """A loop over entries, in nodes of a graph.
+    """A loop over entries, in nodes of a graph."""
 
-    Args:
-        graph: the graph of all nodes.
-        across: the contents of a vector.
-        records: inputs read at each entry, in the order of the columns of each record.
-        fixed: inputs that are the same at all entries, in their order: parameters.
-        carried: (input, result): numbers that one entry passes to the next.
-        sums: each a sum over all entries of products of two nodes.
-        stored: nodes that are written at each entry.
-        blocks: sizes of the groups of stored nodes; each group is stored as one block of shape (rows, nodes, numbers in
-            a vector), as a record is; () for one block.
-    """
-
-    graph: Graph
-    across: Across
-    records: tuple[tuple[int, ...], ...]
-    fixed: tuple[int, ...]
-    carried: tuple[tuple[int, int], ...]
-    sums: tuple[tuple[tuple[int, int], ...], ...] = ()
-    stored: tuple[int, ...] = ()
+    graph: Graph  # the graph of all nodes
+    across: Across  # the contents of a vector
+    records: tuple[tuple[int, ...], ...]  # inputs read at each entry, in the order of the columns of each record
+    fixed: tuple[int, ...]  # inputs that are the same at all entries, in their order: parameters
+    carried: tuple[tuple[int, int], ...]  # (input, result): numbers that one entry passes to the next
+    sums: tuple[tuple[tuple[int, int], ...], ...] = ()  # each a sum over all entries of products of two nodes
+    stored: tuple[int, ...] = ()  # nodes that are written at each entry
+    # sizes of the groups of stored nodes; each group is stored as one block of shape (rows, nodes, numbers in a
+    # vector), as a record is; () for one block
     blocks: tuple[int, ...] = ()
 
     @cached_property

@@ -132,16 +132,11 @@ def _read(path: Path) -> bytes | None:
 
 
 class ObjectCode(NamedTuple):
-    """An object file, and the data for its caller.
+    """An object file, and the data for its caller."""
 
-    Args:
-        name: name of the file.
-        width: numbers in a vector.
-        records, carried, sums, stored: numbers of these, see `Loop`.
-    """
-
-    name: str
-    width: int
+    name: str  # name of the file
+    width: int  # numbers in a vector
+    # records, carried, sums, stored: numbers of these, see `Loop`
     records: int
     carried: int
     sums: int

@@ -30,19 +30,12 @@ _SAME = 1e-6  # by which a log-probability may differ when it is computed again,
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """All that was sampled of a target so far.
+    """All that was sampled of a target so far."""
 
-    Args:
-        symbols: of the coordinates.
-        centre: x = centre + root u, coordinates, shape (P,): mean of a normal density near the one sampled.
-        root: square root of its covariance, shape (P, P).
-        ensembles: equally long.
-    """
-
-    symbols: tuple[str, ...]
-    centre: np.ndarray
-    root: np.ndarray
-    ensembles: tuple[Ensemble, ...]
+    symbols: tuple[str, ...]  # of the coordinates
+    centre: np.ndarray  # x = centre + root u, coordinates, shape (P,): mean of a normal density near the one sampled
+    root: np.ndarray  # square root of its covariance, shape (P, P)
+    ensembles: tuple[Ensemble, ...]  # equally long
 
     @classmethod
     def begin(
@@ -143,26 +136,16 @@ class Convergence:
     tau is the integrated autocorrelation time of an ensemble (Goodman and Weare 2010; Sokal's window, as in emcee): N
     steps of W walkers hold N W / tau independent draws. It is itself only known from a chain of many tau, hence
     N > 50 tau.
-
-    Args:
-        steps: of each ensemble.
-        burn: steps thrown away.
-        tau: of each coordinate, the longest of the ensembles, steps, shape (P,).
-        earlier: tau of the first part of the chain (four fifths), steps, shape (P,).
-        rhat: of each coordinate, shape (P,).
-        acceptance: share of moves accepted.
-        effective: independent draws of the coordinate that has fewest.
-        settings: what it is judged by.
     """
 
-    steps: int
-    burn: int
-    tau: np.ndarray
-    earlier: np.ndarray
-    rhat: np.ndarray
-    acceptance: float
-    effective: float
-    settings: SamplingSettings = SamplingSettings()
+    steps: int  # of each ensemble
+    burn: int  # steps thrown away
+    tau: np.ndarray  # of each coordinate, the longest of the ensembles, steps, shape (P,)
+    earlier: np.ndarray  # tau of the first part of the chain (four fifths), steps, shape (P,)
+    rhat: np.ndarray  # of each coordinate, shape (P,)
+    acceptance: float  # share of moves accepted
+    effective: float  # independent draws of the coordinate that has fewest
+    settings: SamplingSettings = SamplingSettings()  # what it is judged by
 
     @classmethod
     def judge(cls, ensembles: Sequence[Ensemble], settings: SamplingSettings = SamplingSettings()) -> Convergence:

@@ -31,15 +31,10 @@ _HALVINGS_OF_POWER = 40  # of the range in which the power lies
 
 
 class Approximation(NamedTuple):
-    """A normal density over coordinates.
+    """A normal density over coordinates."""
 
-    Args:
-        mean: shape (P,).
-        root: square root of the covariance, shape (P, P).
-    """
-
-    mean: np.ndarray
-    root: np.ndarray
+    mean: np.ndarray  # shape (P,)
+    root: np.ndarray  # square root of the covariance, shape (P, P)
 
 
 def log_t(u: np.ndarray) -> np.ndarray:
@@ -177,19 +172,12 @@ def moves() -> list[tuple[Any, float]]:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """Walkers after N steps, in standard coordinates u, x = centre + root u, in which the posterior is about normal.
+    """Walkers after N steps, in standard coordinates u, x = centre + root u, in which the posterior is about normal."""
 
-    Args:
-        points: standard coordinates, the start first, shape (N + 1, W, P).
-        log_probability: shape (N + 1, W).
-        accepted: moves accepted by each walker, shape (W,).
-        random: state of the random numbers, as numpy's RandomState has it.
-    """
-
-    points: np.ndarray
-    log_probability: np.ndarray
-    accepted: np.ndarray
-    random: Any
+    points: np.ndarray  # standard coordinates, the start first, shape (N + 1, W, P)
+    log_probability: np.ndarray  # shape (N + 1, W)
+    accepted: np.ndarray  # moves accepted by each walker, shape (W,)
+    random: Any  # state of the random numbers, as numpy's RandomState has it
 
     @classmethod
     def begin(

@@ -33,18 +33,12 @@ WIDENINGS, FACTOR = 8, 1.6  # times that the last of them is widened while chi2 
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The profile of one parameter, SI.
+    """The profile of one parameter, SI."""
 
-    Args:
-        symbol: which.
-        value: values at which it was held, rising, the mode's among them, shape (K,).
-        rise: of chi2 there, shape (K,).
-        low, high: where the rise is 3.84; None on a side where it never is.
-    """
-
-    symbol: str
-    value: np.ndarray
-    rise: np.ndarray
+    symbol: str  # which
+    value: np.ndarray  # values at which it was held, rising, the mode's among them, shape (K,)
+    rise: np.ndarray  # of chi2 there, shape (K,)
+    # low, high: where the rise is 3.84; None on a side where it never is
     low: float | None
     high: float | None
 

@@ -26,26 +26,19 @@ PREDICTIVE_DRAWS = 32  # of the posterior that predictive bands are computed fro
 
 @dataclass(frozen=True)
 class Marginal:
-    """The posterior of one parameter, SI.
+    """The posterior of one parameter, SI."""
 
-    Args:
-        mean, sd, median: of its draws.
-        low, high: its 95 % interval, between the 2.5 and 97.5 % quantiles.
-        ess: independent draws, W N / tau of this parameter.
-        r_hat: over the ensembles.
-        status: "estimated", "fixed", "tied" or "not identifiable", as in the fit.
-        laplace: the fit's standard error, or None.
-    """
-
+    # mean, sd, median: of its draws
     mean: float
     sd: float
     median: float
+    # low, high: its 95 % interval, between the 2.5 and 97.5 % quantiles
     low: float
     high: float
-    ess: float
-    r_hat: float
-    status: str
-    laplace: float | None
+    ess: float  # independent draws, W N / tau of this parameter
+    r_hat: float  # over the ensembles
+    status: str  # "estimated", "fixed", "tied" or "not identifiable", as in the fit
+    laplace: float | None  # the fit's standard error, or None
 
 
 def apart(*spreads: float | None) -> bool:
@@ -56,25 +49,16 @@ def apart(*spreads: float | None) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """What was sampled.
+    """What was sampled."""
 
-    Args:
-        fit: the fit it belongs to.
-        target: the density.
-        chain: every step.
-        convergence: how far it came; where it is not `converged`, this is no posterior yet.
-        exact: effects whose formulas are taken as exact here, while the final model's own intervals are not.
-        settings: what the sampling decided by.
-        remark: that a chain which was there could not be taken up, and where it lies now; or "".
-    """
-
-    fit: FitResult
-    target: Target
-    chain: Chain
-    convergence: Convergence
+    fit: FitResult  # the fit it belongs to
+    target: Target  # the density
+    chain: Chain  # every step
+    convergence: Convergence  # how far it came; where it is not `converged`, this is no posterior yet
+    # effects whose formulas are taken as exact here, while the final model's own intervals are not
     exact: tuple[str, ...] = ()
-    settings: SamplingSettings = SamplingSettings()
-    remark: str = ""
+    settings: SamplingSettings = SamplingSettings()  # what the sampling decided by
+    remark: str = ""  # that a chain which was there could not be taken up, and where it lies now; or ""
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -157,14 +141,10 @@ def sample(
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The prediction of one trace, SI.
+    """The prediction of one trace, SI."""
 
-    Args:
-        trace: as measured.
-        mean, sd: shape (n, M).
-    """
-
-    trace: Trace
+    trace: Trace  # as measured
+    # mean, sd: shape (n, M)
     mean: np.ndarray
     sd: np.ndarray
 

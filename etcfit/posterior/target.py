@@ -42,21 +42,13 @@ TOLERANCE = 3e-6  # relative change of chi2 that ends the descent to the mode
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """A posterior density over the coordinates of a fit.
+    """A posterior density over the coordinates of a fit."""
 
-    Args:
-        problem: the data.
-        weighted: of the residual, tempered, with the beliefs among its priors.
-        mode: where the tempered residual and the priors are least, coordinates, shape (P,).
-        covariance: of the coordinates, from the curvature there, shape (P, P).
-        factors: f_s by file and channel.
-    """
-
-    problem: EstimationProblem
-    weighted: WeightedData
-    mode: np.ndarray
-    covariance: np.ndarray
-    factors: Mapping[tuple[str, str], float]
+    problem: EstimationProblem  # the data
+    weighted: WeightedData  # of the residual, tempered, with the beliefs among its priors
+    mode: np.ndarray  # where the tempered residual and the priors are least, coordinates, shape (P,)
+    covariance: np.ndarray  # of the coordinates, from the curvature there, shape (P, P)
+    factors: Mapping[tuple[str, str], float]  # f_s by file and channel
 
     @classmethod
     def from_fit(cls, result: FitResult) -> Target:

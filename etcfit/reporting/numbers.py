@@ -13,15 +13,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Digits:
-    """The form of a quantity: decimals of value/10^exponent.
+    """The form of a quantity: decimals of value/10^exponent."""
 
-    Args:
-        decimals: number of decimals.
-        exponent: power of ten split off; 0 if the number is readable without it.
-    """
-
-    decimals: int
-    exponent: int = 0
+    decimals: int  # number of decimals
+    exponent: int = 0  # power of ten split off; 0 if the number is readable without it
 
     @classmethod
     def of_value(cls, value: float, spread: float | None) -> Digits:

@@ -77,25 +77,16 @@ _RANGE: dict[str, Any] = {
 
 @dataclass(frozen=True, eq=False)
 class ParameterPicture:
-    """Contents of the picture of the parameters.
-
-    Args:
-        model: the model in words.
-        intervals: intervals by symbol.
-        units: SI units by symbol.
-        readings: readings, SI by symbol.
-        table_2: values of the paper's table, for another rig: neither true values nor measurements of this one; SI by
-            symbol.
-        synthetic: whether the data are synthetic.
-    """
+    """Contents of the picture of the parameters."""
 
     rig: str
-    model: str
-    intervals: Mapping[str, Interval]
-    units: Mapping[str, str]
-    readings: Mapping[str, float]
+    model: str  # the model in words
+    intervals: Mapping[str, Interval]  # intervals by symbol
+    units: Mapping[str, str]  # SI units by symbol
+    readings: Mapping[str, float]  # readings, SI by symbol
+    # values of the paper's table, for another rig: neither true values nor measurements of this one; SI by symbol
     table_2: Mapping[str, float]
-    synthetic: bool
+    synthetic: bool  # whether the data are synthetic
 
 
 def draw_parameters(picture: ParameterPicture) -> Figure:

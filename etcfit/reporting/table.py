@@ -19,35 +19,21 @@ _NOTHING: Mapping[str, Kind] = {}
 
 
 class Cell(NamedTuple):
-    """The content of a cell.
+    """The content of a cell."""
 
-    Args:
-        text: text for a terminal.
-        tone: "bad" is red, and marks the row of a page.
-        kind: kind of its column.
-    """
-
-    text: str
-    tone: Tone = ""
-    kind: Kind = "figure"
+    text: str  # text for a terminal
+    tone: Tone = ""  # "bad" is red, and marks the row of a page
+    kind: Kind = "figure"  # kind of its column
 
 
 class Column(NamedTuple):
-    """A column: its name, and the part of a row that it shows.
+    """A column: its name, and the part of a row that it shows."""
 
-    Args:
-        head: name; a line end goes before its unit.
-        show: key of the row (an index if rows are sequences), or a function of the row.
-        kind: kind of its cells.
-        spare: order in which columns are left out if space is scarce, 1 first; 0: never.
-        digits: significant digits of a number.
-    """
-
-    head: str
-    show: str | int | Callable[[Any], Any]
-    kind: Kind = "figure"
-    spare: int = 0
-    digits: int = 3
+    head: str  # name; a line end goes before its unit
+    show: str | int | Callable[[Any], Any]  # key of the row (an index if rows are sequences), or a function of the row
+    kind: Kind = "figure"  # kind of its cells
+    spare: int = 0  # order in which columns are left out if space is scarce, 1 first; 0: never
+    digits: int = 3  # significant digits of a number
 
     def cell(self, row: Any) -> Cell:
         """The cell of one row."""
@@ -59,23 +45,14 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under a head.
+    """Rows under a head."""
 
-    Args:
-        title: what the rows are.
-        columns: see `Column`.
-        rows: records in SI, or sequences of shown values.
-        notes: sentences below it.
-        keys: number of first columns that identify a row; they are repeated if columns continue below.
-        file: file that also has the omitted columns, or "".
-    """
-
-    title: str
-    columns: Sequence[Column]
-    rows: Sequence[Any]
-    notes: Sequence[str] = ()
-    keys: int = 1
-    file: str = ""
+    title: str  # what the rows are
+    columns: Sequence[Column]  # see `Column`
+    rows: Sequence[Any]  # records in SI, or sequences of shown values
+    notes: Sequence[str] = ()  # sentences below it
+    keys: int = 1  # number of first columns that identify a row; they are repeated if columns continue below
+    file: str = ""  # file that also has the omitted columns, or ""
 
     @property
     def cells(self) -> list[list[Cell]]:

@@ -158,19 +158,16 @@ def _alone(fit: Mapping[str, Any]) -> list[str]:
 class Pool:
     """Root mean squares over traces, each counting for its samples.
 
-        rms^2 = sum n_k rms_k^2 / sum n_k,    likewise sigma and ratio = rms / sigma
-
-    Args:
-        traces, samples: numbers of these.
-        rms, sigma: in the unit of the rows.
-        ratio: ratio of rms and sigma, pooled row by row.
+    rms^2 = sum n_k rms_k^2 / sum n_k,    likewise sigma and ratio = rms / sigma
     """
 
+    # traces, samples: numbers of these
     traces: int
     samples: int
+    # rms, sigma: in the unit of the rows
     rms: float
     sigma: float
-    ratio: float
+    ratio: float  # ratio of rms and sigma, pooled row by row
 
     @classmethod
     def of_rows(cls, rows: Sequence[PredictionError]) -> Pool:
@@ -194,23 +191,19 @@ def grouped(rows: Sequence[PredictionError]) -> dict[tuple[str, str, str], list[
 
 @dataclass(frozen=True)
 class Entry:
-    """One channel of one test, all its traces pooled.
+    """One channel of one test, all its traces pooled."""
 
-    Args:
-        test, channel, unit, held_out: the channel; the unit in output.
-        before, after: errors of the first and of the final model; without a diagnosis both are those of the fit.
-        unknown: error of the final model with a smooth curve for the unexplained part; None without one.
-        explained: explained share of the motion, 0 to 1; None if not known.
-    """
-
+    # test, channel, unit, held_out: the channel; the unit in output
     test: str
     channel: str
     unit: str
     held_out: bool
+    # before, after: errors of the first and of the final model; without a diagnosis both are those of the fit
     before: Pool
     after: Pool
+    # error of the final model with a smooth curve for the unexplained part; None without one
     unknown: Pool | None = None
-    explained: float | None = None
+    explained: float | None = None  # explained share of the motion, 0 to 1; None if not known
 
     @property
     def name(self) -> str:

@@ -104,24 +104,15 @@ _SHOWN = 0.998  # share of the residuals inside the panel; the others are counte
 
 @dataclass(frozen=True, eq=False)
 class TracePicture:
-    """Contents of a trace's picture.
-
-    Args:
-        predicted: free-run simulation, SI, shape (n, M).
-        residual: residual in sigma, shape (n, M).
-        residual_label: label of the residual.
-        rows: score of each channel.
-        synthetic: whether the data are synthetic.
-        model: the simulated model, in words.
-    """
+    """Contents of a trace's picture."""
 
     trace: Trace
-    predicted: np.ndarray
-    residual: np.ndarray
-    residual_label: str
-    rows: tuple[PredictionError, ...]
-    synthetic: bool
-    model: str = "the model"
+    predicted: np.ndarray  # free-run simulation, SI, shape (n, M)
+    residual: np.ndarray  # residual in sigma, shape (n, M)
+    residual_label: str  # label of the residual
+    rows: tuple[PredictionError, ...]  # score of each channel
+    synthetic: bool  # whether the data are synthetic
+    model: str = "the model"  # the simulated model, in words
 
 
 def draw_trace(picture: TracePicture) -> Figure:
@@ -176,27 +167,16 @@ _POINTS = 2000  # of a scatter plot
 
 @dataclass(frozen=True, eq=False)
 class TestPicture:
-    """Contents of a rig test's picture.
+    """Contents of a rig test's picture."""
 
-    Args:
-        test: the rig test.
-        graphs: graphs of the measured traces.
-        model: graphs of the simulated traces, in any order.
-        traces: all traces of the test.
-        predicted: their simulations by file, SI, shape (n, M) each.
-        lines: reading and fitted value, one line per parameter.
-        synthetic: whether the data are synthetic.
-        model_words: the fitted model, in words.
-    """
-
-    test: AbstractRigTest
-    graphs: tuple[Graph, ...]
-    model: tuple[Graph, ...]
-    traces: tuple[Trace, ...]
-    predicted: Mapping[str, np.ndarray]
-    lines: tuple[str, ...]
-    synthetic: bool
-    model_words: str = "the model"
+    test: AbstractRigTest  # the rig test
+    graphs: tuple[Graph, ...]  # graphs of the measured traces
+    model: tuple[Graph, ...]  # graphs of the simulated traces, in any order
+    traces: tuple[Trace, ...]  # all traces of the test
+    predicted: Mapping[str, np.ndarray]  # their simulations by file, SI, shape (n, M) each
+    lines: tuple[str, ...]  # reading and fitted value, one line per parameter
+    synthetic: bool  # whether the data are synthetic
+    model_words: str = "the model"  # the fitted model, in words
 
 
 def simulated(trace: Trace, predicted: np.ndarray) -> Measurement:

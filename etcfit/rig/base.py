@@ -38,29 +38,17 @@ SLOW_LOG = "slow_log"  # the kind that makes every diagnosis uncertain
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One logged quantity on its own time base (empty cells are dropped, so channels may differ).
+    """One logged quantity on its own time base (empty cells are dropped, so channels may differ)."""
 
-    Args:
-        time: s, shape (n,), strictly rising.
-        value: SI unit of `CHANNELS`, shape (n,), finite.
-        sigma: standard deviation of one sample's noise, SI.
-        sigma_estimated: True where rig.toml did not give it.
-        header: the header of the column in the CSV.
-        unit: unit in which the user logged it; results are shown in it.
-        scale: one logged unit in SI (value_SI = scale * logged + offset).
-        quantum: resolution of the logger, SI; 0 where the data show none.
-        offset: value in SI of a logged 0.
-    """
-
-    time: np.ndarray
-    value: np.ndarray
-    sigma: float
-    sigma_estimated: bool
-    header: str
-    unit: str
-    scale: float
-    quantum: float = 0.0
-    offset: float = 0.0
+    time: np.ndarray  # s, shape (n,), strictly rising
+    value: np.ndarray  # SI unit of `CHANNELS`, shape (n,), finite
+    sigma: float  # standard deviation of one sample's noise, SI
+    sigma_estimated: bool  # True where rig.toml did not give it
+    header: str  # the header of the column in the CSV
+    unit: str  # unit in which the user logged it; results are shown in it
+    scale: float  # one logged unit in SI (value_SI = scale * logged + offset)
+    quantum: float = 0.0  # resolution of the logger, SI; 0 where the data show none
+    offset: float = 0.0  # value in SI of a logged 0
 
     @property
     def name(self) -> str:
@@ -82,23 +70,15 @@ OTHER_RIG = "other_rig"  # kind of the rig effect by whose name traces are set a
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """One CSV, one trace.
+    """One CSV, one trace."""
 
-    Args:
-        file: path relative to the rig folder, with forward slashes.
-        test: name of its folder, a rig test.
-        time: the rows' times, s, shape (n,), strictly rising.
-        channels: by quantity, see `CHANNELS`.
-        held_out: whether [holdout] names it: it is then scored, never fitted.
-        edge_turn: for each interval between two times 0 or 1, to be added to the phase of edges that are synchronous
-            with the samples, and NaN where there is no such edge, shape (n - 1,); None before edges are evaluated.
-    """
-
-    file: str
-    test: str
-    time: np.ndarray
-    channels: Mapping[str, Channel]
-    held_out: bool = False
+    file: str  # path relative to the rig folder, with forward slashes
+    test: str  # name of its folder, a rig test
+    time: np.ndarray  # the rows' times, s, shape (n,), strictly rising
+    channels: Mapping[str, Channel]  # by quantity, see `CHANNELS`
+    held_out: bool = False  # whether [holdout] names it: it is then scored, never fitted
+    # for each interval between two times 0 or 1, to be added to the phase of edges that are synchronous with the
+    # samples, and NaN where there is no such edge, shape (n - 1,); None before edges are evaluated
     edge_turn: np.ndarray | None = None
 
 
@@ -209,29 +189,19 @@ class RigConfig:
 
 @dataclass(frozen=True)
 class Finding:
-    """A mistake or a habit of the rig, found in its records.
+    """A mistake or a habit of the rig, found in its records."""
 
-    Args:
-        kind: kind of mistake, such as `series_resistance`; the names are part of the contract.
-        size: its size, in `unit`; the sentence states the quantity.
-        unit: unit of the size; "" where it has none.
-        chance: probability that a rig without the mistake shows the same.
-        found: one sentence: the place, the observation, and the expectation.
-        mend: the line of rig.toml or the header of the CSV that mends it, or an instruction where no line can.
-        test, file, channel: its place; None: all of them.
-        sure: whether physics excludes the data for every rig: the fit refuses them.
-    """
-
-    kind: str
-    size: float
-    unit: str
-    chance: float
-    found: str
-    mend: str
+    kind: str  # kind of mistake, such as `series_resistance`; the names are part of the contract
+    size: float  # its size, in `unit`; the sentence states the quantity
+    unit: str  # unit of the size; "" where it has none
+    chance: float  # probability that a rig without the mistake shows the same
+    found: str  # one sentence: the place, the observation, and the expectation
+    mend: str  # the line of rig.toml or the header of the CSV that mends it, or an instruction where no line can
+    # test, file, channel: its place; None: all of them
     test: str | None = None
     file: str | None = None
     channel: str | None = None
-    sure: bool = False
+    sure: bool = False  # whether physics excludes the data for every rig: the fit refuses them
 
     @property
     def where(self) -> str:
@@ -244,21 +214,15 @@ class Finding:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rig:
-    """A measurement folder: its rig.toml, its traces in order of file name, and findings.
+    """A measurement folder: its rig.toml, its traces in order of file name, and findings."""
 
-    Args:
-        folder: as the user gave it; `FRAMES` where the traces came as data frames.
-        toml: text of the rig.toml; "" where there is none.
-        digests: SHA-256 of every file, or data frame, that was read.
-        findings: mistakes and habits of the rig that its records show before any fit; the warnings contain them too.
-    """
-
-    folder: str
+    folder: str  # as the user gave it; `FRAMES` where the traces came as data frames
     config: RigConfig
     measurements: tuple[Measurement, ...]
     warnings: tuple[str, ...] = ()
-    toml: str = ""
-    digests: Mapping[str, str] = field(default_factory=dict)
+    toml: str = ""  # text of the rig.toml; "" where there is none
+    digests: Mapping[str, str] = field(default_factory=dict)  # SHA-256 of every file, or data frame, that was read
+    # mistakes and habits of the rig that its records show before any fit; the warnings contain them too
     findings: tuple[Finding, ...] = ()
 
     def __repr__(self) -> str:

@@ -29,13 +29,9 @@ _MOST_WAIT = 10.0  # s for another process to put its files in place: it takes m
 
 @dataclass(frozen=True)
 class Draft:
-    """Files to be.
+    """Files to be."""
 
-    Args:
-        place: the scratch folder.
-    """
-
-    place: Path
+    place: Path  # the scratch folder
 
     @property
     def files(self) -> Path:

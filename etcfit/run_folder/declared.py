@@ -84,17 +84,12 @@ class Record:
 
 
 class Many(NamedTuple):
-    """Several records: a list, or, where `named`, an object of them by name.
-
-    Args:
-        meaning: of one.
-        null: whether one may be null.
-    """
+    """Several records: a list, or, where `named`, an object of them by name."""
 
     record: Record
     named: bool
-    meaning: str
-    null: bool
+    meaning: str  # of one
+    null: bool  # whether one may be null
 
     def written(self, source: Any) -> Any:
         if self.named:

@@ -207,17 +207,11 @@ DIAGNOSIS = Record(
 
 @dataclass(frozen=True, eq=False)
 class _Kept:
-    """What the file holds.
+    """What the file holds."""
 
-    Args:
-        fit: SHA-256 of the file of the fit that is diagnosed.
-        settings: of the diagnosis.
-        progress: the rounds, and the model after them.
-    """
-
-    fit: str | None
-    settings: DiagnosisSettings
-    progress: Progress
+    fit: str | None  # SHA-256 of the file of the fit that is diagnosed
+    settings: DiagnosisSettings  # of the diagnosis
+    progress: Progress  # the rounds, and the model after them
 
 
 class KeptRounds:

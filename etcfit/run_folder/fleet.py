@@ -39,14 +39,10 @@ _COLUMNS = ("unit", "symbol", "value", "stderr", "low", "high", "status", "shrun
 
 @dataclass(frozen=True, eq=False)
 class FleetFiles:
-    """What lies in the run folder of a fleet.
-
-    Args:
-        units: units.parquet, one row a unit and symbol.
-    """
+    """What lies in the run folder of a fleet."""
 
     content: Mapping[str, Any]
-    units: pd.DataFrame
+    units: pd.DataFrame  # units.parquet, one row a unit and symbol
 
 
 def save_fleet(run: Path, study: FleetStudy, rig: Toml, pages: Mapping[str, str]) -> None:

@@ -45,25 +45,19 @@ def failure_of(converged: bool, reason: str) -> str:
 
 @dataclass(frozen=True)
 class StageFiles:
-    """What a stage makes, and from what.
+    """What a stage makes, and from what."""
 
-    Args:
-        makes: files below RUN that it leaves there; the first always, another may have nothing to say.
-        needs: the models below RUN that it is made from, where they are there: its files are of no use once these are
-            others. Those of the fit are the measurements.
-        uses: what it takes in besides where it is there: its files are true without, and better made again.
-        may_use: the same, of a later stage: its files hold where that comes afterwards, and are better made again where
-            what they were made with has changed.
-        beside: pictures, and a page on demand, that go along with its files.
-        command: what writes them.
-    """
-
-    makes: tuple[str, ...]
+    makes: tuple[str, ...]  # files below RUN that it leaves there; the first always, another may have nothing to say
+    # the models below RUN that it is made from, where they are there: its files are of no use once these are others.
+    # Those of the fit are the measurements.
     needs: tuple[str, ...] = ()
+    # what it takes in besides where it is there: its files are true without, and better made again
     uses: tuple[str, ...] = ()
+    # the same, of a later stage: its files hold where that comes afterwards, and are better made again where what they
+    # were made with has changed
     may_use: tuple[str, ...] = ()
-    beside: tuple[str, ...] = ()
-    command: str = ""
+    beside: tuple[str, ...] = ()  # pictures, and a page on demand, that go along with its files
+    command: str = ""  # what writes them
 
     def command_for(self, run: Path, record: Record | None = None) -> str:
         """The command with its run folder, and the folder of the measurements where the record knows it."""
@@ -101,24 +95,16 @@ STAGE_FILES: Mapping[str, StageFiles] = {
 
 @dataclass(frozen=True)
 class Record:
-    """The last time a stage ran.
+    """The last time a stage ran."""
 
-    Args:
-        at: when it ended, ISO 8601.
-        settings: what it ran with.
-        inputs, outputs: SHA-256 by file; null for one that was not there.
-        exit: its exit status.
-        folder: where the measurements lie, as seen from RUN; of the fit only.
-        seconds: how long it took; None where nobody noted it.
-    """
-
-    at: str
-    settings: Mapping[str, Any]
+    at: str  # when it ended, ISO 8601
+    settings: Mapping[str, Any]  # what it ran with
+    # inputs, outputs: SHA-256 by file; null for one that was not there
     inputs: Mapping[str, str | None]
     outputs: Mapping[str, str | None]
-    exit: int
-    folder: str | None = None
-    seconds: float | None = None
+    exit: int  # its exit status
+    folder: str | None = None  # where the measurements lie, as seen from RUN; of the fit only
+    seconds: float | None = None  # how long it took; None where nobody noted it
 
 
 _HASH = {"pattern": "^[0-9a-f]{64}$"}

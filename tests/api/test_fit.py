@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -13,31 +12,9 @@ from etcfit.api.fit import Fit
 from etcfit.errors import UsageError
 from etcfit.estimation.intervals import intervals
 from etcfit.rig.base import Rig
+from pages import Reader
 
 COLUMNS = {"value": "float64", "stderr": "float64", "low": "float64", "high": "float64", "unit": "str", "status": "str"}
-VOID = {"br", "hr", "progress"}
-
-
-class Balance(HTMLParser):
-    """Refuses tags that are not closed in order; keeps the text of each."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.seen: set[str] = set()
-        self.text = ""
-        self.feed(page)
-        assert self.open == []
-
-    def handle_starttag(self, tag: str, attrs: object) -> None:
-        self.seen.add(tag)
-        self.open += [] if tag in VOID else [tag]
-
-    def handle_endtag(self, tag: str) -> None:
-        assert tag in VOID or self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        self.text += data
 
 
 def named(fit: Fit, name: str, **changes: bool) -> Fit:
@@ -138,10 +115,10 @@ def test_a_repr_stays_short_whatever_is_in_it(fitted: Fit) -> None:
 
 def test_the_html_table_escapes_a_name_and_shows_no_number_that_is_not_known(fitted: Fit) -> None:
     page = named(fitted, "a <b>bold</b> & <script>alert(1)</script> rig")._repr_html_()
-    seen = Balance(page)
+    seen = Reader(page)
     assert "<script" not in page
     assert "&lt;b&gt;bold&lt;/b&gt; &amp;" in page
-    assert "script" not in seen.seen
+    assert seen.of("script") == []
     assert "SYNTHETIC DATA" in seen.text
     assert "NOT CONVERGED" not in seen.text
     row = next(part for part in page.split("<tr>") if "J_L" in part)
@@ -153,9 +130,9 @@ def test_the_html_table_escapes_a_name_and_shows_no_number_that_is_not_known(fit
 
 def test_the_html_table_says_that_a_fit_did_not_converge(rig: Rig) -> None:
     fit = Fit(results.result(rig, converged=False, reason="it <i>wandered</i>"))
-    seen = Balance(fit._repr_html_())
+    seen = Reader(fit._repr_html_())
     assert "NOT CONVERGED: it <i>wandered</i>" in seen.text
-    assert "i" not in seen.seen
+    assert seen.of("i") == []
     assert "NOT CONVERGED" in repr(fit)
 
 

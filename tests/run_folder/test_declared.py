@@ -74,16 +74,12 @@ def test_the_schema_takes_what_is_written_and_nothing_wrong(wrong: dict[str, Any
 
 @dataclass(frozen=True)
 class Shown:
-    """What a log shows.
-
-    Args:
-        first: of all, s.
-    """
+    """What a log shows."""
 
     # low, high: ends, per cent
     low: float
     high: float | None
-    first: float = 0.0
+    first: float = 0.0  # of all, s
     kind: Literal["quick", "slow"] = "slow"  # which; None of the others
     # of the time, which goes on behind
     # the end of a line

@@ -225,21 +225,13 @@ def _spread(stderr: float | None, least: float, scale: float = 1.0) -> str:
 
 @dataclass(frozen=True)
 class Held:
-    """One log compared with the prediction for its gains.
+    """One log compared with the prediction for its gains."""
 
-    Args:
-        log: name of its file.
-        run: run folder of `etcfit tune`.
-        made_with: name of the step in `told`.
-        told: the object of tune.json.
-        found: the comparison.
-    """
-
-    log: str
-    run: Path
-    made_with: str
-    told: Mapping[str, Any]
-    found: Comparison
+    log: str  # name of its file
+    run: Path  # run folder of `etcfit tune`
+    made_with: str  # name of the step in `told`
+    told: Mapping[str, Any]  # the object of tune.json
+    found: Comparison  # the comparison
 
     @property
     def says(self) -> str:

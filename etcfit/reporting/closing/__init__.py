@@ -29,17 +29,11 @@ _NAMED = 2  # number of names in a line before it only counts the others
 
 @dataclass(frozen=True)
 class Closing:
-    """The closing lines of a command.
+    """The closing lines of a command."""
 
-    Args:
-        answer: the result in plain words.
-        next: the next command with its arguments, or a sentence on what to do.
-        look: files to open, the most informative first; missing files are left out.
-    """
-
-    answer: str
-    next: str
-    look: tuple[Path, ...] = ()
+    answer: str  # the result in plain words
+    next: str  # the next command with its arguments, or a sentence on what to do
+    look: tuple[Path, ...] = ()  # files to open, the most informative first; missing files are left out
 
     def __str__(self) -> str:
         there = " and ".join(shlex.quote(str(path)) for path in self.look if path.exists())

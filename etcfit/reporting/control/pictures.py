@@ -237,19 +237,12 @@ _BESIDE, _LETTER, _TALL = 11.0, 4.9, 11.0  # label, in points: distance from its
 
 @dataclass(frozen=True)
 class _Point:
-    """Gains in the picture.
+    """Gains in the picture."""
 
-    Args:
-        activity: standard deviation of the duty at rest, %.
-        error: tracking error, % of the travel, root mean square.
-        name: name of the rule; "" for a point of the front.
-        missed: missed requirements except the duty's activity, the worst first.
-    """
-
-    activity: float
-    error: float
-    name: str = ""
-    missed: tuple[str, ...] = ()
+    activity: float  # standard deviation of the duty at rest, %
+    error: float  # tracking error, % of the travel, root mean square
+    name: str = ""  # name of the rule; "" for a point of the front
+    missed: tuple[str, ...] = ()  # missed requirements except the duty's activity, the worst first
 
 
 def draw_front(design: Design) -> Figure:

@@ -16,17 +16,11 @@ if TYPE_CHECKING:  # the verdict of a page does not need this module
 
 
 class Hardest(NamedTuple):
-    """A requirement and its figure.
+    """A requirement and its figure."""
 
-    Args:
-        symbol: symbol in `LoopFigures`.
-        figure: infinite if, for example, a response does not settle.
-        limit: upper limit of the figure.
-    """
-
-    symbol: str
-    figure: float
-    limit: float
+    symbol: str  # symbol in `LoopFigures`
+    figure: float  # infinite if, for example, a response does not settle
+    limit: float  # upper limit of the figure
 
     @property
     def met(self) -> bool:

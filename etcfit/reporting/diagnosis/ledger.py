@@ -39,17 +39,11 @@ def prefixed(limit: float, unit: str) -> tuple[float, str]:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """The form of one channel of a trace in output.
+    """The form of one channel of a trace in output."""
 
-    Args:
-        unit: unit of the shown values.
-        size: that unit in SI.
-        origin: value shown as zero, SI.
-    """
-
-    unit: str
-    size: float
-    origin: float = 0.0
+    unit: str  # unit of the shown values
+    size: float  # that unit in SI
+    origin: float = 0.0  # value shown as zero, SI
 
     @classmethod
     def of_channel(cls, trace: Trace, name: str) -> Shown:

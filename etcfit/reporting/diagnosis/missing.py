@@ -26,16 +26,13 @@ _LOSES = 1e-9  # share of the missing torque below which an effect counts as act
 class Samples:
     """The missing torque or voltage of all traces, concatenated, shape (n,) each; only where it is known before and
     after.
-
-    Args:
-        axes: values of the axes by name, see `Motion`.
-        before, after: missing amount with the first and with the final model, SI.
-        effects: contribution of each added effect there, SI; without those that contribute nothing.
     """
 
-    axes: Mapping[str, np.ndarray]
+    axes: Mapping[str, np.ndarray]  # values of the axes by name, see `Motion`
+    # before, after: missing amount with the first and with the final model, SI
     before: np.ndarray
     after: np.ndarray
+    # contribution of each added effect there, SI; without those that contribute nothing
     effects: Mapping[str, np.ndarray]
 
     @classmethod
@@ -65,15 +62,10 @@ def _of_effect(motion: Motion, name: str, enters: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Equal steps along an axis.
+    """Equal steps along an axis."""
 
-    Args:
-        edges: shape (B + 1,).
-        place: bin of each sample, shape (n,); outside 0 ... B-1 if it is beyond the edges.
-    """
-
-    edges: np.ndarray
-    place: np.ndarray
+    edges: np.ndarray  # shape (B + 1,)
+    place: np.ndarray  # bin of each sample, shape (n,); outside 0 ... B-1 if it is beyond the edges.
 
     @classmethod
     def along(cls, axis: np.ndarray) -> Bins:
@@ -129,23 +121,14 @@ _UNITS = {"torque": "N m", "voltage": "V"}
 
 @dataclass(frozen=True, eq=False)
 class MissingPicture:
-    """Contents of a picture of the missing torque or voltage.
+    """Contents of a picture of the missing torque or voltage."""
 
-    Args:
-        enters: "torque" or "voltage".
-        samples: samples along the measured motion.
-        shares: shares of the axes, largest first.
-        added: effects found.
-        white: whether nothing was missing from the beginning.
-        synthetic: whether the data are synthetic.
-    """
-
-    enters: str
-    samples: Samples
-    shares: tuple[Share, ...]
-    added: tuple[str, ...]
-    white: bool
-    synthetic: bool
+    enters: str  # "torque" or "voltage"
+    samples: Samples  # samples along the measured motion
+    shares: tuple[Share, ...]  # shares of the axes, largest first
+    added: tuple[str, ...]  # effects found
+    white: bool  # whether nothing was missing from the beginning
+    synthetic: bool  # whether the data are synthetic
 
     @classmethod
     def of_diagnosis(cls, diagnosis: Diagnosis, enters: str) -> MissingPicture | None:
@@ -261,20 +244,14 @@ def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, shown:
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """Samples of one curve.
+    """Samples of one curve."""
 
-    Args:
-        rows: mask of the samples, shape (n,).
-        points, line: colours.
-        dashes: dashes of the effects' lines.
-        label: label of the median.
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # mask of the samples, shape (n,)
+    # points, line: colours
     points: str
     line: str
-    dashes: str
-    label: str
+    dashes: str  # dashes of the effects' lines
+    label: str  # label of the median
 
 
 _ONE = (("#b8b8b8", "black", "-", "median, quartiles"),)

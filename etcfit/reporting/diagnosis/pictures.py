@@ -38,24 +38,18 @@ _SAMPLES = 60  # least number of samples in a zoom
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """Contents of the picture.
-
-    Args:
-        before, after: free-run simulations of the first and of the final model, SI, shape (n, M) each.
-        rows_before, rows_after: their scores, one per channel.
-        synthetic: whether the data are synthetic.
-        models: names of the two models.
-        role: role of the trace.
-    """
+    """Contents of the picture."""
 
     trace: Trace
+    # before, after: free-run simulations of the first and of the final model, SI, shape (n, M) each
     before: np.ndarray
     after: np.ndarray
+    # rows_before, rows_after: their scores, one per channel
     rows_before: tuple[PredictionError, ...]
     rows_after: tuple[PredictionError, ...]
-    synthetic: bool
-    models: tuple[str, str] = ("before", "after")
-    role: str = "fitted"
+    synthetic: bool  # whether the data are synthetic
+    models: tuple[str, str] = ("before", "after")  # names of the two models
+    role: str = "fitted"  # role of the trace
 
     @classmethod
     def of_trace(cls, d: Diagnosis, trace: Trace) -> Overlay:
@@ -241,18 +235,13 @@ _APART = 1.35  # ratio of errors above which two names do not overlap
 
 @dataclass(frozen=True)
 class RoundPoint:
-    """One round of the loop.
+    """One round of the loop."""
 
-    Args:
-        label: the added effect.
-        fit, holdout: free-running error after it, sigma; the latter None without held-out traces.
-        others: refitted candidates that were not added, with their errors.
-    """
-
-    label: str
+    label: str  # the added effect
+    # fit, holdout: free-running error after it, sigma; the latter None without held-out traces
     fit: float
     holdout: float | None
-    others: tuple[tuple[str, float], ...] = ()
+    others: tuple[tuple[str, float], ...] = ()  # refitted candidates that were not added, with their errors
 
 
 def steps(diagnosis: Diagnosis) -> list[RoundPoint]:

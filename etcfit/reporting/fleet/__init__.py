@@ -28,15 +28,10 @@ _NAMED = 4  # number of units that a sentence names before it only counts the ot
 
 @dataclass(frozen=True)
 class Sentence:
-    """A sentence of the verdict.
+    """A sentence of the verdict."""
 
-    Args:
-        text: plain text.
-        bad: whether it needs action.
-    """
-
-    text: str
-    bad: bool = False
+    text: str  # plain text
+    bad: bool = False  # whether it needs action
 
 
 def verdict(content: Content) -> tuple[Sentence, ...]:

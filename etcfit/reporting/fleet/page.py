@@ -27,17 +27,11 @@ NUMBERS = ("value", "stderr", "low", "high", "shrunk_value", "shrunk_stderr")
 
 @dataclass(frozen=True, eq=False)
 class SymbolColumns:
-    """One symbol in every unit, NaN for units without it.
+    """One symbol in every unit, NaN for units without it."""
 
-    Args:
-        numbers: numbers by the table's column, SI, shape (units,) each.
-        status: indices into `statuses`, shape (units,); -1 if the unit has no such symbol.
-        statuses: names.
-    """
-
-    numbers: Mapping[str, np.ndarray]
-    status: np.ndarray
-    statuses: tuple[str, ...]
+    numbers: Mapping[str, np.ndarray]  # numbers by the table's column, SI, shape (units,) each
+    status: np.ndarray  # indices into `statuses`, shape (units,); -1 if the unit has no such symbol
+    statuses: tuple[str, ...]  # names
 
     def __getitem__(self, column: str) -> np.ndarray:
         return self.numbers[column]
@@ -45,15 +39,10 @@ class SymbolColumns:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Every symbol in every unit.
+    """Every symbol in every unit."""
 
-    Args:
-        units: names, in the order of fleet.json.
-        symbols: symbols by name.
-    """
-
-    units: tuple[str, ...]
-    symbols: Mapping[str, SymbolColumns] = field(default_factory=dict)
+    units: tuple[str, ...]  # names, in the order of fleet.json
+    symbols: Mapping[str, SymbolColumns] = field(default_factory=dict)  # symbols by name
 
     @classmethod
     def of_units(cls, names: Sequence[str], units: pd.DataFrame) -> Columns:

@@ -53,17 +53,11 @@ Types = tuple[type[AbstractEffect], ...]
 
 @dataclass(frozen=True)
 class Simulation:
-    """The model of the page's simulation.
+    """The model of the page's simulation."""
 
-    Args:
-        effects: printed effects of the throttle.
-        left_out: effects of the throttle that cannot be printed as JavaScript.
-        script: JavaScript, see above.
-    """
-
-    effects: Types
-    left_out: Types
-    script: str
+    effects: Types  # printed effects of the throttle
+    left_out: Types  # effects of the throttle that cannot be printed as JavaScript
+    script: str  # JavaScript, see above
 
 
 def simulation(result: FitResult) -> Simulation:
@@ -270,26 +264,17 @@ _CHANNELS = ("current", "position", "emf", "motor_speed")
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """The input and circuit of one trace, SI.
+    """The input and circuit of one trace, SI."""
 
-    Args:
-        time, level: corners of the input, s and V (N m for a torque), shape (K,); a jump has two at one instant.
-        within: largest error of the input, unit of the level.
-        boundary: circuit, plate, series resistance, gear ratio and stops, by the stepper's names.
-        start: current (A), angle (rad), speed (rad/s).
-        release: release of a held plate, s; infinite if never.
-        readings: gain and zero of each logged channel, if they are not 1 and 0.
-        lacks: what the page's simulation leaves out of this trace, in words.
-    """
-
+    # time, level: corners of the input, s and V (N m for a torque), shape (K,); a jump has two at one instant
     time: np.ndarray
     level: np.ndarray
-    within: float
-    boundary: Mapping[str, float]
-    start: tuple[float, float, float]
-    release: float
-    readings: Mapping[str, tuple[float, float]]
-    lacks: tuple[str, ...]
+    within: float  # largest error of the input, unit of the level
+    boundary: Mapping[str, float]  # circuit, plate, series resistance, gear ratio and stops, by the stepper's names
+    start: tuple[float, float, float]  # current (A), angle (rad), speed (rad/s)
+    release: float  # release of a held plate, s; infinite if never
+    readings: Mapping[str, tuple[float, float]]  # gain and zero of each logged channel, if they are not 1 and 0
+    lacks: tuple[str, ...]  # what the page's simulation leaves out of this trace, in words
 
 
 def excitations(problem: EstimationProblem, x: np.ndarray, most: int) -> list[Excitation | str]:

@@ -146,15 +146,10 @@ def _of_the_model(trace: Trace, diagnosis: Diagnosis) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """Groups of neighbouring samples, each of which becomes two points.
+    """Groups of neighbouring samples, each of which becomes two points."""
 
-    Args:
-        starts: first sample of each bin, shape (B,); in a short trace every sample is a bin.
-        size: number of samples n.
-    """
-
-    starts: np.ndarray
-    size: int
+    starts: np.ndarray  # first sample of each bin, shape (B,); in a short trace every sample is a bin
+    size: int  # number of samples n
 
     @classmethod
     def of_samples(cls, size: int, most: int) -> Bins:
@@ -195,16 +190,11 @@ _LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
 @dataclass(frozen=True)
 class PointBudget:
-    """Size of all traces together in the page.
+    """Size of all traces together in the page."""
 
-    Args:
-        numbers: drawn numbers, two bytes each: three megabytes and a half, a third more as text.
-        corners: corners of inputs, eight bytes each.
-        least, most: least and largest number of points of one trace.
-    """
-
-    numbers: int = 1_750_000
-    corners: int = 110_000
+    numbers: int = 1_750_000  # drawn numbers, two bytes each: three megabytes and a half, a third more as text
+    corners: int = 110_000  # corners of inputs, eight bytes each
+    # least, most: least and largest number of points of one trace
     least: int = 100
     most: int = 8_000
 
@@ -225,17 +215,11 @@ _COLUMNS, _OF_CHANNEL = 6, 5
 
 @dataclass(frozen=True, eq=False)
 class TraceSources:
-    """All data of the traces.
+    """All data of the traces."""
 
-    Args:
-        before: the first model if a diagnosis was made, else None.
-        final: the model of the page.
-        diagnosis: the diagnosis, or None.
-    """
-
-    before: FitResult | None
-    final: FitResult
-    diagnosis: Diagnosis | None
+    before: FitResult | None  # the first model if a diagnosis was made, else None
+    final: FitResult  # the model of the page
+    diagnosis: Diagnosis | None  # the diagnosis, or None
 
 
 def traces_json(sources: TraceSources, budget: PointBudget = PointBudget()) -> list[dict[str, Any]]:

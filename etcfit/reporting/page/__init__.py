@@ -19,16 +19,11 @@ from ...run_folder.reading import object_in
 
 @dataclass(frozen=True)
 class Page:
-    """The written page.
-
-    Args:
-        failure: why its model did not converge, or "".
-        missing: why pictures are missing, or "".
-    """
+    """The written page."""
 
     path: Path
-    failure: str
-    missing: str = ""
+    failure: str  # why its model did not converge, or ""
+    missing: str = ""  # why pictures are missing, or ""
 
 
 def write_page(run_dir: Path | str) -> Page:
@@ -65,16 +60,11 @@ _ROW = ("file", "test", "channel", "unit", "n", "rms", "sigma")
 
 @dataclass(frozen=True)
 class Contents:
-    """A run folder.
-
-    Args:
-        files: content of each JSON file by kind (see KINDS); absent ones are left out.
-        hashes: SHA-256 of those files by name.
-    """
+    """A run folder."""
 
     run: Path
-    files: Mapping[str, Mapping[str, Any]]
-    hashes: Mapping[str, str]
+    files: Mapping[str, Mapping[str, Any]]  # content of each JSON file by kind (see KINDS); absent ones are left out
+    hashes: Mapping[str, str]  # SHA-256 of those files by name
 
     def get(self, kind: str) -> Mapping[str, Any]:
         """The object of a file; empty if there is none."""

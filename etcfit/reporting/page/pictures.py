@@ -96,37 +96,24 @@ OPEN = ("", "tune", "diagnosis", "posterior", "control")  # shown without a clic
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture in the page.
+    """A picture in the page."""
 
-    Args:
-        name: name of its file, in words.
-        caption: what it shows, a sentence.
-        uri: data URI.
-        width, height: px.
-    """
-
-    name: str
-    caption: str
-    uri: str
+    name: str  # name of its file, in words
+    caption: str  # what it shows, a sentence
+    uri: str  # data URI
+    # width, height: px
     width: int
     height: int
 
 
 @dataclass(frozen=True)
 class Group:
-    """Pictures of one kind.
+    """Pictures of one kind."""
 
-    Args:
-        title: title of the group.
-        folder: below RUN/pictures.
-        pictures: in the order of their names.
-        left_out: names of pictures left out for lack of space.
-    """
-
-    title: str
-    folder: str
-    pictures: tuple[Picture, ...]
-    left_out: tuple[str, ...]
+    title: str  # title of the group
+    folder: str  # below RUN/pictures
+    pictures: tuple[Picture, ...]  # in the order of their names
+    left_out: tuple[str, ...]  # names of pictures left out for lack of space
 
     @property
     def open(self) -> bool:

@@ -133,34 +133,21 @@ _TELLS = 0.95  # ratio of standard errors below which a test counts as improving
 
 @dataclass(frozen=True)
 class Step:
-    """One test on the sheet.
+    """One test on the sheet."""
 
-    Args:
-        number, title: in the order of the plan.
-        how: the played signal.
-        remark: assumptions, or "".
-        wiring: connection and support of the throttle.
-        watch: special instructions.
-        play: the file to play; "" with open terminals.
-        record: the file of the record.
-        logger: columns, ranges, resolution.
-        tells: the parameters that it improves.
-        facts: seconds, rate, amperes, temperature, pause.
-        picture: the expected curves.
-    """
-
+    # number, title: in the order of the plan
     number: int
     title: str
-    how: str
-    remark: str
-    wiring: str
-    watch: tuple[str, ...]
-    play: str
-    record: str
-    logger: Table
-    tells: Table
-    facts: str
-    picture: Picture
+    how: str  # the played signal
+    remark: str  # assumptions, or ""
+    wiring: str  # connection and support of the throttle
+    watch: tuple[str, ...]  # special instructions
+    play: str  # the file to play; "" with open terminals
+    record: str  # the file of the record
+    logger: Table  # columns, ranges, resolution
+    tells: Table  # the parameters that it improves
+    facts: str  # seconds, rate, amperes, temperature, pause
+    picture: Picture  # the expected curves
 
 
 def write_sheet(folder: Path, campaign: Campaign) -> Path:

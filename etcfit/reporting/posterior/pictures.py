@@ -158,29 +158,24 @@ LAPLACE, PROFILE, POSTERIOR = style.SIMULATED, "#009e73", style.READING
 
 @dataclass(frozen=True)
 class Spread:
-    """One parameter, SI.
+    """One parameter, SI."""
 
-    Args:
-        symbol, unit: symbol and unit of the parameter.
-        fitted, stderr: value and standard error of the fit; no standard error for a compromise.
-        mean, sd, low, high: figures of the posterior.
-        profile: interval of the profile, or None.
-        reading, truth: reading and true value, or None.
-        apart: whether the widths differ by more than 20 %.
-    """
-
+    # symbol, unit: symbol and unit of the parameter
     symbol: str
     unit: str
+    # fitted, stderr: value and standard error of the fit; no standard error for a compromise
     fitted: float
     stderr: float | None
+    # mean, sd, low, high: figures of the posterior
     mean: float
     sd: float
     low: float
     high: float
-    profile: tuple[float, float] | None
+    profile: tuple[float, float] | None  # interval of the profile, or None
+    # reading, truth: reading and true value, or None
     reading: float | None
     truth: float | None
-    apart: bool
+    apart: bool  # whether the widths differ by more than 20 %
 
     @property
     def scale(self) -> float:

@@ -99,8 +99,7 @@ def test_a_chart_of_another_order_keeps_it(fleet: made.Made) -> None:
 
 def test_words_and_tables_stand_there_without_scripts(fleet: made.Made, text: str) -> None:
     page = Reader(text)
-    words = (" ".join(each.split()) for each in page.words)
-    check_view("pages/fleet.txt", "\n".join(each for each in words if each))
+    check_view("pages/fleet.txt", page.lines)
     links = {a["href"] for tag, a in page.tags if tag == "a"}
     assert {fleet.content["members"][name]["page"] for name in fleet.odd} <= links
     rows = [a["data-row"] for _, a in page.tags if a.get("data-row")]

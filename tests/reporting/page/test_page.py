@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -18,35 +17,9 @@ from etcfit.reporting.page.pictures import caption, carried
 from etcfit.reporting.page.render import render
 from etcfit.reporting.page.verdict import residuals
 from golden import check_view
+from pages import Reader
 
 LIMIT = 5_000_000
-VOID = {"meta", "link", "img", "br", "wbr", "hr"}
-
-
-class Reader(HTMLParser):
-    """Tags with their attributes, the text, and whether every tag is closed in turn."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.source, self.text, self.open = page, "", []
-        self.feed(page)
-        self.close()
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if self.open[-1:] != ["style"]:
-            self.text += f" {data}"
-
-    def of(self, tag: str) -> list[dict[str, str | None]]:
-        return [attributes for name, attributes in self.tags if name == tag]
 
 
 def read(run: Path) -> Reader:
@@ -249,8 +222,7 @@ def test_a_page_of_everything_is_as_it_was(full: Path) -> None:
     page = read(full)
     assert page.open == []
     assert not {"<G4X>", "<far>", "u<7>"} & set(re.findall(r"\w?<\w+>", page.source))  # what a file says is text
-    words = "\n".join(line.strip() for line in page.text.splitlines() if line.strip())
-    shown, _, sources = words.rpartition("\nSources\n")
+    shown, _, sources = page.lines.rpartition("\nSources\n")
     check_view("pages/report.txt", shown, json.loads((full / "fit.json").read_text("utf-8"))["folder"])
     hashes = re.findall(r"\b[0-9a-f]{64}\b", sources)
     assert len(hashes) == 6 + 1 + len(runs.LATER)  # rig.toml, five traces; fit.json and what came after
