@@ -24,20 +24,16 @@ _LOOPS = "xla_cpu_small_while_loop_byte_threshold=1000000000"
 _WRONG_SUMS = ("0.10.2", "0.11.0")
 
 
-def _flags(jaxlib: str) -> dict[str, str]:
-    """What to tell this release of XLA."""
-    guard = {"xla_cpu_experimental_ynn_fusion_type": "-reduce"} if jaxlib in _WRONG_SUMS else {}
-    return {"xla_backend_extra_options": _LOOPS, **guard}
-
-
 def tell_xla(jaxlib: str) -> None:
     """Put our flags into XLA_FLAGS, which JAX reads when it is first imported; what the user has set stands.
 
     Args:
         jaxlib: its release, "0.10.2" say.
     """
-    given = os.environ.get("XLA_FLAGS", "")
-    ours = [f"--{flag}={value}" for flag, value in _flags(jaxlib).items() if flag not in given]
+    given, flags = os.environ.get("XLA_FLAGS", ""), {"xla_backend_extra_options": _LOOPS}
+    if jaxlib in _WRONG_SUMS:
+        flags["xla_cpu_experimental_ynn_fusion_type"] = "-reduce"
+    ours = [f"--{flag}={value}" for flag, value in flags.items() if flag not in given]
     os.environ["XLA_FLAGS"] = " ".join([given, *ours]).strip()
 
 

@@ -756,13 +756,12 @@ def fleet(
             raise UsageError("Write `etcfit fleet FLEET --out RUN`, or `etcfit fleet report RUN`.")
     from .api.progress import silent
 
+    def watched(address: str, share: float) -> None:
+        _stderr().print(f"workers: {address}", markup=False)
+
     with _progress(quiet) as progress:
-        done = stages.fleet(location, out, workers, scheduler, progress, silent if quiet else _watched)
+        done = stages.fleet(location, out, workers, scheduler, progress, silent if quiet else watched)
     _show_outcome(done)
-
-
-def _watched(address: str, share: float) -> None:
-    _stderr().print(f"workers: {address}", markup=False)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ the throttle's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,11 +51,29 @@ def rmse() -> float:
     return float(np.sqrt(np.mean((DRIVE["position"] - DRIVE["setpoint"]) ** 2)))
 
 
-def rows(keys: Sequence[str], separator: str, forms: Sequence[str] = (), mark: str = ".") -> list[str]:
-    """The drive's rows; every cell in its form."""
-    forms = forms or ["%.2f"] * len(keys)
-    cells = zip(*(DRIVE[key] for key in keys), strict=True)
-    return [separator.join(form % x for form, x in zip(forms, row, strict=True)).replace(".", mark) for row in cells]
+def rows(keys: str, separator: str, forms: Mapping[str, str] | None = None, mark: str = ".") -> list[str]:
+    """The drive's rows: a time in ms, anything else to a hundredth, but for those with a form of their own."""
+    forms = {"time": "%.3f"} | dict(forms or {})
+    cells = zip(*([forms.get(key, "%.2f") % x for x in DRIVE[key]] for key in keys.split()), strict=True)
+    return [separator.join(row).replace(".", mark) for row in cells]
+
+
+def milliseconds(keys: str, separator: str, mark: str = ".") -> list[str]:
+    """The drive's rows behind a clock of whole milliseconds."""
+    return [f"{1e3 * t:.0f}{separator}{row}"
+            for t, row in zip(DRIVE["time"], rows(keys, separator, mark=mark), strict=True)]  # fmt: skip
+
+
+def labelled(form: str) -> list[str]:
+    """The drive's rows in a form of the time, ms or us, the position y and the setpoint r."""
+    every = zip(DRIVE["time"], DRIVE["position"], DRIVE["setpoint"], strict=True)
+    return [form.format(ms=1e3 * t, us=1e6 * t, y=y, r=r) for t, y, r in every]
+
+
+def sheet(name: str, head: Sequence[str], keys: str, position: str, setpoint: str, separator: str = ",",
+          mark: str = ".", end: str = "\n") -> File:  # fmt: skip
+    """A head and below it rows of these keys."""
+    return File(name, text([*head, *rows(keys, separator, mark=mark)], end), position, setpoint)
 
 
 def clocks(first: float = 43200.0, decimal: str = ".") -> list[str]:
@@ -107,10 +125,8 @@ def ecumaster() -> File:
 def ecumaster_black() -> File:
     """EMU Black's text export: tabs, units in a row of their own."""
     head = ["TIME\tRPM\tTPS\tDBW Pos\tDBW Target\tDBW Out. DC\tLambda target", "s\trpm\t%\t%\t%\t%\tL"]
-    keys = ["time", "rpm", "pedal", "position", "setpoint", "duty", "target_afr"]
-    return File(
-        "emublack.csv", text([*head, *rows(keys, "\t", ["%.3f", *["%.2f"] * 6])]), "DBW Pos [%]", "DBW Target [%]"
-    )
+    return sheet("emublack.csv", head, "time rpm pedal position setpoint duty target_afr", "DBW Pos [%]",
+                 "DBW Target [%]", "\t")  # fmt: skip
 
 
 def hp_tuners() -> File:
@@ -120,7 +136,7 @@ def hp_tuners() -> File:
             "AEM 30-(03x0,2340)",
             "s,rpm,%,%,:1,AFR", "", "[Channel Data]"]  # fmt: skip
     body = []
-    for k, row in enumerate(rows(["time", "rpm", "position", "setpoint"], ",", ["%.3f", "%.0f", "%.2f", "%.2f"])):
+    for k, row in enumerate(rows("time rpm position setpoint", ",", {"rpm": "%.0f"})):
         body.append(f"{row},14.1,14.2" if k % 10 == 0 else row)  # a channel that ticks seldom: shorter rows
     return File("hptuners.csv", text([*head, *body]), "Throttle Position (SAE) [%]", "Throttle Desired Angle [%]")
 
@@ -131,13 +147,7 @@ def aim() -> File:
             f"Duration,{SECONDS:.3f}", "Segment,Session",
             "Beacon Markers,7.100,14.200", "Segment Times,0:07.100,0:07.100", "",
             "Time,GPS Speed,ECU RPM,ECU THROTTLE,ECU THROTTLE TARGET,LateralAcc", "s,km/h,rpm,%,%,g", ""]  # fmt: skip
-    keys = ["time", "rpm", "rpm", "position", "setpoint", "afr"]
-    return File(
-        "aim.csv",
-        text([*head, *rows(keys, ",", ["%.3f", *["%.2f"] * 5])]),
-        "ECU THROTTLE [%]",
-        "ECU THROTTLE TARGET [%]",
-    )
+    return sheet("aim.csv", head, "time rpm rpm position setpoint afr", "ECU THROTTLE [%]", "ECU THROTTLE TARGET [%]")
 
 
 def motec() -> File:
@@ -149,42 +159,31 @@ def motec() -> File:
             '"Time","Engine Speed","Throttle Pedal","Throttle Servo Bank 1 Position","Throttle Servo Bank 1 Aim",'
             '"Fuel Injector Primary Duty Cycle"', '"s","rpm","%","%","%","%"', "", ""]  # fmt: skip
     body = [",".join(f'"{cell}"' for cell in row.split(","))
-            for row in rows(["time", "rpm", "pedal", "position", "setpoint", "injector"], ",",
-                            ["%.3f", *["%.2f"] * 5])]  # fmt: skip
+            for row in rows("time rpm pedal position setpoint injector", ",")]  # fmt: skip
     return File(
         "motec.csv", text([*head, *body], "\r\n"), "Throttle Servo Bank 1 Position [%]", "Throttle Servo Bank 1 Aim [%]"
     )
 
 
 def link() -> File:
-    head = [
-        "Time (s),Engine Speed (RPM),APS (Main) (%),TP (Main) (%),E-Throttle Target (%),Lambda Target (λ),"
-        "E-Throttle DC (%)"
-    ]
-    keys = ["time", "rpm", "pedal", "position", "setpoint", "target_afr", "duty"]
-    return File(
-        "link.csv", text([*head, *rows(keys, ",", ["%.3f", *["%.2f"] * 6])]), "TP (Main) (%)", "E-Throttle Target (%)"
-    )
+    head = ["Time (s),Engine Speed (RPM),APS (Main) (%),TP (Main) (%),E-Throttle Target (%),Lambda Target (λ),"
+            "E-Throttle DC (%)"]  # fmt: skip
+    return sheet("link.csv", head, "time rpm pedal position setpoint target_afr duty", "TP (Main) (%)",
+                 "E-Throttle Target (%)")  # fmt: skip
 
 
 def maxxecu() -> File:
     """TPS is the pedal there."""
     head = ["Time;RPM;TPS;E-Throttle Position;E-Throttle Target;Lambda target"]
-    keys = ["time", "rpm", "pedal", "position", "setpoint", "target_afr"]
-    return File(
-        "maxxecu.csv",
-        text([*head, *rows(keys, ";", ["%.3f", *["%.2f"] * 5], ",")]),
-        "E-Throttle Position",
-        "E-Throttle Target",
-    )
+    return sheet("maxxecu.csv", head, "time rpm pedal position setpoint target_afr", "E-Throttle Position",
+                 "E-Throttle Target", ";", ",")  # fmt: skip
 
 
 def rusefi() -> File:
     head = ['"rusEFI 20260101"', '"Capture Date: Thu Jan 01 10:00:00 UTC 2026"',
             "Time\tRPM\tTPS\tThrottle pedal position\ttpsADC\tETB Target\tETB: Duty\tFuel: target AFR\tVBatt\tFan",
             "s\tRPM\t%\t%\tADC\t%\t%\tratio\tV\t"]  # fmt: skip
-    keys = ["time", "rpm", "position", "pedal", "adc", "setpoint", "duty", "target_afr", "battery"]
-    body = [f"{row}\tOn" for row in rows(keys, "\t", ["%.3f", *["%.2f"] * 8])]
+    body = [f"{row}\tOn" for row in rows("time rpm position pedal adc setpoint duty target_afr battery", "\t")]
     return File("rusefi.msl", text([*head, *body[:400], "MARK 000 - lap", *body[400:]]), "TPS [%]", "ETB Target [%]")
 
 
@@ -193,8 +192,8 @@ def fome() -> File:
     head = ['"FOME 20260101"', '"Capture Date: Thu Jan 01 10:00:00 UTC 2026"',
             "Time\tRPM\ttps1: Position\tPedal: Position\tETB: target\tETB: duty\tTarget AFR",
             "s\tRPM\t%\t%\t%\t%\tratio"]  # fmt: skip
-    body = rows(["time", "rpm", "position", "pedal", "setpoint", "duty", "target_afr"], "\t", ["%.3f", *["%.2f"] * 6])
-    return File("fome.msl", text([*head, *body]), "tps1: Position [%]", "ETB: target [%]")
+    return sheet("fome.msl", head, "time rpm position pedal setpoint duty target_afr", "tps1: Position [%]",
+                 "ETB: target [%]", "\t")  # fmt: skip
 
 
 def megasquirt() -> File:
@@ -202,24 +201,20 @@ def megasquirt() -> File:
     head = ['"MS1 code"', '"Capture Date: Thu Jan 01 00:00:00 2026"',
             "Time\tSecL\tRPM\ttpsADC\tTPS\tAFR Target\tDutyCycle1\tTPS DOT\tBattery V",
             "\tsec\trpm\tADC\t%\tO2\t\t%/s\tV"]  # fmt: skip
-    keys = ["time", "gear", "rpm", "adc", "position", "target_afr", "injector", "afr", "battery"]
-    return File("megasquirt.msl", text([*head, *rows(keys, "\t", ["%.3f", *["%.2f"] * 8])]), "TPS [%]", "")
+    keys = "time gear rpm adc position target_afr injector afr battery"
+    return sheet("megasquirt.msl", head, keys, "TPS [%]", "", "\t")
 
 
 def speeduino() -> File:
-    head = [
-        '"speeduino 202501"',
-        "Time\tRPM\tTPS\tTPS ADC\tTarget AFR\tPulse Width\tIdle Duty",
-        "s\trpm\t%\tADC\t\tms\t%",
-    ]
-    keys = ["time", "rpm", "position", "adc", "target_afr", "injector", "duty"]
-    return File("speeduino.msl", text([*head, *rows(keys, "\t", ["%.3f", *["%.2f"] * 6])]), "TPS [%]", "")
+    head = ['"speeduino 202501"', "Time\tRPM\tTPS\tTPS ADC\tTarget AFR\tPulse Width\tIdle Duty",
+            "s\trpm\t%\tADC\t\tms\t%"]  # fmt: skip
+    return sheet("speeduino.msl", head, "time rpm position adc target_afr injector duty", "TPS [%]", "", "\t")
 
 
 def iso() -> File:
     """Instants with a date, of a telematics box."""
     lines = ["timestamp,Engine RPM,Throttle Position (%),Commanded Throttle Actuator (%)"]
-    body = rows(["rpm", "position", "setpoint"], ",")
+    body = rows("rpm position setpoint", ",")
     lines += [f"2026-01-01T{clock}Z,{row}" for clock, row in zip(clocks(), body, strict=True)]
     return File("iso.csv", text(lines), "Throttle Position (%)", "Commanded Throttle Actuator (%)")
 
@@ -227,7 +222,7 @@ def iso() -> File:
 def clock_and_half() -> File:
     """A clock of twelve hours that passes noon."""
     lines = ["Time,RPM,TPS,DBW Target"]
-    for stamp, row in zip(clocks(43190.0), rows(["rpm", "position", "setpoint"], ","), strict=True):
+    for stamp, row in zip(clocks(43190.0), rows("rpm position setpoint", ","), strict=True):
         lines.append(f"{int(stamp[:2]) % 12 or 12}{stamp[2:]} {'AM' if stamp < '12' else 'PM'},{row}")
     return File("noon.csv", text(lines), "TPS", "DBW Target")
 
@@ -235,7 +230,7 @@ def clock_and_half() -> File:
 def stop_watch() -> File:
     """Minutes and seconds, as a spreadsheet shows a time, over the hour."""
     lines = ["Time,RPM,TPSValue,etbTarget,targetAFR"]
-    body = rows(["rpm", "position", "setpoint", "target_afr"], ",")
+    body = rows("rpm position setpoint target_afr", ",")
     lines += [f"{clock[3:]},{row}" for clock, row in zip(clocks(43190.0), body, strict=True)]
     return File("watch.csv", text(lines), "TPSValue", "etbTarget")
 
@@ -243,163 +238,106 @@ def stop_watch() -> File:
 def three_rows() -> File:
     """Long names, units, short names; a separator more at each end."""
     head = ["Time;Throttle valve position;Throttle target;Engine speed;", "ms;%;%;rpm;", "t;thr;thrsp;n;"]
-    body = [
-        f"{1e3 * t:.0f};{row};"
-        for t, row in zip(DRIVE["time"], rows(["position", "setpoint", "rpm"], ";"), strict=True)
-    ]
+    body = [f"{row};" for row in milliseconds("position setpoint rpm", ";")]
     return File("three.csv", text([*head, *body]), "Throttle valve position [%]", "Throttle target [%]")
 
 
 def label_value() -> File:
     """A microcontroller's serial line, the first cut off, below PuTTY's own."""
-    body = [
-        f"t,{1e6 * t:.0f},tps,{y:.2f},target,{r:.2f}"
-        for t, y, r in zip(*(DRIVE[k] for k in ("time", "position", "setpoint")), strict=True)
-    ]
+    body = labelled("t,{us:.0f},tps,{y:.2f},target,{r:.2f}")
     return File("serial.csv", text(["=~=~= PuTTY log 2026.01.01 10:00:00 =~=~=", "get,28.1", *body]), "tps", "target")
 
 
 def plotter() -> File:
     """The same for a serial plotter."""
-    body = [
-        f"TPS:{y:.2f}\ttarget:{r:.2f}\ttime_ms:{1e3 * t:.0f}"
-        for t, y, r in zip(*(DRIVE[k] for k in ("time", "position", "setpoint")), strict=True)
-    ]
-    return File("plotter.txt", text(body), "TPS", "target")
+    return File("plotter.txt", text(labelled("TPS:{y:.2f}\ttarget:{r:.2f}\ttime_ms:{ms:.0f}")), "TPS", "target")
 
 
 def monitor() -> File:
     """A serial monitor, the unit behind each number, with a blank between them or not."""
-    body = [
-        f"t: {1e3 * t:.0f} ms, TPS: {y:.2f}%, target: {r:.2f} %"
-        for t, y, r in zip(*(DRIVE[k] for k in ("time", "position", "setpoint")), strict=True)
-    ]
+    body = labelled("t: {ms:.0f} ms, TPS: {y:.2f}%, target: {r:.2f} %")
     return File("monitor.txt", text(body), "TPS [%]", "target [%]")
 
 
 def savetxt() -> File:
     """numpy.savetxt with a header."""
-    body = rows(["time", "position", "setpoint"], " ", ["%.18e"] * 3)
+    body = rows("time position setpoint", " ", dict.fromkeys(DRIVE, "%.18e"))
     return File("savetxt.txt", text(["# time_s TPS target", *body]), "TPS", "target", 1e-9)
 
 
 def listed() -> File:
     """Names in a numbered list of comments, as MATLAB scripts and robots write them."""
     head = ["%% drive", "%  1    time [s]", "%  2    Throttle position [%]", "%  3    Throttle target [%]"]
-    return File("listed.txt", text([*head, *rows(["time", "position", "setpoint"], "  ", ["%.3f", "%.2f", "%.2f"])]),
-                "Throttle position [%]", "Throttle target [%]")  # fmt: skip
+    return sheet("listed.txt", head, "time position setpoint", "Throttle position [%]", "Throttle target [%]", "  ")
 
 
 def me221() -> File:
     head = ("Time, Marker, RPM, Injector duty, TPS Raw, TPS, Current Target AFR, DBW PWM Duty, Target TPPS Err., "
             "Target TPPS, Throttle Pos. 1, Throttle Pos. 2, Calc. Pedal Pos.")  # fmt: skip
-    keys = [
-        "time",
-        "gear",
-        "rpm",
-        "injector",
-        "adc",
-        "pedal",
-        "target_afr",
-        "duty",
-        "afr",
-        "setpoint",
-        "position",
-        "position",
-        "pedal",
-    ]
-    return File("me221.csv", text([head, *rows(keys, ",", ["%.3f", *["%.2f"] * 12])]), "Throttle Pos. 1", "Target TPPS")
+    keys = "time gear rpm injector adc pedal target_afr duty afr setpoint position position pedal"
+    return sheet("me221.csv", [head], keys, "Throttle Pos. 1", "Target TPPS")
 
 
 def romraider() -> File:
     """A Subaru's, semicolons and decimal commas."""
     head = ("Time (msec);Engine Speed (rpm);Throttle Opening Angle (%);Target Throttle Plate Position (%);"
             "Ignition Timing (degrees)")  # fmt: skip
-    body = [
-        f"{1e3 * t:.0f};{row}"
-        for t, row in zip(DRIVE["time"], rows(["rpm", "position", "setpoint", "afr"], ";", mark=","), strict=True)
-    ]
-    return File(
-        "romraider.csv", text([head, *body]), "Throttle Opening Angle (%)", "Target Throttle Plate Position (%)"
-    )
+    return File("romraider.csv", text([head, *milliseconds("rpm position setpoint afr", ";", ",")]),
+                "Throttle Opening Angle (%)", "Target Throttle Plate Position (%)")  # fmt: skip
 
 
 def ecux() -> File:
     """Bosch ME7 by its own names, milliseconds."""
     head = ["Time,Engine speed,Throttle plate angle,Throttle plate angle desired,Accelerator pedal position",
             "ms,1/min,%,%,%"]  # fmt: skip
-    body = [
-        f"{1e3 * t:.0f},{row}"
-        for t, row in zip(DRIVE["time"], rows(["rpm", "position", "setpoint", "pedal"], ","), strict=True)
-    ]
-    return File("ecux.csv", text([*head, *body]), "Throttle plate angle [%]", "Throttle plate angle desired [%]")
+    return File("ecux.csv", text([*head, *milliseconds("rpm position setpoint pedal", ",")]),
+                "Throttle plate angle [%]", "Throttle plate angle desired [%]")  # fmt: skip
 
 
 def obd() -> File:
     """A phone's log in UTF-16."""
-    lines = [
-        "OBD Data Log",
-        "Jan 1, 2026",
-        "Time(s), Engine RPM (RPM), Absolute Throttle Position (%), Commanded Throttle Actuator Control (%)",
-    ]
-    lines += [
-        row.replace(",", ", ") for row in rows(["time", "rpm", "position", "setpoint"], ",", ["%.3f", *["%.2f"] * 3])
-    ]
-    return File(
-        "obd.csv",
-        text(lines, "\r\n").decode().encode("utf-16"),
-        "Absolute Throttle Position (%)",
-        "Commanded Throttle Actuator Control (%)",
-    )
+    names = "Absolute Throttle Position (%)", "Commanded Throttle Actuator Control (%)"
+    head = ["OBD Data Log", "Jan 1, 2026", f"Time(s), Engine RPM (RPM), {', '.join(names)}"]
+    plain = text([*head, *rows("time rpm position setpoint", ", ")], "\r\n")
+    return File("obd.csv", plain.decode().encode("utf-16"), *names)
 
 
 def emtron() -> File:
-    head = [
-        "Emtron CSV Export",
-        "ECU,KV8",
-        "",
-        "Time,Engine Speed,DBW1 Position,DBW1 Target,DBW1 Duty,Fuel Target",
-        "(sec),(rpm),(%),(%),(%),(LA)",
-    ]
-    keys = ["time", "rpm", "position", "setpoint", "duty", "target_afr"]
-    return File(
-        "emtron.csv", text([*head, *rows(keys, ",", ["%.3f", *["%.2f"] * 5])]), "DBW1 Position [%]", "DBW1 Target [%]"
-    )
+    head = ["Emtron CSV Export", "ECU,KV8", "", "Time,Engine Speed,DBW1 Position,DBW1 Target,DBW1 Duty,Fuel Target",
+            "(sec),(rpm),(%),(%),(%),(LA)"]  # fmt: skip
+    return sheet("emtron.csv", head, "time rpm position setpoint duty target_afr", "DBW1 Position [%]",
+                 "DBW1 Target [%]")  # fmt: skip
 
 
 def pi_toolbox() -> File:
     head = ["PiToolboxVersionedASCIIDataSet", "Version\t2", "", "{OutingInformation}", "CarName\tnone",
             "FirstLapNumber\t0", "",
             "{ChannelBlock}", "Time\tecu_rpm[rpm]\tecu_tps[%]\tecu_throttle_target[%]\tecu_aps[%]"]  # fmt: skip
-    body = rows(["time", "rpm", "position", "setpoint", "pedal"], "\t", ["%.3f", *["%.2f"] * 4])
+    body = rows("time rpm position setpoint pedal", "\t")
     return File("pi.txt", text([*head, *body, ""], "\r\n"), "ecu_tps[%]", "ecu_throttle_target[%]")
 
 
 def spreadsheet() -> File:
     """A German spreadsheet in Windows-1252."""
     head = ["Prüffahrt 3", "", "Zeit in s;Drosselklappe in %;Drosselklappe Soll in %;Drehzahl in 1/min"]
-    body = rows(["time", "position", "setpoint", "rpm"], ";", ["%.3f", *["%.2f"] * 3], ",")
+    body = rows("time position setpoint rpm", ";", mark=",")
     return File("pruefung.csv", "\r\n".join([*head, *body, ""]).encode("cp1252"),
                 "Drosselklappe in %", "Drosselklappe Soll in %")  # fmt: skip
 
 
 def newcomer() -> File:
     """Five columns of a forum's log, without a unit."""
-    body = rows(["time", "position", "setpoint", "duty", "battery"], ",", ["%.3f", *["%.2f"] * 4])
-    return File("log.csv", text(["time,TPS,target,duty,battery", *body]),
-                "TPS", "target")  # fmt: skip
+    return sheet("log.csv", ["time,TPS,target,duty,battery"], "time position setpoint duty battery", "TPS", "target")
 
 
 def aem() -> File:
     head = ["Time [s],EngineSpeed[RPM],Throttle[%],DBW_Target[%],DBW_APP1[V],LambdaTarget[LA]"]
-    keys = ["time", "rpm", "position", "setpoint", "afr", "target_afr"]
-    return File("aem.csv", text([*head, *rows(keys, ",", ["%.3f", *["%.2f"] * 5])]), "Throttle[%]", "DBW_Target[%]")
+    return sheet("aem.csv", head, "time rpm position setpoint afr target_afr", "Throttle[%]", "DBW_Target[%]")
 
 
 def percent_first() -> File:
     """A row of units that begins as a comment of MATLAB would."""
-    body = rows(["position", "setpoint", "time"], ",", ["%.2f", "%.2f", "%.3f"])
-    return File("units.csv", text(["TPS,Target,Time", "%,%,s", *body]), "TPS [%]", "Target [%]")
+    return sheet("units.csv", ["TPS,Target,Time", "%,%,s"], "position setpoint time", "TPS [%]", "Target [%]")
 
 
 FILES: tuple[Callable[[], File], ...] = (

@@ -23,6 +23,15 @@ PARTS = tuple(name for name in Contribution._fields if name not in ("lower", "up
 every_effect = pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 
 
+class Tabled(AbstractEffect):
+    """An effect that looks a place up, which no printer of straight-line code can."""
+
+    name = "tabled"
+
+    def __call__(self, x: State, z: tuple[Any, ...], u: Inputs) -> Contribution:
+        return Contribution(torque=jnp.interp(x.theta, jnp.array([0.0, 1.0]), jnp.array([1.0, 2.0])))
+
+
 def inputs(**changes: Any) -> Inputs:
     fields: dict[str, Any] = {"voltage": 3.0, "torque": 0.0, "time": 0.4, "plate": 1.0, "series": 0.3, "gear_ratio": N}
     fields |= {"lower": 0.0, "upper": OPEN}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from etcfit import __version__
+import etcfit
 
 FOLDER = Path(__file__).parent / "golden"
 FIGURE = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w.])")
@@ -21,7 +21,7 @@ def check_view(name: str, text: str, *folders: str | Path) -> None:
     """Compare a view with its file. Folders of this run and the version of the package do not count."""
     for k, folder in enumerate(folders):
         text = text.replace(str(folder), f"FOLDER_{k}")
-    text = re.sub(r"[^\S\n]+\n", "\n", text.replace(__version__, "VERSION")).strip() + "\n"
+    text = re.sub(r"[^\S\n]+\n", "\n", text.replace(etcfit.__version__, "VERSION")).strip() + "\n"
     file = FOLDER / name
     if os.environ.get("ETCFIT_GOLDEN") == "write":
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -22,6 +22,10 @@ from etcfit.estimation.identifiability import Direction, Identifiability
 from etcfit.estimation.joint_fit import FitResult, StartSummary
 from etcfit.estimation.ready import ready
 from etcfit.model.effects import EFFECT_BY_NAME
+from etcfit.posterior.chain import Chain, Convergence
+from etcfit.posterior.profile import Profile
+from etcfit.posterior.sampling import Posterior
+from etcfit.posterior.target import Target
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import rows
@@ -29,6 +33,7 @@ from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Rig
 from etcfit.rig.paper_readings import Readings, read_graphs
 from etcfit.rig.reader import read_folder
+from gaussian import SEEDS
 
 # a design in no time: where good gains are not asked for, the searches for them end at once
 BRIEF = DesignSettings(
@@ -130,6 +135,25 @@ def compromised(result: FitResult) -> FitResult:
             why, ("inductance",), result.x[None] - 0.5, 1e-4 * np.eye(size)[None], np.full((1, size), np.nan)
         ),
     )
+
+
+def posterior_of(fit: FitResult, steps: int) -> Posterior:
+    """The normal one, sampled by our own sampler; one channel of the response counts a ninth."""
+    precision = np.linalg.inv(fit.covariance)
+
+    def target(x: np.ndarray) -> np.ndarray:
+        return -0.5 * np.einsum("kp,pq,kq->k", x - fit.x, precision, x - fit.x)
+
+    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, steps)
+    factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
+    known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, factors)
+    return Posterior(fit, known, chain, Convergence.judge(chain.ensembles))
+
+
+def profiles_of(fit: FitResult) -> dict[str, Profile]:
+    """A one-sided one, of J_L."""
+    value = fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
+    return {"J_L": Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))}
 
 
 def bench_twin(folder: Path) -> FitResult:

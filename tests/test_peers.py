@@ -12,7 +12,7 @@ import pytest
 from benchmarks.peers import __main__ as command
 from benchmarks.peers.__main__ import PEERS, column, named
 from benchmarks.peers.problem import Problem, chi2
-from benchmarks.peers.table import PLACE, Column, error, number, off, signed, table
+from benchmarks.peers.table import Column, error, number, off, signed, table
 from benchmarks.plain import PlainTrace, input_knots
 from etcfit.problem.input_signal import InputSignal
 
@@ -115,14 +115,3 @@ def test_peers_are_chosen_by_name() -> None:
     assert named("casadi,scipy") == ["casadi", "scipy"]
     with pytest.raises(Exception, match="no peer nobody"):
         named("nobody")
-
-
-def test_only_what_is_between_the_markers_is_replaced(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(f"before\n{PLACE.begin}\nold\n{PLACE.end}\nafter\n", encoding="utf-8")
-    for report in ("first", "second"):
-        PLACE.put(page, report)
-    assert page.read_text(encoding="utf-8") == f"before\n{PLACE.begin}\n\nsecond\n\n{PLACE.end}\nafter\n"
-    page.write_text(f"{PLACE.end}\n", encoding="utf-8")
-    with pytest.raises(SystemExit, match="Write both"):
-        PLACE.put(page, "table")

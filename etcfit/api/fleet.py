@@ -11,7 +11,7 @@ import pandas as pd
 
 from ..errors import UsageError
 from ..reporting import fleet as tables
-from ..run_folder.fleet import FleetFiles, fleet_model_of, read_fleet_files
+from ..run_folder.fleet import FleetFiles, model_in, read_fleet_files
 from . import views
 from .progress import Report, silent
 from .views import View, frame
@@ -137,7 +137,7 @@ class Fleet(View):
     @property
     def model(self) -> FleetModel:
         """The units as models with their shrunk values, for a design."""
-        return fleet_model_of(self.run)
+        return model_in(read_fleet_files(self.run))
 
     @property
     def page(self) -> Path:

@@ -287,12 +287,13 @@ class Driven(View):
         Raises:
             UsageError: there is no such log.
         """
-        from .plots import log_panels
+        from ..reporting.car_log.writing import draw
+        from .plots import panels_of
 
         known = {study.log.name: study for study in self.studies}
         if name not in known:
             raise UsageError(f"no log is called {name!r}. There are: {', '.join(known)}.")
-        return log_panels(self.config, known[name])
+        return panels_of(lambda: draw(known[name], self.config.synthetic))
 
     def _printed(self) -> RenderableType:
         return drive_table(self.config, self.studies)

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..car_log import Study
 from ..control.design import Design
 from ..control.frequency import FrequencyResponse
 from ..control.linearise import Reduction
@@ -30,7 +29,6 @@ from ..reporting.diagnosis import pictures as diagnosis_pictures
 from ..reporting.fleet import pictures as fleet_pictures
 from ..reporting.fleet.page import Columns
 from ..reporting.numbers import short
-from ..rig.base import RigConfig
 from .views import FittedTrace, traces_of
 from .views import named as trace_named
 
@@ -251,13 +249,6 @@ class DesignPlots:
     def safety(self) -> np.ndarray:
         """Jam check, failing sensor, spring return, holding current; Axes, shape (4,)."""
         return panels_of(lambda: control_pictures.draw_safety(self.design))
-
-
-def log_panels(config: RigConfig, study: Study) -> np.ndarray:
-    """Operating range, spectrum and the busiest seconds of a log from the car."""
-    from ..reporting.car_log.writing import draw
-
-    return panels_of(lambda: draw(study, config.synthetic))
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from ..control.design import Design
     from ..control.pid import Gains
     from ..control.proposal import GainStep
-    from ..control.settings import DesignSettings
-    from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.result import FitResult
     from ..estimation.settings import FitSettings
     from ..exporting.tune import OwnTune
@@ -245,20 +243,6 @@ def fit_settings(model: str) -> FitSettings:
     return FitSettings(neighbours=0, misfit=misfit, search=GlobalSearchSettings(epochs=60, patience=15))
 
 
-def diagnosis_settings() -> DiagnosisSettings:
-    """Settings of the diagnosis: one round of two candidates, because a log without a current separates few effects."""
-    from ..diagnosis.settings import DiagnosisSettings
-
-    return DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
-
-
-def design_settings() -> DesignSettings:
-    """Settings of the design: a shorter search over fewer models, so that the command takes minutes."""
-    from ..control.settings import DesignSettings, OptimumSettings
-
-    return DesignSettings(draws=48, optimum=OptimumSettings(few=16, searches=1, rounds=18, starts=2))
-
-
 def _fit_and_design(
     run: RunFolder, prepared: TuneInput, lacks: tuple[Lack, ...], profile: EcuProfile, given: dict[str, float],
     request: TuneRequest, report: Report,
@@ -266,7 +250,9 @@ def _fit_and_design(
     """Fit, diagnosis and design of a folder that is sufficient for gains."""
     from ..control.pid import Gains
     from ..control.proposal import gain_steps
+    from ..control.settings import DesignSettings, OptimumSettings
     from ..diagnosis import diagnose
+    from ..diagnosis.settings import DiagnosisSettings
     from ..estimation.joint_fit import fit
     from ..rig.reader import read_folder
     from .work import design_of, keep_design, keep_diagnosis, keep_fit
@@ -276,15 +262,18 @@ def _fit_and_design(
     about = _graph_readings(prepared.duty_files) if prepared.duty_files else None
     result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model), about)
     keep_fit(run, result)
-    diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), diagnosis_settings())
+    # one round of two candidates, because a log without a current separates few effects
+    brief = DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, pair_refits=0, free_pool=0)
+    diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), brief)
     keep_diagnosis(run, diagnosis)
     final = diagnosis.after
     # the model of a logged duty contains the delay already; that of an ECU does not
     delay = 0.0 if prepared.model == DUTY else prepared.delay
     gains_request = DesignRequest(ecu={"noise": prepared.noise, "supply": prepared.supply, **given, "delay": delay},
                                   profile=profile.name, anyway=request.anyway)  # fmt: skip
-    design = design_of(final.fitted(), gains_request, None, part_of(report, _DIAGNOSIS, _DESIGN),
-                       design_settings())  # fmt: skip
+    # a shorter search over fewer models, so that the command takes minutes
+    short_search = DesignSettings(draws=48, optimum=OptimumSettings(few=16, searches=1, rounds=18, starts=2))
+    design = design_of(final.fitted(), gains_request, None, part_of(report, _DIAGNOSIS, _DESIGN), short_search)
     present = None
     if request.gains is not None:
         low, high = rig.config.travel

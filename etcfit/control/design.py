@@ -31,7 +31,7 @@ from .pid.optimal import FrontPoint, front
 from .safety import Safety
 from .safety import safety as safety_of
 from .setpoint import Setpoint
-from .settings import DesignSettings, FleetDesignSettings
+from .settings import DesignSettings
 from .supply_table import SupplyTable, supply_table
 
 DRAWS, SEED = DesignSettings().draws, DesignSettings().seed
@@ -236,7 +236,6 @@ def design_for_fleet(
     feed_forward: TermNames = False,
     report: Report = quiet,
     settings: DesignSettings = DesignSettings(),
-    fleet_settings: FleetDesignSettings = EVERY_UNIT,
     profile: EcuProfile | None = None,
     log: Series | None = None,
     rules: Mapping[str, Rule] = RULES,
@@ -260,19 +259,19 @@ def design_for_fleet(
     seen = everyone
     if future is not None and len(everyone) < settings.draws - 1:  # too few to represent future units
         seen = np.vstack((everyone, future.coordinates))
-    known = representatives(seen, settings.draws - 1, fleet_settings)
-    optimum = replace(settings.optimum, certain=fleet_settings.share, few=min(fleet_settings.few, len(known) + 1))
+    known = representatives(seen, settings.draws - 1, EVERY_UNIT)
+    optimum = replace(settings.optimum, certain=EVERY_UNIT.share, few=min(EVERY_UNIT.few, len(known) + 1))
     settings = replace(settings, optimum=optimum)
     task = task_of(fitted, ecu, requirements, seen[known], feed_forward, settings, profile, log, present)
     plants = fitted.throttles(everyone)
-    search = SearchOverUnits(plants, model.units, fleet_settings)
+    search = SearchOverUnits(plants, model.units, EVERY_UNIT)
     found = propose(fitted, task, rule, _with_best(rules, search), "fleet", report)
     report("judging every unit", 0.97)
     own, ahead = one_by_one(task, plants, model.units, found.proposed), None
     if future is not None:
         fresh = future.taking(np.setdiff1d(np.arange(len(future.units)), known - len(everyone)))
         ahead = one_by_one(task, fitted.throttles(fresh.coordinates), fresh.units, found.proposed).share
-    return replace(found, fleet=FleetVerdict(fleet_settings, own, ahead, max(1, search.made)))
+    return replace(found, fleet=FleetVerdict(EVERY_UNIT, own, ahead, max(1, search.made)))
 
 
 def _with_best(rules: Mapping[str, Rule], search: Rule) -> Mapping[str, Rule]:
@@ -329,12 +328,7 @@ _EASED: dict[str, Callable[[Task], Task]] = {
     "the supply voltage": lambda task: _with_ecu(task, supply=_EASED_SUPPLY * task.ecu.supply),
     "the ECU's period and delay": lambda task: _with_ecu(task, period=min(task.ecu.period, _EASED_PERIOD), delay=0.0),
     "the required stability margins": lambda task: replace(
-        task,
-        requirements=replace(
-            task.requirements,
-            gain_margin_db=_EASED_MARGIN,
-            phase_margin_deg=_EASED_MARGIN,
-        ),
+        task, requirements=replace(task.requirements, gain_margin_db=_EASED_MARGIN, phase_margin_deg=_EASED_MARGIN)
     ),
     "dry friction": lambda task: replace(task, loop=_sliding_freely(task.loop)),
     "the resolution of the position sensor": lambda task: _with_ecu(task, resolution=0.0),

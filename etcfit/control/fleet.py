@@ -67,15 +67,10 @@ def united(*throttles: Throttle) -> Throttle:
     return jax.tree.map(lambda *leaves: np.concatenate([np.asarray(each) for each in leaves]), *throttles)
 
 
-def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gains, at_once: int = AT_ONCE) -> OneByOne:
-    """The results of one set of gains on every unit, computed in groups.
-
-    Args:
-        plants: the units, parameters of shape (U,).
-        at_once: units whose responses are in memory together.
-    """
+def one_by_one(task: Task, plants: Throttle, units: tuple[str, ...], gains: Gains) -> OneByOne:
+    """The results of one set of gains on every unit (parameters of shape (U,)), computed in groups of `AT_ONCE`."""
     one = Gains.stacked(gains)
-    return unit_by_unit(task, replace(task.loop, throttles=plants), units, one, at_once)[0]
+    return unit_by_unit(task, replace(task.loop, throttles=plants), units, one, AT_ONCE)[0]
 
 
 def representatives(x: np.ndarray, count: int, settings: FleetDesignSettings) -> np.ndarray:

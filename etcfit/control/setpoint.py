@@ -80,27 +80,25 @@ class Setpoint:
         return period * np.arange(round(self.duration / period))
 
 
-def trapezoid(low: float = 0.05, high: float = 0.45, hertz: float = 1.0, edge: float = 0.1, cycles: int = 1,
-              lead: float = 0.5) -> Setpoint:  # fmt: skip
-    """The paper's trapezoid, 5 to 45 % at 1 Hz (section 4.1).
+_HALF = 0.5  # s, of a trapezoid at 1 Hz
+_EDGE = 0.1  # s; the paper does not give the duration of its edges: with this one its gains give its overshoot
 
-    The paper does not give the duration of its edges; with 0.1 s its gains give its overshoot.
+
+def trapezoid(low: float = 0.05, high: float = 0.45, cycles: int = 1, lead: float = 0.5) -> Setpoint:
+    """The paper's trapezoid, 5 to 45 % at 1 Hz (section 4.1).
 
     Args:
         low, high: shares of the travel.
-        hertz: trapezoids in a second.
-        edge: duration of an edge, s.
         cycles: number of trapezoids.
         lead: time at the low level before the first, not judged, s.
     """
-    half = 0.5 / hertz
     times, shares, levels = [0.0], [low], []
     for k in range(2 * cycles):
         before, after = (low, high) if k % 2 == 0 else (high, low)
-        begins = lead + k * half
-        times += [begins, begins + edge]
+        begins = lead + k * _HALF
+        times += [begins, begins + _EDGE]
         shares += [before, after]
-        levels.append(Level(begins, begins + half, before, after, "trapezoid"))
+        levels.append(Level(begins, begins + _HALF, before, after, "trapezoid"))
     return Setpoint((*times, levels[-1].ends), (*shares, shares[-1]), tuple(levels))
 
 

@@ -80,9 +80,9 @@ class Winding:
         heat = R_a[:, None] * (1.0 + COPPER * most) * current**2 / self.capacity
         return np.asarray(lfilter([dt], [1.0, -keep], heat, axis=1))
 
-    def pause(self, warmth: float, within: float = 3.0) -> float:
-        """Time in which it cools from so much to `within` K of ambient, s."""
-        return self.cooling * float(np.log(max(warmth / within, 1.0)))
+    def pause(self, warmth: float) -> float:
+        """Time in which it cools from so much to 3 K above ambient, s."""
+        return self.cooling * float(np.log(max(warmth / 3.0, 1.0)))
 
 
 def forecasts(

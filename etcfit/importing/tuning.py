@@ -292,7 +292,7 @@ def _texts(
             files[held_out] = _csv(log, model, *_busiest(log, end, log.time.size, settings.most_samples))
         # with an ECU in the model feedback keeps the error small, and each piece would need its own initial integral
         most = settings.most_samples
-        cuts = _cuts(log, end, PIECE) if model == DUTY else list(_busiest(log, 0, end, most))
+        cuts = _cuts(log, end) if model == DUTY else list(_busiest(log, 0, end, most))
         parts += [(log, a, b) for a, b in pairwise(cuts)]
     for k, (log, a, b) in enumerate(_most_telling(parts, settings.most_samples), 1):
         files[f"drive/{_stem(log)}_{k}.csv"] = _csv(log, model, a, b)
@@ -311,13 +311,13 @@ def _way(log: Measurement) -> np.ndarray:
     return np.interp(log.time, position.time, way)
 
 
-def _cuts(log: Measurement, end: int, length: float) -> list[int]:
-    """Rows at which to cut the part before `end`: about `length` s apart, where the plate moves least."""
+def _cuts(log: Measurement, end: int) -> list[int]:
+    """Rows at which to cut the part before `end`: about `PIECE` s apart, where the plate moves least."""
     time, way = log.time[:end], _way(log)[:end]
     moved = np.interp(time + _STILL, time, way) - np.interp(time - _STILL, time, way)
     cuts = [0]
-    while time[-1] - time[cuts[-1]] > 1.5 * length:
-        low, high = np.searchsorted(time, time[cuts[-1]] + length * np.array([0.6, 1.4]))
+    while time[-1] - time[cuts[-1]] > 1.5 * PIECE:
+        low, high = np.searchsorted(time, time[cuts[-1]] + PIECE * np.array([0.6, 1.4]))
         cuts.append(int(low + np.argmin(moved[low : high + 1])))
     return [*cuts, end]
 

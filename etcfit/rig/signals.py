@@ -56,11 +56,11 @@ class Motion:
         return smoothed(on_times(channel, self.time), self.window)
 
 
-def robust_fit(columns: np.ndarray, y: np.ndarray, rounds: int = 20) -> np.ndarray:
+def robust_fit(columns: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Least squares with Tukey's bisquare weights: argmin_c sum rho((y - X c)/s), s from the median deviation."""
     weights = np.ones(len(y))
     coefficients = np.zeros(columns.shape[1])
-    for _ in range(rounds):
+    for _ in range(20):
         root = np.sqrt(weights)
         coefficients = np.linalg.lstsq(columns * root[:, None], y * root, rcond=None)[0]
         residual = y - columns @ coefficients
@@ -179,11 +179,11 @@ def even_grid(time: np.ndarray) -> tuple[np.ndarray, float]:
     return np.linspace(time[0], time[-1], count + 1), float((time[-1] - time[0]) / count)
 
 
-def in_gap(logged: np.ndarray, time: np.ndarray, step: float, longest: float = 5.0) -> np.ndarray:
-    """True at times without a near sample: in a gap of more than `longest` steps, or beyond the ends."""
+def in_gap(logged: np.ndarray, time: np.ndarray, step: float) -> np.ndarray:
+    """True at times without a near sample: in a gap of more than five steps, or beyond the ends."""
     after = np.searchsorted(logged, time)
     ends = np.r_[-np.inf, logged, np.inf]
-    return (ends[after + 1] - ends[after] > longest * step) & (ends[after + 1] > time)
+    return (ends[after + 1] - ends[after] > 5.0 * step) & (ends[after + 1] > time)
 
 
 def motion(position: Channel, window: float) -> Motion | None:
@@ -196,8 +196,8 @@ def motion(position: Channel, window: float) -> Motion | None:
     return Motion(time, smoothed(angle, samples), slope(angle, samples, step), step, samples)
 
 
-def smoothing_window(position: Channel, relative: float = 0.05) -> float:
-    """Duration (s) over which a slope of the position is known to `relative` of its mean speed in motion.
+def smoothing_window(position: Channel) -> float:
+    """Duration (s) over which a slope of the position is known to 5 % of its mean speed in motion.
 
     sigma_slope = sqrt(12 dt / W^3) sigma for W seconds of samples dt apart.
     """
@@ -217,7 +217,7 @@ def smoothing_window(position: Channel, relative: float = 0.05) -> float:
         steepest = 2 * float(np.min(position.time[turns] - position.time[before]))
     noise = position.error
     speed = travel / max(steepest, step)
-    wanted = (12 * step * (noise / max(relative * speed, 1e-12)) ** 2) ** (1 / 3)
+    wanted = (12 * step * (noise / max(0.05 * speed, 1e-12)) ** 2) ** (1 / 3)
     return float(np.clip(wanted, 5 * step, max(0.3 * steepest, 5 * step)))
 
 

@@ -67,10 +67,10 @@ def xml_comment(lines: Iterable[str]) -> str:
     return f"\n{_wrapped(lines, lambda line: _HYPHENS.sub(' ', one_line(line)), '  ')}\n"
 
 
-def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str, width: int = 110) -> str:
+def _wrapped(lines: Iterable[str], safe: Callable[[str], str], mark: str) -> str:
     """One or more comment lines for each line, with the indentation of the line."""
     marks = ((line, mark + " " * (len(line) - len(line.lstrip(" ")))) for line in lines)
-    return "\n".join(textwrap.fill(safe(line), width, initial_indent=begin, subsequent_indent=begin) or begin.rstrip()
+    return "\n".join(textwrap.fill(safe(line), 110, initial_indent=begin, subsequent_indent=begin) or begin.rstrip()
                      for line, begin in marks)  # fmt: skip
 
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 
-from ..car_log import Study
 from ..car_log.coverage import Lack
 from ..car_log.criteria import Judgement, Word
 from ..car_log.duty import DutyUse
@@ -17,25 +15,10 @@ from ..car_log.sensors import Sensors, Setting
 from ..car_log.steps import Step
 from ..car_log.tracking import Tracking
 from ..car_log.usage import Spectrum, Usage
-from ..files import plain
-from ..rig.base import RigConfig
 from .declared import RIG, SYNTHETIC, Record, key, list_of, record_of
 
 WORDS = list(get_args(Word))
 GAIN_SETS = ["present", "half_way", "proposed"]  # of `etcfit tune`
-
-
-def drive_json(
-    config: RigConfig, studies: Sequence[Study], lacks: Sequence[Lack], beside: Any = None
-) -> dict[str, Any]:
-    """The object of drive.json; what is infinite becomes null, as a settling that never comes.
-
-    Args:
-        lacks: what to record next.
-        beside: the log beside what was foretold for it, see `reporting.car_log.Held`; None where nobody asked.
-    """
-    found = {"config": config, "logs": studies, "record_next": lacks, "foretold": beside}
-    return plain(DRIVE.written(found))
 
 
 TRACKING = record_of(Tracking, null=("rmse", "demand"), optional=("lag_stderr", "astray", "within_reach", "ranges"))

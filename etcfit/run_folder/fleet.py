@@ -52,7 +52,9 @@ def save_fleet(run: Path, study: FleetStudy, rig: Toml, pages: Mapping[str, str]
         rig: tables of one unit's rig.toml, for whoever designs for the fleet.
         pages: odd unit -> its page, below the run folder.
     """
-    frame = units_frame(study)
+    import pandas as pd
+
+    frame = pd.DataFrame(list(_rows(study)))
     with whole(run / UNITS) as draft:
         frame.to_parquet(draft, index=False)
     write_json(run / FLEET, "fleet", fleet_json(study, rig, pages))
@@ -77,7 +79,7 @@ def read_fleet_files(run: Path) -> FleetFiles:
 
 
 def _table(path: Path, again: str) -> pd.DataFrame:
-    """units.parquet, with the columns that `units_frame` makes."""
+    """units.parquet, with the columns of `_rows`."""
     import pandas as pd
 
     try:
@@ -87,15 +89,6 @@ def _table(path: Path, again: str) -> pd.DataFrame:
     if missing := [name for name in _COLUMNS if name not in frame]:
         raise UsageError(f"{path} lacks {', '.join(missing)}. {again}")
     return frame
-
-
-def fleet_model_of(run: Path) -> FleetModel:
-    """The units of a fleet as models, by their shrunk values, for a design.
-
-    Raises:
-        UsageError: see `read_fleet_files`.
-    """
-    return model_in(read_fleet_files(run))
 
 
 def model_in(files: FleetFiles) -> FleetModel:
@@ -128,14 +121,8 @@ def _law(content: Mapping[str, Any], layout: Layout) -> PopulationLaw:
     )
 
 
-def units_frame(study: FleetStudy) -> pd.DataFrame:
-    """One row a unit and symbol; a symbol that the fleet does not tell has no shrunk value."""
-    import pandas as pd
-
-    return pd.DataFrame(list(_rows(study)))
-
-
 def _rows(study: FleetStudy) -> Iterator[dict[str, Any]]:
+    """One row a unit and symbol; a symbol that the fleet does not tell has no shrunk value."""
     place = {symbol: k for k, symbol in enumerate(study.shrunk.symbols)}
     by_design = dict(study.model.values) | {symbol: study.shrunk.estimate[:, k] for symbol, k in place.items()}
     for u, unit in enumerate(study.fitted):

@@ -19,12 +19,7 @@ import results
 from benchmarks.parts import on_plant
 from etcfit.control import fleet, on_units
 from etcfit.control.design import Design, design, design_for_fleet, ecu_of, task_of
-from etcfit.control.fleet import (
-    Parts,
-    future_units,
-    one_by_one,
-    representatives,
-)
+from etcfit.control.fleet import Parts, future_units, one_by_one, representatives
 from etcfit.control.loop_figures import FIGURES, LoopFigures
 from etcfit.control.on_units import FleetVerdict, OneByOne, Share
 from etcfit.control.pid import RULES, Gains, Requirements
@@ -115,14 +110,15 @@ def test_a_rule_that_nobody_knows_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_every_unit_is_judged_as_it_is_alone() -> None:
+def test_every_unit_is_judged_as_it_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("etcfit.control.fleet.AT_ONCE", 4)
     model = fleets.of(fleets.truths(7, 9, spread=0.2))
     fitted, gains = model.nominal, Gains(20.0, 100.0, 0.5)
     task = task_of(fitted, ecu_of(fitted), drawn=model.coordinates[:1])
     plants = replace(task.loop, throttles=fitted.throttles(model.coordinates))
-    together = one_by_one(task, plants.throttles, model.units, gains, 4)
+    together = one_by_one(task, plants.throttles, model.units, gains)
     for k in (0, 3, 6):
-        alone = one_by_one(task, plants.taking(np.array([k])).throttles, model.units[k : k + 1], gains, 4)
+        alone = one_by_one(task, plants.taking(np.array([k])).throttles, model.units[k : k + 1], gains)
         # the noise of the sensor is another sequence for each place
         assert together.figures.rmse_pct[k] == pytest.approx(alone.figures.rmse_pct[0], rel=1e-6)
         assert together.figures.gain_margin_db[k] == pytest.approx(alone.figures.gain_margin_db[0], rel=1e-9)
@@ -280,7 +276,7 @@ def test_every_rule_is_judged_on_every_unit_as_it_is_alone(compared: Compared) -
     for name, each in found.rules.items():
         gains = compared.design.tuned[name].gains
         assert gains is not None
-        alone = one_by_one(compared.design.task, model.throttles, model.units, gains, 40)
+        alone = one_by_one(compared.design.task, model.throttles, model.units, gains)
         assert each.measured.units == model.units
         # the noise of the sensor is another sequence for each place
         np.testing.assert_allclose(each.measured.figures.rmse_pct, alone.figures.rmse_pct, rtol=4e-2)

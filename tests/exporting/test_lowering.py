@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import exports
-from effect_samples import inputs, made, typical
+from effect_samples import Tabled, inputs, made, typical
 from etcfit.errors import UsageError
 from etcfit.exporting import Source
 from etcfit.exporting.plant import plant_of
 from etcfit.kernels.c import WRITTEN, literal, program
 from etcfit.kernels.graph import OPERATIONS, Graph
 from etcfit.kernels.lowering import NotScalarError, lowered
-from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.effects import EFFECTS, AbstractEffect, State
 from etcfit.model.smooth import UNKNOWNS
 
 # C's operators and functions as Python has them: an evaluator that shares no table with what prints
@@ -150,15 +150,6 @@ def test_what_is_no_arithmetic_of_numbers_is_refused_with_the_primitive(loop: st
     graph = Graph()
     with pytest.raises(NotScalarError, match="while" if loop == "while" else "."):
         lowered(counted, graph, (graph.input("x"),))
-
-
-class Tabled(AbstractEffect):
-    """An effect that looks a place up."""
-
-    name = "tabled"
-
-    def __call__(self, x: State, z: tuple[Any, ...], u: Inputs) -> Contribution:
-        return Contribution(torque=jnp.interp(x.theta, jnp.array([0.0, 1.0]), jnp.array([1.0, 2.0])))
 
 
 class WithTabled(Source):

@@ -34,7 +34,7 @@ def test_holm_by_hand() -> None:
 def test_the_scale_of_the_null_is_the_fleets_own_and_never_below_one(draws: str, low: float, high: float) -> None:
     rng = np.random.default_rng(2)
     z = {"normal": rng.standard_normal(4000), "half": 0.5 * rng.standard_normal(4000), "t": rng.standard_t(3, 4000)}
-    assert low <= null_scale(z[draws], 0.85) <= high
+    assert low <= null_scale(z[draws]) <= high
 
 
 def test_odd_units_are_found_with_the_symbols_that_make_them_odd() -> None:

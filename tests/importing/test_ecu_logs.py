@@ -78,9 +78,8 @@ def test_notes_beside_the_logs_are_no_log(tmp_path: Path) -> None:
 
 def matrix(separator: str = " ") -> bytes:
     """MATLAB's `save -ascii`: numbers alone."""
-    return ecu_files.text(
-        "   " + row for row in ecu_files.rows(["time", "position", "setpoint"], f"{separator}  ", ["%.7e"] * 3)
-    )
+    forms = dict.fromkeys(DRIVE, "%.7e")
+    return ecu_files.text("   " + row for row in ecu_files.rows("time position setpoint", f"{separator}  ", forms))
 
 
 def test_numbers_without_a_name_are_listed_and_can_be_named(tmp_path: Path) -> None:
@@ -122,7 +121,7 @@ def test_a_unit_that_is_none_is_an_error_and_no_missing_unit(tmp_path: Path) -> 
 def test_a_log_without_a_plate_lists_its_columns(tmp_path: Path) -> None:
     lines = [
         "Time,RPM,AFR Target,Injector duty,Gear position",
-        *ecu_files.rows(["time", "rpm", "target_afr", "injector", "gear"], ","),
+        *ecu_files.rows("time rpm target_afr injector gear", ",", {"time": "%.2f"}),
     ]
     path = written(tmp_path / "in", File("a.csv", ecu_files.text(lines), "", ""))
     with pytest.raises(MeasurementError, match=r"'RPM', 'AFR Target', 'Injector duty', 'Gear position'"):

@@ -35,10 +35,6 @@ from etcfit.estimation.joint_fit import FitResult
 from etcfit.estimation.result import Budget
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.check import ChannelCheck, CheckResult, Clock, TraceCheck
-from etcfit.posterior.chain import Chain, Convergence
-from etcfit.posterior.profile import Profile
-from etcfit.posterior.sampling import Posterior
-from etcfit.posterior.target import Target
 from etcfit.reporting.blocks import PlainTable, render
 from etcfit.reporting.car_log import compared_table, drive_table
 from etcfit.reporting.check_table import advice_table, check_table
@@ -50,7 +46,6 @@ from etcfit.reporting.plan_sheet import plan_table
 from etcfit.reporting.posterior import posterior_table
 from etcfit.reporting.tables import fit_table
 from etcfit.rig.base import Finding, RigConfig
-from gaussian import SEEDS
 from golden import check_view
 from independent import hunting
 
@@ -112,19 +107,6 @@ def of_drive(fit: FitResult) -> RenderableType:
     return Group(drive_table(RigConfig("car"), every), compared_table(RigConfig("car"), *every))
 
 
-def of_posterior(fit: FitResult) -> RenderableType:
-    precision = np.linalg.inv(fit.covariance)
-
-    def target(x: np.ndarray) -> np.ndarray:
-        return -0.5 * np.einsum("kp,pq,kq->k", x - fit.x, precision, x - fit.x)
-
-    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, 60)
-    known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, {("response/1.csv", "current"): 3.0})
-    value = fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
-    profile = Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))
-    return posterior_table(Posterior(fit, known, chain, Convergence.judge(chain.ensembles)), {"J_L": profile})
-
-
 def of_sines(fit: FitResult, folder: Path) -> RenderableType:
     time = np.arange(0.0, 12.0, 0.002)
     rng = np.random.default_rng(3)
@@ -167,7 +149,7 @@ TABLES: dict[str, Callable[[FitResult], RenderableType]] = {
     "check --advise": of_advice,
     "plan": lambda fit: plan_table(campaigns.campaign(fit.rig)),
     "diagnose": lambda fit: diagnosis_table(diagnoses.diagnosis(fit.rig)),
-    "sample": of_posterior,
+    "sample": lambda fit: posterior_table(results.posterior_of(fit, 60), results.profiles_of(fit)),
     "drive": of_drive,
     "fleet": of_fleet,
     "design": of_design,

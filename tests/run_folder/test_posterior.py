@@ -17,41 +17,28 @@ from jsonschema import Draft202012Validator
 import etcfit
 import results
 from etcfit.files import write_json
-from etcfit.posterior.chain import Chain, Convergence
+from etcfit.posterior.chain import Convergence
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Band, Posterior, apart
 from etcfit.posterior.settings import SamplingSettings
-from etcfit.posterior.target import Target
 from etcfit.ranges import from_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures, posterior_table
 from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
-from gaussian import SEEDS
 
-STEPS = 150
 SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 
 
 @pytest.fixture(scope="module")
 def posterior(tmp_path_factory: pytest.TempPathFactory) -> Posterior:
-    """A normal one, sampled by our own sampler, of a fit made by hand in which J_L is lost."""
-    fit = results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_L",))
-    precision = np.linalg.inv(fit.covariance)
-
-    def target(x: np.ndarray) -> np.ndarray:
-        return -0.5 * np.einsum("kp,pq,kq->k", x - fit.x, precision, x - fit.x)
-
-    chain = Chain.begin(target, fit.free_parameters.layout.free, fit.x, fit.covariance, SEEDS).advanced(target, STEPS)
-    factors = {("response/1.csv", "current"): 3.0, ("response/1.csv", "position"): 1.0}
-    known = Target(fit.problem, fit.weighted, fit.x, fit.covariance, factors)
-    return Posterior(fit, known, chain, Convergence.judge(chain.ensembles))
+    """Of a fit made by hand in which J_L is lost."""
+    return results.posterior_of(results.result(results.rig(tmp_path_factory.mktemp("rig")), lost=("J_L",)), 150)
 
 
 @pytest.fixture
 def profiles(posterior: Posterior) -> dict[str, Profile]:
-    value = posterior.fit.values["J_L"] * np.array([0.5, 1.0, 2.0, 4.0])
-    return {"J_L": Profile("J_L", value, np.array([1.0, 0.0, 2.0, 6.0]), None, float(value[2]))}
+    return results.profiles_of(posterior.fit)
 
 
 @pytest.fixture

@@ -85,10 +85,10 @@ def weighed_median(value: Float[np.ndarray, " N"], weight: Float[np.ndarray, " N
     return float(np.interp(0.5, share, value[order]))
 
 
-def run_length(k: float = ALLOWANCE, h: float = DECISION) -> float:
+def run_length() -> float:
     """Average number of units until a false alarm of the two-sided CUSUM: see above."""
-    b = 2.0 * k * (h + 1.166)
-    return float((np.exp(b) - b - 1.0) / (4.0 * k**2))
+    b = 2.0 * ALLOWANCE * (DECISION + 1.166)
+    return float((np.exp(b) - b - 1.0) / (4.0 * ALLOWANCE**2))
 
 
 def _sums(z: np.ndarray, k: float) -> np.ndarray:

@@ -230,7 +230,7 @@ def shrink(stack: Stack, of: Population) -> Shrunk:
 
 
 LEAST = 1e-300  # smaller p values count as this one
-MANY = 100  # least number of scores for a quantile of the tail
+MANY = 100  # least number of scores for a quantile of the tail: in a dozen a few odd ones would change it
 TAIL = 0.9  # quantile of the fleet's own scores that sets the scale of the null together with the median
 FEWEST = 4  # least number of units whose data determine a symbol, for a unit to be called far in it
 
@@ -307,10 +307,10 @@ def _studentised(z: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return 2.0 * stats.norm.sf(score / null_scale(score))
 
 
-def null_scale(score: Float[np.ndarray, " N"], tail: float = TAIL) -> float:
+def null_scale(score: Float[np.ndarray, " N"]) -> float:
     """Scale of the scores of the ordinary units relative to N(0, 1), at least 1.
 
-        max(1, median |z| / 0.6745, quantile_tail |z| / the normal's)
+        max(1, median |z| / 0.6745, quantile_TAIL |z| / the normal's)
 
     Covariances of fits are not exact and errors have tails. Most units are ordinary, so the middle of the fleet shows
     how the scores of ordinary units are distributed: the median gives the scale, a higher quantile the tail. The scale
@@ -318,12 +318,11 @@ def null_scale(score: Float[np.ndarray, " N"], tail: float = TAIL) -> float:
 
     Args:
         score: scores, standard normal under ideal conditions; at least one.
-        tail: quantile of |score|, used for 100 scores or more; in a dozen scores a few odd ones would change it.
     """
     size = np.abs(score)
     wide = float(np.median(size)) / stats.norm.ppf(0.75)
     if len(size) >= MANY:
-        wide = max(wide, float(np.quantile(size, tail)) / stats.norm.ppf(0.5 + 0.5 * tail))
+        wide = max(wide, float(np.quantile(size, TAIL)) / stats.norm.ppf(0.5 + 0.5 * TAIL))
     return float(max(1.0, wide))
 
 

@@ -16,7 +16,7 @@ from ...car_log.study import verdict
 from ...car_log.usage import SHARE
 from ...files import held, write_json, write_text
 from ...rig.base import RigConfig
-from ...run_folder.drive import drive_json
+from ...run_folder.drive import DRIVE
 from .. import style
 from ..html import environment
 from ..numbers import short
@@ -181,8 +181,9 @@ def write_drive(
 ) -> None:  # fmt: skip
     """Write RUN/drive.json, RUN/drive.html and RUN/pictures/drive; with `beside`, also the log and its prediction."""
     lacks = record_next([each.log for each in studies])
+    found = {"config": config, "logs": studies, "record_next": lacks, "foretold": beside}
     with held(run), style.drawing():
-        write_json(run / "drive.json", "drive", drive_json(config, studies, lacks, beside))
+        write_json(run / "drive.json", "drive", DRIVE.written(found))
         drawn = []
         for k, each in enumerate(studies):
             report(f"drawing {each.log.name}", k / len(studies))

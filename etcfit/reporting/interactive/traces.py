@@ -188,26 +188,9 @@ class Bins:
 _LEAST_SPAN = {"i": 0.02, "theta": 0.05, "omega": 1.0}  # A, rad, rad/s
 
 
-@dataclass(frozen=True)
-class PointBudget:
-    """Size of all traces together in the page."""
-
-    numbers: int = 1_750_000  # drawn numbers, two bytes each: three megabytes and a half, a third more as text
-    corners: int = 110_000  # corners of inputs, eight bytes each
-    # least, most: least and largest number of points of one trace
-    least: int = 100
-    most: int = 8_000
-
-    def points(self, traces: Sequence[Trace]) -> int:
-        """Number of points for each of these traces."""
-        columns = sum(_COLUMNS + _OF_CHANNEL * len(trace.channels) for trace in traces)
-        return int(np.clip(self.numbers // max(1, columns), self.least, self.most))
-
-    def corners_of_each(self, traces: int) -> int:
-        """Number of corners for the input of each of `count` traces."""
-        return int(np.clip(self.corners // max(1, traces), self.least, self.most))
-
-
+_NUMBERS = 1_750_000  # drawn on a page, two bytes each: three megabytes and a half, a third more as text
+_CORNERS = 110_000  # of inputs, eight bytes each
+_FEWEST, _MOST = 100, 8_000  # points of one trace
 # numbers of a point: two for its instant, four for missing torque and voltage; and for each channel the measurement,
 # two models and their errors
 _COLUMNS, _OF_CHANNEL = 6, 5
@@ -222,10 +205,12 @@ class TraceSources:
     diagnosis: Diagnosis | None  # the diagnosis, or None
 
 
-def traces_json(sources: TraceSources, budget: PointBudget = PointBudget()) -> list[dict[str, Any]]:
+def traces_json(sources: TraceSources) -> list[dict[str, Any]]:
     """One object per trace, fitted traces first, then held-out ones."""
     every = all_traces(sources.final)
-    points, corners = budget.points(every), budget.corners_of_each(len(every))
+    columns = sum(_COLUMNS + _OF_CHANNEL * len(trace.channels) for trace in every)
+    points, corners = (int(np.clip(budget // max(1, shares), _FEWEST, _MOST))
+                       for budget, shares in ((_NUMBERS, columns), (_CORNERS, len(every))))  # fmt: skip
     problems = (sources.final.problem, *([sources.final.holdout] if sources.final.holdout is not None else []))
     driven = [each for problem in problems for each in excitations(problem, sources.final.x, corners)]
     motions = {motion.file: motion for motion in sources.diagnosis.motions} if sources.diagnosis is not None else {}

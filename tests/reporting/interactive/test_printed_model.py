@@ -18,6 +18,7 @@ import pytest
 import results
 import rigs
 from bodies import OPEN, N
+from effect_samples import Tabled
 from etcfit.control.loop_figures import judge
 from etcfit.control.pid import Gains
 from etcfit.control.pid.feedforward import Sliding
@@ -26,7 +27,7 @@ from etcfit.estimation.ready import ready
 from etcfit.estimation.result import FitResult
 from etcfit.files import plain
 from etcfit.model.ecu import Ecu
-from etcfit.model.effects import EFFECTS, PAPER, AbstractEffect, Contribution, Inputs, State
+from etcfit.model.effects import EFFECTS, PAPER, AbstractEffect, State
 from etcfit.model.effects.electrical import ActuationDelay
 from etcfit.model.effects.friction import PreslidingFriction
 from etcfit.model.effects.gear import Backlash, StopBounce
@@ -280,15 +281,6 @@ def test_the_loop_is_our_own_tick_by_tick(name: str) -> None:
     for name, value in told.items():
         there = np.inf if seen["figures"][name] is None else seen["figures"][name]
         assert there == pytest.approx(float(value), rel=1e-6, abs=1e-6)
-
-
-class Tabled(AbstractEffect):
-    """An effect that looks a place up, which straight-line JavaScript cannot."""
-
-    name = "tabled"
-
-    def __call__(self, x: State, z: tuple[Any, ...], u: Inputs) -> Contribution:
-        return Contribution(torque=jnp.interp(x.theta, jnp.array([0.0, 1.0]), jnp.array([1.0, 2.0])))
 
 
 def test_an_effect_that_cannot_be_printed_is_left_out_by_name(tmp_path: Path) -> None:
