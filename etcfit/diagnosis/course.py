@@ -268,11 +268,14 @@ def _assembled(
     sets: tuple[SetTried, ...],
 ) -> Diagnosis:
     """All that was found as plain data."""
-    s, after, by_curve, settings = progress.model, rest.after, left.doubts if left else (), first.settings
+    s, after, settings = progress.model, rest.after, first.settings
+    by_curve, corrected = (left.doubts, left.corrects) if left else ((), ())
     slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
     doubts = () if s.far else doubted_effects(progress.rounds, present)
-    added, doubts, questions, chance = named_effects(progress.rounds, present, doubts, left is not None, settings, slow)
+    added, doubts, questions, chance = named_effects(
+        progress.rounds, present, doubts, left is not None, settings, slow, corrected
+    )
     ties = tuple(tie(each) for each in progress.found if each.ties and each.effect.name in added)
     proven = [e for e in s.added if e.name in added]
     stated = statements(proven, after.values, chance, progress.rounds, questions, settings)

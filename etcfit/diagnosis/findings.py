@@ -251,6 +251,7 @@ class Unexplained:
         fit, holdout: free-run errors with it.
         doubts: named effects that the curve replaces without loss: they are not proven.
         sentence: the finding in words.
+        corrects: named effects whose formulas the curve corrects: the catalogue lacks no effect there.
     """
 
     enters: str
@@ -268,6 +269,7 @@ class Unexplained:
     holdout: tuple[PredictionError, ...]
     doubts: tuple[str, ...]
     sentence: str
+    corrects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

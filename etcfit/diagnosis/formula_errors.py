@@ -100,7 +100,7 @@ class FormulaErrors:
         if s.far or not inexact:
             return EXACT
         _, jacobian = fitted_samples(s.problem, s.x, s.weighted)
-        columns = np.stack([effect.inexact * (jacobian @ _doubled(s, effect)) for effect in inexact], axis=1)
+        columns = np.stack([effect.inexact * (jacobian @ step_that_doubles(s, effect)) for effect in inexact], axis=1)
         columns = np.where(np.isfinite(columns), columns, 0.0)
         number = stretch_of_samples(s.problem, s.weighted, ERROR_STRETCHES)
         order = np.argsort(number, kind="stable")
@@ -151,13 +151,13 @@ def formula_covariance(s: CandidateModel) -> np.ndarray:
     here = linearise_at(s.problem, s.x, s.weighted)
     inverse, jacobian = here.covariance / here.unit, s.problem.linearise(s.x, s.weighted).jacobian
     for effect in (e for e in s.added if e.inexact):
-        for moved in _stretches(s, jacobian, jacobian @ _doubled(s, effect)):
+        for moved in _stretches(s, jacobian, jacobian @ step_that_doubles(s, effect)):
             p = effect.inexact * (inverse @ moved)
             out += np.outer(p, p)
     return out
 
 
-def _doubled(s: CandidateModel, effect: Effect) -> np.ndarray:
+def step_that_doubles(s: CandidateModel, effect: Effect) -> np.ndarray:
     """Step of the coordinates, shape (P,), that doubles the effect's amplitudes to first order."""
     layout, out = s.problem.layout, np.zeros(s.x.size)
     value, slope = layout.numbers(s.x)

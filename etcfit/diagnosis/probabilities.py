@@ -146,8 +146,8 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 #
 #     w_e = prior_e exp(-change of BIC / (2 T)),    w_nothing = 1,    p_e = (1 - lapse) w_e / sum of all w
 #
-# T tempers it: correlated residuals make BIC surer than it should be. Beside effects with inexact formulas the effect
-# added is compared with "nothing" by `BESIDE_FORMULAS` T, as `trial` requires that much more evidence there. The prior
+# T tempers it: correlated residuals make BIC surer than it should be. Beside effects with inexact formulas it is
+# `BESIDE_FORMULAS` times as large for effects that have the evidence which `trial` requires there. The prior
 # (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the probability of the answer
 # "something else": the rate at which a name is wrong however strong its evidence is, because the true cause may be
 # outside the catalogue; it is higher where an effect explains only a part of the misfit at its place
@@ -176,6 +176,7 @@ def questions(
     settings: DiagnosisSettings,
     slow: bool = False,
     doubts: Collection[str] = (),
+    corrected: Collection[str] = (),
 ) -> tuple[Question, ...]:
     """The question of each round with its answers, and a last question on the misfit left at the end.
 
@@ -187,6 +188,7 @@ def questions(
         curve: whether a curve without a name was found.
         slow: whether a fitted test was logged too slowly.
         doubts: other effects of that model, for which another cause is likelier (`doubted_effects`).
+        corrected: effects whose formulas the curve corrects: it is then no sign of an effect without a name.
     """
     gone = _withdrawn(rounds, added)
     limits = (largest_probability(each.added, rounds, curve, settings) for each in rounds)
@@ -195,7 +197,7 @@ def questions(
         Question(f"Round {k}: which effect explains the residual?", _answers(each, gone, most, settings))
         for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)
     ]
-    left = _probability_of_unnamed_rest(rounds, added, curve, doubts, settings)
+    left = _probability_of_unnamed_rest(rounds, added, curve and not corrected, doubts, settings)
     every = (
         *round_questions,
         Question("At the end: what explains the remaining residual?", {ONLY_NOISE: 1.0 - left, NO_NAME: left}),
@@ -233,22 +235,23 @@ def named_effects(
     curve: bool,
     settings: DiagnosisSettings,
     slow: bool,
+    corrected: Collection[str] = (),
 ) -> NamedEffects:
     """Decide which effects of the final model are stated by name, and how sure each is.
 
     Args:
-        rounds, curve, settings, slow: as of `questions`.
+        rounds, curve, settings, slow, corrected: as of `questions`.
         present: effects of the final model, in the order found.
         doubts: those of them for which another cause is likelier (`doubted_effects`).
     """
     names = tuple(name for name in present if name not in doubts)
-    round_questions = questions(rounds, names, curve, settings, slow, doubts)
+    round_questions = questions(rounds, names, curve, settings, slow, doubts, corrected)
     chance = probabilities(round_questions, rounds, names, curve, settings, doubts)
     alike = {str(each.added): (str(each.added), *each.ties) for each in rounds}
     likely = {n: sum(chance.get(e, 0.0) for e in alike.get(n, (n,))) for n in names if n in chance}
     unlikely = [name for name, p in likely.items() if p < WORTH_NAMING]
     if unlikely:
-        return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow)
+        return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow, corrected)
     return NamedEffects(names, tuple(doubts), round_questions, chance)
 
 
@@ -317,7 +320,7 @@ def _probability_of_unnamed_rest(
     doubts: Collection[str],
     settings: DiagnosisSettings,
 ) -> float:
-    """Probability that something without a name is left at the end."""
+    """Probability that something without a name is left at the end; `curve`: one that corrects no formula."""
     noise = rounds[-1].evidence.white and not doubts
     if curve or not (added or noise):
         return 1.0 - settings.lapse
@@ -338,19 +341,32 @@ def _answers(
     that was taken away again has `missed` at most, and the rest of its probability goes to "something else".
     """
     refitted = [c for c in each.candidates if c.bic_change is not None]
-    changes = {c.effect: _tempered(c, BIC_TEMPER) for c in refitted}
-    best = changes.get(each.added, 0.0) if each.added is not None else 0.0
-    weights = {e: math.exp(0.5 * (best - max(b, best))) for e, b in changes.items()}
+    added = [c for c in refitted if c.effect == each.added]
+
+    def behind_added(rival: Candidate) -> float:
+        temper = _temper(rival, each, settings)
+        return _tempered(rival, temper) - sum(_tempered(c, temper) for c in added)
+
+    behind = {c.effect: behind_added(c) for c in refitted}
+    weights = {e: math.exp(-0.5 * max(0.0, apart)) for e, apart in behind.items()}
     if each.added is None:
         named = {e: settings.missed * w / (sum(weights.values()) + 1.0) for e, w in weights.items()}
         return {**named, NOTHING: 1.0 - sum(named.values()), SOMETHING_ELSE: 0.0}
-    standing = {e: w for e, w in weights.items() if e == each.added or e in each.ties or changes[e] >= best}
-    temper = BIC_TEMPER * (BESIDE_FORMULAS if each.beside_formulas else 1.0)
-    nothing = math.exp(0.5 * min([0.0, *(_tempered(c, temper) for c in refitted if c.effect == each.added)]))
+    standing = {e: w for e, w in weights.items() if e == each.added or e in each.ties or behind[e] >= 0.0}
+    nothing = math.exp(0.5 * min([0.0, *(_tempered(c, _temper(c, each, settings)) for c in added)]))
     share = most / (sum(standing.values()) + nothing)
-    named = {e: share * standing.get(e, 0.0) for e in changes}
+    named = {e: share * standing.get(e, 0.0) for e in weights}
     named |= {e: min(named[e], settings.missed) for e in withdrawn if e in named}
     return {**named, NOTHING: share * nothing, SOMETHING_ELSE: 1.0 - sum(named.values()) - share * nothing}
+
+
+def _temper(tried: Candidate, each: RoundReport, settings: DiagnosisSettings) -> float:
+    """T of an effect: larger where it has the evidence required beside inexact formulas, and held-out traces do not
+    contradict it."""
+    strong = (tried.bic_change or 0.0) < settings.strong_bic_change * BESIDE_FORMULAS
+    contradicted = (tried.holdout_chi2_change or 0.0) > 0.0
+    counts = each.beside_formulas and (tried.effect == each.added or (strong and not contradicted))
+    return BIC_TEMPER * (BESIDE_FORMULAS if counts else 1.0)
 
 
 def _tempered(tried: Candidate, temper: float) -> float:

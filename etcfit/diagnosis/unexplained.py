@@ -20,6 +20,7 @@ from .choice import is_accepted, promises
 from .composition import Effect, compose
 from .evidence import signals
 from .findings import Discrepancy, Unexplained
+from .formula_errors import step_that_doubles
 from .loop import screened
 from .random_curves import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
 from .refit import refit_fully, refit_worsened
@@ -87,6 +88,65 @@ def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report:
     if first.far and not s.far and refit_worsened(refit_fully(curve.model, report), s):
         return None
     return _finding(curve, tuple(e.name for e in s.added))
+
+
+# ---- A curve that corrects the formula of a named effect
+#
+# c and h are what a named effect and the curve do to the residual, without what the other parameters could do instead.
+# The curve corrects that effect's formula where it could be nearly all of the effect, and where the effect's own
+# amplitudes could be nearly all of both:
+#
+#     |P_H c|^2 >= 0.9 |c|^2    and    |(1 - P_E)(c + h)| <= 0.3 |c + h|
+#
+# P_H and P_E project on what the curve's and the effect's amplitudes do. Then the catalogue lacks no effect: one of its
+# formulas is inexact.
+
+
+ONE_SHAPE = 0.9  # share of the effect that the curve could be
+FORMULA_CORRECTION = 0.3  # largest size of a correction, relative to effect and curve
+
+
+def corrected_formulas(s: CandidateModel, curve: Smooth) -> tuple[str, ...]:
+    """Effects of a model with a curve whose formulas that curve corrects; none far from the data."""
+    if s.far:
+        return ()
+    _, jacobian = fitted_samples(s.problem, s.x, s.weighted)
+    jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
+    layout, others = s.problem.layout, [e for e in s.added if e is not curve]
+    amplitudes = [symbol for e in s.added for symbol in e.off or ()]
+    rest = orthonormal(jacobian[:, ~np.isin(layout.free, amplitudes)])
+
+    def span(effect: Effect) -> np.ndarray:
+        return orthonormal(without(rest, jacobian[:, np.isin(layout.free, list(effect.off or ()))]))
+
+    def added(effect: Effect) -> np.ndarray:
+        return without(rest, jacobian @ step_that_doubles(s, effect))
+
+    return tuple(e.name for e in others if corrects(added(e), added(curve), span(e), span(curve)))
+
+
+def corrects(c: np.ndarray, h: np.ndarray, effect: np.ndarray, curve: np.ndarray) -> bool:
+    """Whether a curve corrects the formula of an effect.
+
+    Args:
+        c, h: what the effect and the curve do to the residual, shape (n,) each.
+        effect, curve: orthonormal bases of what their amplitudes do, shape (n, k) each.
+    """
+    of_its_shape = np.sum(without(curve, c) ** 2) <= (1.0 - ONE_SHAPE) * np.sum(c**2)
+    both = c + h
+    return bool(of_its_shape and np.linalg.norm(without(effect, both)) <= FORMULA_CORRECTION * np.linalg.norm(both))
+
+
+def orthonormal(columns: np.ndarray) -> np.ndarray:
+    """An orthonormal basis of what columns, shape (n, k), span; those that add nothing are left out."""
+    sizes = np.linalg.norm(columns, axis=0)
+    basis, weight, _ = np.linalg.svd(columns[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
+    return basis[:, weight > 1e-8 * weight.max(initial=0.0)]
+
+
+def without(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """The columns, shape (n,) or (n, k), without their part along an orthonormal basis."""
+    return columns - basis @ (basis.T @ columns)
 
 
 # ---- decisions
@@ -188,10 +248,12 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
     held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
+    corrects = () if doubts else corrected_formulas(s, effect)
+    correction = f" It corrects the formula of {listed(corrects)}, which is not exact." if corrects else ""
     doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
     sentence = (
         f"The rest enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
-        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{doubt}"
+        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{correction}{doubt}"
     )
     return Unexplained(
         enters=effect.enters,
@@ -209,6 +271,7 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
         holdout=v.score.holdout_rows,
         doubts=doubts,
         sentence=sentence,
+        corrects=corrects,
     )
 
 

@@ -118,6 +118,7 @@ UNEXPLAINED = Record(
     bic_change=key("number?", "Of adding it.", optional=True),
     doubts=key("[text]", "Named effects that it replaces as well as they explain the data: they are not proven.",
         optional=True),
+    corrects=key("[text]", "Named effects whose formulas it corrects: no effect is missing there.", optional=True),
 )  # fmt: skip
 STATEMENT = record_of(
     Statement,

@@ -279,19 +279,33 @@ def test_a_mistake_of_the_rig_that_leaves_more_than_noise_may_imitate_another_ca
     assert with_curve.probabilities[WARM] == pytest.approx(0.3)
 
 
+def test_a_curve_that_corrects_a_formula_is_no_effect_without_a_name() -> None:
+    """It still shows that more than a mistake of the rig is at work, which leaves noise."""
+    rounds = (excess_round(DRAG, {DRIVE: 400.0}), excess_round(None, {DRIVE: 0.0}))
+    for corrected, unnamed in (((), 1.0 - DEFAULT.lapse), ((DRAG,), DEFAULT.lapse)):
+        found = named_effects(rounds, [DRAG], [], True, DEFAULT, slow=False, corrected=corrected)
+        assert found.probabilities[UNEXPLAINED] == pytest.approx(unnamed)
+    of_the_rig = (excess_round(WARM, {VOLTS_2: 400.0}), excess_round(None, {VOLTS_2: 0.0}))
+    imitated = named_effects(of_the_rig, [WARM], [], True, DEFAULT, slow=False, corrected=(DRAG,))
+    assert imitated.probabilities[WARM] == pytest.approx(0.3)
+
+
 def test_a_mistake_must_explain_more_of_the_misfit_than_an_effect_to_be_said() -> None:
     for name, doubts in ((WARM, [WARM]), (DRAG, [])):
         rounds = (excess_round(name, {VOLTS_2: 4.0}), excess_round(None, {VOLTS_2: 1.6}))
         assert doubted_effects(rounds, [name]) == doubts
 
 
-def test_beside_inexact_formulas_the_evidence_against_nothing_counts_a_seventh() -> None:
+def test_beside_inexact_formulas_the_evidence_counts_a_seventh() -> None:
     first = turn("a", a=-140.0, b=-100.0)
     beside = replace(first, beside_formulas=True)
     alone, second = (questions([each, turn(None, c=5.0)], ["a"], False, DEFAULT)[0].answers for each in (first, beside))
     assert alone[NOTHING] / alone["a"] == pytest.approx(math.exp(-0.5 * 140.0 / 10.0))
     assert second[NOTHING] / second["a"] == pytest.approx(math.exp(-0.5 * 140.0 / 70.0))
-    assert second["b"] / second["a"] == pytest.approx(alone["b"] / alone["a"]), "rivals are compared as before"
+    assert second["b"] / second["a"] == pytest.approx(math.exp(-0.5 * 40.0 / 70.0)), "a rival that would be accepted"
+    weak = replace(turn("a", a=-140.0, b=-60.0), beside_formulas=True)
+    rival = questions([weak, turn(None, c=5.0)], ["a"], False, DEFAULT)[0].answers
+    assert rival["b"] / rival["a"] == pytest.approx(math.exp(-0.5 * 80.0 / 10.0)), "70 is required"
 
 
 def test_an_effect_that_a_far_model_began_with_is_credited_with_the_fall_until_the_end() -> None:

@@ -12,6 +12,7 @@ from diagnoses import verdict
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.unexplained import (
     best_curve,
+    corrects,
     covariance_of,
     curve_sd,
     curves,
@@ -19,7 +20,9 @@ from etcfit.diagnosis.unexplained import (
     measured_range,
     much_is_left,
     one_curve_does_more,
+    orthonormal,
     questioned,
+    without,
 )
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.parameters import parameters_of
@@ -178,3 +181,40 @@ def test_one_curve_is_asked_for_where_much_is_left_or_the_model_is_far(left: flo
 def test_names_that_do_less_together_than_one_curve_are_outdone(named: float, outdone: bool) -> None:
     """The curve brings a chi2 of 1000 to 10."""
     assert one_curve_does_more(1000.0, named, 10.0) is outdone
+
+
+# ---- a curve that corrects the formula of a named effect
+
+ANGLE = np.linspace(0.0, 1.0, 400)
+BOW = ANGLE * (1.0 - ANGLE)  # what an effect does for each unit of its amplitude
+HATS = np.stack([np.interp(ANGLE, np.linspace(0.0, 1.0, K), each) for each in np.eye(K)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("truth", "correction"),
+    [
+        (np.sin(np.pi * ANGLE), True),  # nearly a bow
+        (np.sin(np.pi * ANGLE) + np.sin(2.0 * np.pi * ANGLE), False),  # as much again of another shape
+        (np.sin(2.0 * np.pi * ANGLE), False),  # nothing of a bow
+    ],
+)
+def test_a_curve_corrects_a_formula_that_is_nearly_right(truth: np.ndarray, correction: bool) -> None:
+    """However effect and curve share the truth between them."""
+    of_effect, of_curve = orthonormal(BOW[:, None]), orthonormal(HATS)
+    for amplitude in (1.0, 4.0, 8.0):
+        c = amplitude * BOW
+        h = of_curve @ (of_curve.T @ (truth - c))
+        assert corrects(c, h, of_effect, of_curve) == correction
+
+
+def test_a_curve_over_something_else_corrects_no_formula() -> None:
+    """The contribution of the effect is no function of the curve's axis."""
+    elsewhere = np.random.default_rng(0).normal(size=ANGLE.size)
+    assert not corrects(elsewhere, 0.1 * BOW, orthonormal(elsewhere[:, None]), orthonormal(HATS))
+
+
+def test_what_other_parameters_could_do_is_taken_off() -> None:
+    """Of columns, also of those that are not independent."""
+    basis = orthonormal(np.stack([BOW, 2.0 * BOW, ANGLE, np.zeros_like(BOW)], axis=1))
+    assert basis.shape == (400, 2)
+    assert_allclose(without(basis, 3.0 * BOW - ANGLE), 0.0, atol=1e-12)

@@ -55,6 +55,7 @@ class StiffeningSpring(AbstractEffect):
     name = "stiffening_spring"
     told_by = "a slow ramp over the whole travel with the body turned by 180 degrees: a spring does not feel it"
     off: ClassVar[Mapping[str, float] | None] = {"K_3": 0.0}
+    inexact: ClassVar[float] = 0.1  # coils touch one after the other, not by a cubic law
     needs: ClassVar[tuple[str, ...]] = ("position",)
     K_3: Scalar = parameter("N*m/rad**3", Real(0.05), 0.0, "cubic stiffness of the return spring", "Duffing 1918")
 
@@ -72,6 +73,7 @@ class GravityLoad(AbstractEffect):
     name = "gravity_load"
     told_by = "the same ramp with the body turned by 180 degrees"
     off: ClassVar[Mapping[str, float] | None] = {"T_g": 0.0}
+    inexact: ClassVar[float] = 0.1  # the arm does not hang down at exactly angle 0
     needs: ClassVar[tuple[str, ...]] = ("position",)
     T_g: Scalar = parameter("N*m", Real(0.5), 0.0, "largest gravity torque, m g l", "statics of a pendulum")
 
