@@ -200,10 +200,10 @@ def test_what_is_not_worth_it_is_no_tie() -> None:
 
 
 def test_what_a_formula_leaves_is_measured_by_what_the_better_one_explained() -> None:
-    assert LIMP.inexact == GRAVITY.inexact == 0.02
+    assert LIMP.inexact == DRAG.inexact == 0.02
     best, apart = verdict(LIMP, -40.0, gain=3e4), 10.0  # 2 % squared of 3e4 is 12
-    assert alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart), best)
-    assert not alike(verdict(GRAVITY, -9.0, chi2=900.0 + apart, gain=3e4), verdict(LIMP, -40.0, gain=2e4))
+    assert alike(verdict(DRAG, -9.0, chi2=900.0 + apart), best)
+    assert not alike(verdict(DRAG, -9.0, chi2=900.0 + apart, gain=3e4), verdict(LIMP, -40.0, gain=2e4))
 
 
 @pytest.mark.parametrize(("bic", "even"), [(-34.1, True), (-33.9, False)])
