@@ -279,11 +279,7 @@ def design_fleet(run: Path, report: Report, request: DesignRequest) -> Done:
 def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, report: Report, watch: Report) -> Done:
     """Every unit of a fleet fitted, and what they tell together: RUN/fleet.json, units.parquet, pictures, page.
 
-    Args:
-        location: of the fleet, a folder or an address that fsspec opens.
-        workers: processes of this machine; None for one a core.
-        scheduler: address of one that is there already; None for processes of this machine.
-        watch: told where the workers can be watched.
+    Arguments as of `etcfit.fleet`; `watch` is told where the workers can be watched.
     """
     keep_compiled()
     from .api.fleet_work import work_through
@@ -317,16 +313,11 @@ def export_run(
     into: Path | None = None,
     anyway: bool = False,
 ) -> Done:
-    """The model in a format of another program, with what that format cannot hold as the remark.
+    """The model in a format of another program, see `etcfit.export`; what that format cannot hold is the remark.
 
     Args:
-        run, report: as everywhere.
-        to: name of the format.
-        out: folder; RUN/export where None.
         step: of a plant in C, s; the default where None.
         at: share of the travel about which a transfer function is taken.
-        into: the user's own file of that format, of which a copy is changed; None for a new file.
-        anyway: write gains into a tune even where the model behind them is no estimate.
     Raises:
         UsageError: no such format, a step outside its range, or a model without what the format needs.
     """

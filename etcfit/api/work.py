@@ -167,15 +167,12 @@ def exported(
     into: Path | None = None,
     anyway: bool = False,
 ) -> Exported:
-    """Write a model in a format.
+    """Write a model in a format, see `etcfit.export`.
 
     Args:
         folder: folder for the files; made if absent.
-        settings: step and operating point.
         pid: the object of pid.json; None if no gains were designed.
         run: the run folder, for messages; None if there is none.
-        into: the user's own file of that format, whose copy is changed; None for a new file.
-        anyway: see `Source`.
     """
     from ..errors import command
     from ..exporting import Source, write

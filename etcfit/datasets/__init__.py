@@ -19,13 +19,7 @@ __all__ = ["DATASETS", "Dataset", "Source", "fetch"]
 
 
 def fetch(name: str, to: Path, data: Path | None = None) -> Path:
-    """A public data set as a measurement folder.
-
-    Args:
-        name: one of `DATASETS`.
-        to: the folder to write; must not exist, or be empty.
-        data: folder of local copies; without it, the one that the environment variable ETCFIT_DATA names. A file
-            that is in neither is downloaded.
+    """A public data set as a measurement folder, which must not exist or be empty; arguments as of `etcfit.fetch`.
 
     Raises:
         UsageError: no data set has this name, or `to` holds something already.

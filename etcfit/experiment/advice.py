@@ -79,10 +79,8 @@ def advise(rig: Rig, at: FitResult | None = None, settings: AdviceSettings = Adv
     """Judge one more trace of each rig test, and of a driven response that is chosen for what it adds.
 
     Args:
-        rig: a measurement folder.
-        at: the fit to judge at, of this rig, with its effects; Eqs. 1-2 and what rig.toml names, at the paper's graph
-            readings, where not given.
-        settings: when a trace is said to tell two parameters apart, and how it would be made.
+        at: the fit to judge at, of this rig, with its effects; None: Eqs. 1-2 and what rig.toml names, at the paper's
+            graph readings.
     Raises:
         MeasurementError: nothing can be fitted.
     """

@@ -223,16 +223,10 @@ def plan_campaign(
     without: Sequence[str] = (),
     supply: float | None = None,
 ) -> Campaign:
-    """Choose the next tests.
+    """Choose the next tests; arguments as of `etcfit.plan`.
 
     Args:
-        rig: a measurement folder.
-        at: the fit to plan by, of this rig, with its effects; the graph readings, with `DOUBT` of them, where
-            not given.
-        settings: limits and candidates.
-        criterion: what is to become small.
-        without: rig tests that nobody can make.
-        supply: V; that of the rig where None.
+        at: the fit to plan by, of this rig, with its effects; None: the graph readings, with `DOUBT` of them.
     Raises:
         MeasurementError: nothing can be fitted.
         UsageError: no such rig test, no voltage drives this rig, or nothing keeps within the limits.

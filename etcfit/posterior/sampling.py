@@ -115,12 +115,9 @@ def sample(
     """Sample the posterior of a fit; what was sampled before in the same folder is taken up.
 
     Args:
-        result: a fit.
         run_dir: keeps the chain between blocks of steps.
         most: steps of each ensemble after which to stop whether it has converged or not; None: `settings.most_steps`.
-        report: called with what is going on and the share done.
         exact: effects whose formulas the intervals of the model allow to be off; the posterior does not.
-        settings: ensembles, budgets and thresholds; kept in what is returned.
     Raises:
         UsageError: another process writes into the folder.
     """

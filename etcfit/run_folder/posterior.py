@@ -80,11 +80,6 @@ def _by_coordinate(posterior: Posterior, values: np.ndarray) -> dict[str, float]
     return dict(zip(posterior.chain.symbols, values.tolist(), strict=True))
 
 
-def _moved(posterior: Posterior) -> np.ndarray:
-    """From the fit's optimum to the mode, in standard errors of the fit."""
-    return (posterior.target.mode - posterior.fit.x) / np.sqrt(np.diag(posterior.fit.covariance))
-
-
 def _warnings(posterior: Posterior) -> list[str]:
     """Of the chain alone: those of its model stand in the model's own file."""
     here = posterior.convergence
@@ -167,7 +162,8 @@ POSTERIOR = Record(
     exact=key("[text]", "Effects whose formulas the posterior takes as exact, while the diagnosis' intervals allow for "
         "an error.", "posterior.exact"),
     mode_moved_sd=key("{number?}", "By coordinate: from the fit's optimum to the posterior's mode, in standard "
-        "errors.", lambda of: _by_coordinate(of.posterior, _moved(of.posterior))),
+        "errors.", lambda of: _by_coordinate(of.posterior, (of.posterior.target.mode - of.posterior.fit.x)
+        / np.sqrt(np.diag(of.posterior.fit.covariance)))),
     predictive=key(list_of(BAND), "Share of each trace's samples inside the 95 % predictive band.", "bands"),
     settings=key("object", "What the sampling decided by: every field of `etcfit.SamplingSettings`.",
         "posterior.settings"),

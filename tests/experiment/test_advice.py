@@ -11,13 +11,11 @@ import pytest
 import results
 from etcfit import TESTS, read_folder
 from etcfit.estimation.joint_fit import fit
-from etcfit.experiment.advice import Advice, Judge, Option, advise, judged_at, separated
+from etcfit.experiment.advice import Judge, advise, judged_at, separated
 from etcfit.experiment.plan import PLANS, QUIET, USUAL, Setting, channels, sweeps, trace_of
 from etcfit.experiment.plan import viscous as plan_viscous
 from etcfit.experiment.settings import AdviceSettings, PlanSettings
 from etcfit.problem.free_parameters import free_parameters
-from etcfit.reporting.blocks import render
-from etcfit.reporting.check_table import advice_table
 from etcfit.rig.base import Rig
 from independent.effects import NONE
 from independent.folder import SIZES, write_folder, write_trace
@@ -110,17 +108,6 @@ def test_a_sensor_the_rig_has_not_shown_is_assumed_and_said_to_be(setting: Setti
     assert setting.noise["motor_speed"] == USUAL["motor_speed"]
     assert "motor_speed" in channels(plan_viscous(setting), setting)
     assert setting.noise["current"] != USUAL["current"]
-
-
-def test_the_table_names_every_option_and_every_test_not_judged(rig: Rig, setting: Setting) -> None:
-    shrinks = np.array([0.5, 1.0])
-    options = (Option("viscous", "a step", "noise assumed", shrinks, None, plan_viscous(setting)),
-               Option("response", "once more, as response/1.csv", "", shrinks**0.1, None, None))  # fmt: skip
-    advice = Advice(rig, ("R_a", "series_ohm.inductance"), np.array([0.01, 0.02]), options, (("sine", "no ECU"),))
-    text = render(advice_table(advice))
-    for said in ("SYNTHETIC DATA", "viscous, new", "response, again", "(noise assumed)", "series_ohm.inductance",
-                 "0.50", "0.71", "sine: no ECU"):  # fmt: skip
-        assert said in text
 
 
 @pytest.mark.slow

@@ -1,7 +1,9 @@
 """Reads text files: CSV of Tektronix and Rigol scopes, LabVIEW's .lvm, MegaLogViewer's .msl, any other table.
 
-The first lines show the dialect of a file (`DIALECTS`). Files in none of them are read by `rig.layout`, which finds
-header, separator and units by itself. MegaLogViewer's binary log (.mlg) is here too, with its text form.
+The first lines show the dialect of a file (`DIALECTS`). A log of a bus, frames as bytes, is recognised only to give a
+clear error, for it cannot be decoded without the bus's DBC; frames are decoded from MDF only (`mdf`). Files in none of
+them are read by `rig.layout`, which finds header, separator and units by itself. MegaLogViewer's binary log (.mlg) is
+here too, with its text form.
 """
 
 from __future__ import annotations
@@ -13,13 +15,13 @@ from itertools import combinations
 
 import numpy as np
 
+from ...errors import MeasurementError
 from ...rig.layout import TextTable, read_msl, read_text
 from ...rig.mlg import read_mlg
 from ...rig.rows import cells_of, is_number
 from ...rig.table import decode
 from ..sheet import Column, Sheet, column, time_base
 from .base import Format, Source, common_ends, unreadable
-from .bus_text import is_bus, refuse_bus
 from .vcds import is_vcds, read_vcds
 
 _NO_END = "the last line has no end: it may be cut off, and is left out"
@@ -265,13 +267,34 @@ def _is_rigol(text: str) -> bool:
     return (first.startswith("X,") and "Increment" in first) or "tInc" in first
 
 
+# the first characters of a bus log by program. Source: can-utils, candump; Vector, ASC logging; BUSMASTER; samples of
+# SavvyCAN (GVRET) and python-can
+_BUS = (
+    ("candump", re.compile(r"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")),
+    ("SavvyCAN", re.compile(r"(Time Stamp,ID,Extended|ID,Data Bytes)")),
+    ("BUSMASTER", re.compile(r"\*\*\*BUSMASTER")),
+    ("Vector", re.compile(r"date [^\n]*\n\s*base (hex|dec)\s+timestamps ")),
+)
+
+
+def _bus_program(text: str) -> str | None:
+    return next((name for name, pattern in _BUS if pattern.match(text)), None)
+
+
+def _refuse_bus(text: str, where: str) -> list[Sheet]:
+    found = f"frames of a bus as bytes, as {_bus_program(text)} logs them."
+    raise MeasurementError(where, found, "Signals are needed: position, setpoint, duty.",
+                           "Decode the frames with the bus's DBC and export the signals as CSV, or log as MDF (.mf4) "
+                           "and give `etcfit import` the DBC beside it.")  # fmt: skip
+
+
 # (test of the file's beginning, reader); the first match counts
 DIALECTS: tuple[tuple[Callable[[str], bool], Callable[[str, str], list[Sheet]]], ...] = (
     (lambda text: text.startswith("LabVIEW Measurement"), _labview),
     (_is_rigol, _rigol),
     (lambda text: text.lstrip('"').startswith(("Record Length,", "Model,")), _tektronix),
     (is_vcds, read_vcds),
-    (is_bus, refuse_bus),
+    (lambda text: _bus_program(text) is not None, _refuse_bus),
     (lambda text: True, lambda text, where: [_sheet_of(read_text(text, where), where)]),
 )
 
