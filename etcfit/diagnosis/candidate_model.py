@@ -26,26 +26,18 @@ START_HALVINGS = 8  # times that the amplitudes are halved at most until a trial
 
 @dataclass(frozen=True, eq=False)
 class CandidateModel:
-    """A choice of effects, the values of their parameters, and the data that they are fitted to.
+    """A choice of effects, the values of their parameters, and the data that they are fitted to."""
 
-    Args:
-        composition: the model of all effects, of which it is a part.
-        added: effects at work beyond those known from the start, in the order found.
-        problem, weighted: the fitted traces and how their residual is whitened.
-        holdout: traces that are not fitted, and their whitening; None where there are none.
-        x: coordinates of the free parameters, shape (P,).
-        end: how its last full refit ended.
-        settings: what the diagnosis decides by.
-    """
-
-    composition: Composition
-    added: tuple[Effect, ...]
+    composition: Composition  # the model of all effects, of which it is a part
+    added: tuple[Effect, ...]  # effects at work beyond those known from the start, in the order found
+    # problem, weighted: the fitted traces and how their residual is whitened
     problem: EstimationProblem
     weighted: WeightedData
+    # traces that are not fitted, and their whitening; None where there are none
     holdout: tuple[EstimationProblem, WeightedData] | None
-    x: np.ndarray
-    end: Termination
-    settings: DiagnosisSettings
+    x: np.ndarray  # coordinates of the free parameters, shape (P,)
+    end: Termination  # how its last full refit ended
+    settings: DiagnosisSettings  # what the diagnosis decides by
 
     @property
     def far(self) -> bool:

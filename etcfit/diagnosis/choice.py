@@ -40,19 +40,12 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Choice:
-    """What a round adds.
+    """What a round adds."""
 
-    Args:
-        outcome: how it ended.
-        effect: the one added, or None.
-        ties: others that explain these data as well.
-        why: one sentence.
-    """
-
-    outcome: Outcome
-    effect: Effect | None
-    ties: tuple[Effect, ...]
-    why: str
+    outcome: Outcome  # how it ended
+    effect: Effect | None  # the one added, or None
+    ties: tuple[Effect, ...]  # others that explain these data as well
+    why: str  # one sentence
 
     def with_refit_refused(self) -> Choice:
         """The choice where the full refit is worse than the model before: the effect is not added."""

@@ -55,18 +55,12 @@ _MORE = 12  # room for further free parameters, so that few models are compiled 
 
 @dataclass(frozen=True, eq=False)
 class Composition:
-    """Every effect that may be at work in a rig, all but the known ones at their off values.
+    """Every effect that may be at work in a rig, all but the known ones at their off values."""
 
-    Args:
-        whole: unknowns of the model with all effects at work.
-        known: effects that are at work from the start: Eqs. 1-2 and those that rig.toml names.
-        candidates: the others.
-        stated: those of them that the rig's checks found before any fit, and the first parameter of each, SI.
-    """
-
-    whole: FreeParameters
-    known: tuple[Effect, ...]
-    candidates: tuple[Effect, ...]
+    whole: FreeParameters  # unknowns of the model with all effects at work
+    known: tuple[Effect, ...]  # effects that are at work from the start: Eqs. 1-2 and those that rig.toml names.
+    candidates: tuple[Effect, ...]  # the others
+    # those of them that the rig's checks found before any fit, and the first parameter of each, SI
     stated: Mapping[Effect, float] = field(default_factory=dict)
 
     @property

@@ -39,19 +39,14 @@ HANDING_OVER = 8  # steps in which the amplitudes of two effects are brought to 
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was added, and the other effects of its round that explained much of the same.
+    """An effect that was added, and the other effects of its round that explained much of the same."""
 
-    Args:
-        effect: the effect added.
-        ties: others that explain these data equally well, and how far their fits are from this one's.
-        worth: by how much it lowered BIC.
-        rivals: others that explained at least half as much, with the values at which their refits ended, SI by symbol:
-            at least those of their own parameters.
-    """
-
-    effect: Effect
+    effect: Effect  # the effect added
+    # others that explain these data equally well, and how far their fits are from this one's
     ties: Mapping[Effect, Apart]
-    worth: float
+    worth: float  # by how much it lowered BIC
+    # others that explained at least half as much, with the values at which their refits ended, SI by symbol: at least
+    # those of their own parameters
     rivals: Mapping[Effect, Mapping[str, float]]
 
     @classmethod
@@ -106,19 +101,12 @@ def gave_way(old: TrialVerdict, new: TrialVerdict) -> str:
 
 
 class LookBack(NamedTuple):
-    """The result of a comparison of effects with their rivals.
+    """The result of a comparison of effects with their rivals."""
 
-    Args:
-        model: the model after it.
-        found: the effects in the model, and those taken away.
-        changed: a sentence for each exchange.
-        rounds: one for each effect that a rival replaced, with the trials of both.
-    """
-
-    model: CandidateModel
-    found: tuple[Found, ...]
-    changed: tuple[str, ...] = ()
-    rounds: tuple[Round, ...] = ()
+    model: CandidateModel  # the model after it
+    found: tuple[Found, ...]  # the effects in the model, and those taken away
+    changed: tuple[str, ...] = ()  # a sentence for each exchange
+    rounds: tuple[Round, ...] = ()  # one for each effect that a rival replaced, with the trials of both
 
 
 def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:

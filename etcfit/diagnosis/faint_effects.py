@@ -53,30 +53,19 @@ _TAIL = 2.0 * float(ndtr(-Z_95))
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One effect, variant and size of the mixture.
+    """One effect, variant and size of the mixture."""
 
-    Args:
-        effect: name.
-        log_weight: ln of its weight; the weight of "nothing" is 1.
-        moved: mean square by which it moved each coordinate, shape (P,).
-    """
-
-    effect: str
-    log_weight: float
-    moved: np.ndarray
+    effect: str  # name
+    log_weight: float  # ln of its weight; the weight of "nothing" is 1
+    moved: np.ndarray  # mean square by which it moved each coordinate, shape (P,)
 
 
 @dataclass(frozen=True, eq=False)
 class FaintEffects:
-    """How much effects that are not named may widen the intervals.
+    """How much effects that are not named may widen the intervals."""
 
-    Args:
-        factor: factor by which each coordinate's standard error grows, shape (P,).
-        behind: names of the effects that make it grow, the one that counts most first.
-    """
-
-    factor: np.ndarray
-    behind: tuple[str, ...]
+    factor: np.ndarray  # factor by which each coordinate's standard error grows, shape (P,)
+    behind: tuple[str, ...]  # names of the effects that make it grow, the one that counts most first
 
 
 def allowing_for_faint_effects(after: FitResult, s: CandidateModel, report: Report) -> FitResult:
@@ -133,17 +122,11 @@ def own_ways(gram: np.ndarray, power: np.ndarray) -> np.ndarray:
 
 
 class Linear(NamedTuple):
-    """What k amplitudes do to the residual and to the coordinates, linearised.
+    """What k amplitudes do to the residual and to the coordinates, linearised."""
 
-    Args:
-        gram: G, in units of the noise, shape (k, k).
-        across: h, in units of the noise, shape (k,).
-        bends: B, shape (P, k).
-    """
-
-    gram: np.ndarray
-    across: np.ndarray
-    bends: np.ndarray
+    gram: np.ndarray  # G, in units of the noise, shape (k, k)
+    across: np.ndarray  # h, in units of the noise, shape (k,)
+    bends: np.ndarray  # B, shape (P, k)
 
     def along(self, ways: np.ndarray) -> Linear:
         """The same for amplitudes along some directions (columns), shape (k, m)."""

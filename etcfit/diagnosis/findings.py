@@ -15,61 +15,39 @@ from .settings import DEFAULT, DiagnosisSettings
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Is one channel's whitened residual noise?
+    """Is one channel's whitened residual noise?"""
 
-    Args:
-        file, test, channel, n: where, and how many samples.
-        rms: of the whitened residual; 1 where nothing is missing.
-        ljung_box: p-value of no autocorrelation.
-        strongest: the signal that it correlates with most: "input", "speed", "sign of speed", "angle", "current" or
-            "time".
-        correlation: with that signal.
-        p: that signal's p-value, for the number of signals tried.
-        white: whether it is neither too large nor correlated.
-    """
-
+    # file, test, channel, n: where, and how many samples
     file: str
     test: str
     channel: str
     n: int
-    rms: float
-    ljung_box: float
+    rms: float  # of the whitened residual; 1 where nothing is missing
+    ljung_box: float  # p-value of no autocorrelation
+    # the signal that it correlates with most: "input", "speed", "sign of speed", "angle", "current" or "time"
     strongest: str
-    correlation: float
-    p: float
-    white: bool
+    correlation: float  # with that signal
+    p: float  # that signal's p-value, for the number of signals tried
+    white: bool  # whether it is neither too large nor correlated
 
 
 @dataclass(frozen=True)
 class Share:
-    """How much of the missing torque or voltage is a function of one quantity.
+    """How much of the missing torque or voltage is a function of one quantity."""
 
-    Args:
-        enters: "torque" or "voltage".
-        axis: "angle", "speed", "current", "load" or "time".
-        share: of the variance of the missing torque or voltage that a smooth curve over the axis takes away.
-    """
-
-    enters: str
-    axis: str
-    share: float
+    enters: str  # "torque" or "voltage"
+    axis: str  # "angle", "speed", "current", "load" or "time"
+    share: float  # of the variance of the missing torque or voltage that a smooth curve over the axis takes away
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The residual of one model.
+    """The residual of one model."""
 
-    Args:
-        rows: by trace and channel.
-        white: all of them are white, or would be without one event of one trace.
-        shares: what the missing torque and voltage depend on, largest first.
-        sentences: rows and shares in words.
-    """
-
-    rows: tuple[Whiteness, ...]
-    white: bool
-    shares: tuple[Share, ...]
-    sentences: tuple[str, ...]
+    rows: tuple[Whiteness, ...]  # by trace and channel
+    white: bool  # all of them are white, or would be without one event of one trace
+    shares: tuple[Share, ...]  # what the missing torque and voltage depend on, largest first
+    sentences: tuple[str, ...]  # rows and shares in words
 
 
 @dataclass(frozen=True)
@@ -164,76 +142,50 @@ class Statement:
 
 @dataclass(frozen=True)
 class Tie:
-    """Effects that these data cannot tell apart: the first of them is the one in the model.
+    """Effects that these data cannot tell apart: the first of them is the one in the model."""
 
-    Args:
-        effects: names.
-        apart: how far the fit with each of the others is from that with the first: rms over samples, in units of the
-            noise.
-        told_by: which measurement would separate them.
-    """
-
-    effects: tuple[str, ...]
+    effects: tuple[str, ...]  # names
+    # how far the fit with each of the others is from that with the first: rms over samples, in units of the noise
     apart: tuple[float, ...]
-    told_by: str
+    told_by: str  # which measurement would separate them
 
 
 @dataclass(frozen=True)
 class SetTried:
-    """A set of effects that was refitted and compared with the one that the rounds found.
+    """A set of effects that was refitted and compared with the one that the rounds found."""
 
-    Args:
-        effects: names.
-        bic_change: of taking it in place of the rounds' own set; None where the two cannot be compared, because one of
-            them is far from its data or has an effect that is not worth its parameters.
-        taken: whether it was taken.
-    """
-
-    effects: tuple[str, ...]
+    effects: tuple[str, ...]  # names
+    # of taking it in place of the rounds' own set; None where the two cannot be compared, because one of them is far
+    # from its data or has an effect that is not worth its parameters
     bic_change: float | None
-    taken: bool
+    taken: bool  # whether it was taken
 
 
 @dataclass(frozen=True)
 class RigMistake:
-    """Something wrong with the rig, or a habit of it, that was found in its traces.
+    """Something wrong with the rig, or a habit of it, that was found in its traces."""
 
-    Args:
-        effect: name of the effect that takes it into account.
-        kind: kind of mistake, see formats.md (diagnosis.json, `rig`).
-        test, channel: where; None where it is everywhere.
-        size, unit: of it, SI; a share where the unit is "".
-        mend: the line of rig.toml that takes it into account.
-        sentence: sentence of the statement on the effect.
-        file: the one trace that it is in; None: it is in every trace of the test.
-        suspected: whether its probability is below `DiagnosisSettings.suspicion`.
-    """
-
-    effect: str
-    kind: str
+    effect: str  # name of the effect that takes it into account
+    kind: str  # kind of mistake, see formats.md (diagnosis.json, `rig`)
+    # test, channel: where; None where it is everywhere
     test: str | None
     channel: str | None
+    # size, unit: of it, SI; a share where the unit is ""
     size: float
     unit: str
-    mend: str
-    sentence: str
-    file: str | None = None
-    suspected: bool = False
+    mend: str  # the line of rig.toml that takes it into account
+    sentence: str  # sentence of the statement on the effect
+    file: str | None = None  # the one trace that it is in; None: it is in every trace of the test
+    suspected: bool = False  # whether its probability is below `DiagnosisSettings.suspicion`
 
 
 @dataclass(frozen=True, eq=False)
 class SetAside:
-    """A trace of another rig, and the free runs of two throttle bodies for it.
+    """A trace of another rig, and the free runs of two throttle bodies for it."""
 
-    Args:
-        trace: as measured.
-        others: free run of the body that was fitted to all other traces, SI, shape (n, M).
-        own: free run of the body that was fitted to this trace alone, likewise.
-    """
-
-    trace: Trace
-    others: np.ndarray
-    own: np.ndarray
+    trace: Trace  # as measured
+    others: np.ndarray  # free run of the body that was fitted to all other traces, SI, shape (n, M)
+    own: np.ndarray  # free run of the body that was fitted to this trace alone, likewise
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,41 +226,28 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """A random curve that the residual of the final model shows; intervals allow for it.
+    """A random curve that the residual of the final model shows; intervals allow for it."""
 
-    Args:
-        enters: "torque", "friction", "voltage" or "position".
-        depends_on: "angle", "speed", "load", "current" or "time".
-        size: its standard deviation at any value of the axis.
-        unit: of the size, SI.
-    """
-
-    enters: str
-    depends_on: str
-    size: float
-    unit: str
+    enters: str  # "torque", "friction", "voltage" or "position"
+    depends_on: str  # "angle", "speed", "load", "current" or "time"
+    size: float  # its standard deviation at any value of the axis
+    unit: str  # of the size, SI
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One trace drawn along its measured motion: what torque and voltage the model lacks there, shape (n,) each.
+    """One trace drawn along its measured motion: what torque and voltage the model lacks there, shape (n,) each."""
 
-    Args:
-        file, test, held_out: which trace.
-        axes: "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m through the gear).
-        torque: missing, N m; NaN where the plate rests or presses on a stop, or no angle was logged.
-        voltage: missing, V; NaN where no current was logged.
-        after: torque and voltage that the final model lacks, by name as above.
-        effects: for each added effect the torque (N m) and the voltage (V) it contributes there, by effect and name.
-    """
-
+    # file, test, held_out: which trace
     file: str
     test: str
     held_out: bool
+    # "time" (s), "angle" (rad), "speed" (rad/s), "current" (A), "load" (N m through the gear)
     axes: Mapping[str, np.ndarray]
-    torque: np.ndarray
-    voltage: np.ndarray
-    after: Mapping[str, np.ndarray]
+    torque: np.ndarray  # missing, N m; NaN where the plate rests or presses on a stop, or no angle was logged
+    voltage: np.ndarray  # missing, V; NaN where no current was logged
+    after: Mapping[str, np.ndarray]  # torque and voltage that the final model lacks, by name as above
+    # for each added effect the torque (N m) and the voltage (V) it contributes there, by effect and name
     effects: Mapping[str, Mapping[str, np.ndarray]]
 
 

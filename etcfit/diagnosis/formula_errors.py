@@ -56,17 +56,11 @@ def chi2_left_by_formula(phi: float, explained: float, n: float) -> float:
 
 
 class Stretch(NamedTuple):
-    """Formula errors in one stretch of one trace.
+    """Formula errors in one stretch of one trace."""
 
-    Args:
-        samples: indices of the fitted samples in the stretch, shape (m,).
-        directions: U, orthonormal, shape (m, k).
-        shrinkage: 1 - (1 + s^2)^-1/2 along each direction, s the singular values of C, shape (k,).
-    """
-
-    samples: np.ndarray
-    directions: np.ndarray
-    shrinkage: np.ndarray
+    samples: np.ndarray  # indices of the fitted samples in the stretch, shape (m,)
+    directions: np.ndarray  # U, orthonormal, shape (m, k)
+    shrinkage: np.ndarray  # 1 - (1 + s^2)^-1/2 along each direction, s the singular values of C, shape (k,)
 
     @classmethod
     def of_columns(cls, samples: np.ndarray, columns: np.ndarray) -> Stretch:
@@ -77,17 +71,11 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FormulaErrors:
-    """Covariance M of the residual of the fitted samples.
+    """Covariance M of the residual of the fitted samples."""
 
-    Args:
-        stretches: all stretches of all traces; none where M = 1.
-        count: n, number of fitted samples.
-        free: symbols of the free parameters of the model.
-    """
-
-    stretches: tuple[Stretch, ...] = ()
-    count: int = 0
-    free: tuple[str, ...] = ()
+    stretches: tuple[Stretch, ...] = ()  # all stretches of all traces; none where M = 1
+    count: int = 0  # n, number of fitted samples
+    free: tuple[str, ...] = ()  # symbols of the free parameters of the model
 
     def __bool__(self) -> bool:
         """Whether M differs from 1."""

@@ -45,25 +45,15 @@ FREE_SPREAD = 0.1  # of the search for the best free run, in units of each coord
 
 @dataclass(frozen=True, eq=False)
 class FreeRun:
-    """The best free run of a set of effects.
+    """The best free run of a set of effects."""
 
-    Args:
-        effects: names, in the order in which they were added.
-        problem: the fitted traces.
-        x: coordinates, shape (P,).
-        unlikely: -log L of all samples, as if they were independent.
-        count: number of independent samples.
-        samples: number of all samples.
-        holdout_rms: free-run error of the held-out traces, in sigma; None where there are none.
-    """
-
-    effects: tuple[str, ...]
-    problem: EstimationProblem = field(repr=False)
-    x: np.ndarray
-    unlikely: float
-    count: float
-    samples: float
-    holdout_rms: float | None
+    effects: tuple[str, ...]  # names, in the order in which they were added
+    problem: EstimationProblem = field(repr=False)  # the fitted traces
+    x: np.ndarray  # coordinates, shape (P,)
+    unlikely: float  # -log L of all samples, as if they were independent
+    count: float  # number of independent samples
+    samples: float  # number of all samples
+    holdout_rms: float | None  # free-run error of the held-out traces, in sigma; None where there are none
 
     @property
     def values(self) -> dict[str, float]:

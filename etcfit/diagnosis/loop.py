@@ -30,23 +30,14 @@ NOT_ITS_OWN = 0.5  # share of that fall which the model before must reach withou
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One round of the diagnosis.
+    """One round of the diagnosis."""
 
-    Args:
-        before: the model that it began with.
-        score: of that model, under its own formula errors (`baseline`).
-        screened: every candidate's signature, the most promising first.
-        trials: of the candidates refitted, the lowest BIC first.
-        choice: the effect that is added, and why.
-        instead: the choices that would follow without the effects chosen before each of them.
-    """
-
-    before: CandidateModel
-    score: Score
-    screened: tuple[Signature, ...]
-    trials: tuple[Trial, ...]
-    choice: Choice
-    instead: tuple[Choice, ...] = ()
+    before: CandidateModel  # the model that it began with
+    score: Score  # of that model, under its own formula errors (`baseline`)
+    screened: tuple[Signature, ...]  # every candidate's signature, the most promising first
+    trials: tuple[Trial, ...]  # of the candidates refitted, the lowest BIC first
+    choice: Choice  # the effect that is added, and why
+    instead: tuple[Choice, ...] = ()  # the choices that would follow without the effects chosen before each of them
 
     @property
     def added(self) -> Effect | None:

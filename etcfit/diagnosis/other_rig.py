@@ -51,21 +51,13 @@ _NAMED = 4  # most parameters that are named as different
 
 @dataclass(frozen=True, eq=False)
 class Strange:
-    """A piece of the data that is of another rig.
+    """A piece of the data that is of another rig."""
 
-    Args:
-        place: the trace, or the test.
-        rest: the fit to all other data; its config names the piece.
-        own: the fit to the piece alone.
-        traces: traces of the piece, under the parameters of the others and under its own.
-        why: a sentence on how it was found.
-    """
-
-    place: Place
-    rest: FitResult
-    own: FitResult
-    traces: tuple[SetAside, ...]
-    why: str
+    place: Place  # the trace, or the test
+    rest: FitResult  # the fit to all other data; its config names the piece
+    own: FitResult  # the fit to the piece alone
+    traces: tuple[SetAside, ...]  # traces of the piece, under the parameters of the others and under its own
+    why: str  # a sentence on how it was found
 
     @property
     def name(self) -> str:

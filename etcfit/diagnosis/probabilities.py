@@ -214,16 +214,12 @@ def questions(
 
 
 class NamedEffects(NamedTuple):
-    """Which effects of a model are stated by name, and how sure each is.
+    """Which effects of a model are stated by name, and how sure each is."""
 
-    Args:
-        names: effects that are stated, in the order found.
-        doubts: effects that are not stated: another cause is likelier, or they are too improbable (`WORTH_NAMING`).
-        questions, probabilities: as returned by the functions of these names.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # effects that are stated, in the order found
+    # effects that are not stated: another cause is likelier, or they are too improbable (`WORTH_NAMING`)
     doubts: tuple[str, ...]
+    # questions, probabilities: as returned by the functions of these names
     questions: tuple[Question, ...]
     probabilities: Mapping[str, float]
 

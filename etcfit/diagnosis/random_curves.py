@@ -41,15 +41,10 @@ _LARGEST = 1e3  # tau over a curve's typical size: upper bound of the search
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One smooth curve and its derivative of the residual.
+    """One smooth curve and its derivative of the residual."""
 
-    Args:
-        effect: the curve as an effect.
-        columns: T, d residual / d amplitude over its scale, shape (n, K).
-    """
-
-    effect: type[AbstractSmooth]
-    columns: np.ndarray = field(repr=False)
+    effect: type[AbstractSmooth]  # the curve as an effect
+    columns: np.ndarray = field(repr=False)  # T, d residual / d amplitude over its scale, shape (n, K)
 
     @property
     def scale(self) -> float:
@@ -59,15 +54,10 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class CurveDiscrepancy:
-    """How large each random curve is, and how far the curves may have moved the coordinates.
+    """How large each random curve is, and how far the curves may have moved the coordinates."""
 
-    Args:
-        sizes: tau of each curve that is present, in the curve's unit.
-        covariance: covariance to be added to that of the coordinates, shape (P, P).
-    """
-
-    sizes: Mapping[type[AbstractSmooth], float]
-    covariance: np.ndarray = field(repr=False)
+    sizes: Mapping[type[AbstractSmooth], float]  # tau of each curve that is present, in the curve's unit
+    covariance: np.ndarray = field(repr=False)  # covariance to be added to that of the coordinates, shape (P, P)
 
 
 def curve_discrepancy(
@@ -142,26 +132,16 @@ def moved_by_curves(
 class _Left:
     """The residual and the curves' columns, both projected off the parameters. The columns W of all curves are as long
     as all samples, so there is one copy of them; everything else is computed from their products.
-
-    Args:
-        r: residual, projected off the parameters, shape (n,).
-        ways: W of all curves side by side, projected likewise, shape (n, C K).
-        curves: C, number of curves.
-        events: see `curve_discrepancy`.
-        gram: W^T W, shape (C K, C K).
-        across: W^T r, shape (C K,).
-        turn: W @ turn is an orthonormal basis of the space that all W span, shape (C K, m).
-        noise: s^2, mean square of r outside that space, 1 at least.
     """
 
-    r: np.ndarray
-    ways: np.ndarray
-    curves: int
-    events: np.ndarray
-    gram: np.ndarray
-    across: np.ndarray
-    turn: np.ndarray
-    noise: float
+    r: np.ndarray  # residual, projected off the parameters, shape (n,)
+    ways: np.ndarray  # W of all curves side by side, projected likewise, shape (n, C K)
+    curves: int  # C, number of curves
+    events: np.ndarray  # see `curve_discrepancy`
+    gram: np.ndarray  # W^T W, shape (C K, C K)
+    across: np.ndarray  # W^T r, shape (C K,)
+    turn: np.ndarray  # W @ turn is an orthonormal basis of the space that all W span, shape (C K, m)
+    noise: float  # s^2, mean square of r outside that space, 1 at least
 
     @classmethod
     def of_residual(cls, background: Background, ways: np.ndarray, curves: int, events: np.ndarray) -> _Left:
@@ -211,16 +191,11 @@ class _Likelihood:
     """-2 ln (L p) = ln |V| + y^T V^-1 y + price sum_c tau_c,    V = 1 + sum_c tau_c^2 U_c
 
     The prior keeps a tau small that the data hardly determine.
-
-    Args:
-        y: residual in the curves' space, over s, shape (m,).
-        units: U_c = W_c W_c^T there, over s^2, shape (C, m, m).
-        price: of a curve of its typical size in -2 ln p.
     """
 
-    y: np.ndarray
-    units: np.ndarray
-    price: float
+    y: np.ndarray  # residual in the curves' space, over s, shape (m,)
+    units: np.ndarray  # U_c = W_c W_c^T there, over s^2, shape (C, m, m)
+    price: float  # of a curve of its typical size in -2 ln p
 
     @classmethod
     def of_residual(cls, left: _Left, price: float) -> _Likelihood:

@@ -186,16 +186,11 @@ _SAME_RATE = 0.01  # relative difference up to which two sample intervals count 
 
 
 class _Change(NamedTuple):
-    """Change of the residual of the fitted samples if every channel were late by so many sample intervals.
+    """Change of the residual of the fitted samples if every channel were late by so many sample intervals."""
 
-    Args:
-        shift: sample intervals of each test, or of each trace; None: by channel for one interval, in the limit of a
-            short shift.
-        by_channel: shape (n,) each.
-    """
-
+    # sample intervals of each test, or of each trace; None: by channel for one interval, in the limit of a short shift
     shift: float | None
-    by_channel: Mapping[str, np.ndarray]
+    by_channel: Mapping[str, np.ndarray]  # shape (n,) each
 
     def by_effect(self, effect: RigEffect, rows: np.ndarray) -> np.ndarray:
         """The change by the channels that an effect makes late, one or all, in some of the fitted samples."""

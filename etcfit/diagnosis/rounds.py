@@ -61,19 +61,12 @@ def find_masked_effect(result: FitResult, turned: Round, report: Report) -> tupl
 
 
 class Near(NamedTuple):
-    """A model that came near its data with one effect in it.
+    """A model that came near its data with one effect in it."""
 
-    Args:
-        effect: the effect.
-        model: the refitted model.
-        left: its chi2 per sample.
-        white: whether its residual is noise.
-    """
-
-    effect: Effect
-    model: CandidateModel
-    left: float
-    white: bool
+    effect: Effect  # the effect
+    model: CandidateModel  # the refitted model
+    left: float  # its chi2 per sample
+    white: bool  # whether its residual is noise
 
 
 def nearest(found: Iterable[Near]) -> Near | None:
@@ -155,22 +148,15 @@ def trial_of(effect: Effect, before: CandidateModel, s: CandidateModel) -> Trial
 
 @dataclass(frozen=True, eq=False)
 class Progress:
-    """How far the diagnosis has come.
+    """How far the diagnosis has come."""
 
-    Args:
-        model: the model with all added effects.
-        found: the effects added, in the order found.
-        rounds: the rounds made so far.
-        changed: a sentence for each effect that gave way to another or was taken away again.
-        even: other sets of effects that these data do not rule out, and how far their fits are.
-        free: values of the best known free run of this model, SI by symbol; empty where none is known.
-    """
-
-    model: CandidateModel
-    found: tuple[Found, ...] = ()
-    rounds: tuple[RoundReport, ...] = ()
-    changed: tuple[str, ...] = ()
+    model: CandidateModel  # the model with all added effects
+    found: tuple[Found, ...] = ()  # the effects added, in the order found
+    rounds: tuple[RoundReport, ...] = ()  # the rounds made so far
+    changed: tuple[str, ...] = ()  # a sentence for each effect that gave way to another or was taken away again
+    # other sets of effects that these data do not rule out, and how far their fits are
     even: Mapping[frozenset[Effect], Apart] = field(default_factory=dict)
+    # values of the best known free run of this model, SI by symbol; empty where none is known
     free: Mapping[str, float] = field(default_factory=dict)
 
     @property

@@ -27,22 +27,15 @@ FOLD_TOLERANCE = 1e-3  # relative change of chi2 that ends a refit without one g
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """The errors of a model, fitted and held out.
+    """The errors of a model, fitted and held out."""
 
-    Args:
-        chi2: sum of squares of the whitened residual of the fitted traces, r^T M^-1 r with the formula errors M.
-        count: number of independent samples among them.
-        held_out: chi2 of the held-out traces; None where there are none.
-        fit_rows, holdout_rows: free-run errors by trace and channel.
-        errors: covariance M of the residual by inexact formulas.
-    """
-
-    chi2: float
-    count: float
-    held_out: float | None
+    chi2: float  # sum of squares of the whitened residual of the fitted traces, r^T M^-1 r with the formula errors M
+    count: float  # number of independent samples among them
+    held_out: float | None  # chi2 of the held-out traces; None where there are none
+    # fit_rows, holdout_rows: free-run errors by trace and channel
     fit_rows: tuple[PredictionError, ...] = field(repr=False)
     holdout_rows: tuple[PredictionError, ...] = field(repr=False)
-    errors: FormulaErrors = EXACT
+    errors: FormulaErrors = EXACT  # covariance M of the residual by inexact formulas
 
     @property
     def fit_rms(self) -> float:
@@ -196,15 +189,10 @@ def left_out(s: CandidateModel) -> float:
 
 @dataclass(frozen=True)
 class Apart:
-    """How far the fit with another effect is from the fit with the one that was added.
+    """How far the fit with another effect is from the fit with the one that was added."""
 
-    Args:
-        residual: rms over the samples, in units of the noise.
-        moved: difference of each coordinate that both models fit, by symbol.
-    """
-
-    residual: float
-    moved: Mapping[str, float]
+    residual: float  # rms over the samples, in units of the noise
+    moved: Mapping[str, float]  # difference of each coordinate that both models fit, by symbol
 
 
 def distance_to(other: CandidateModel, best: CandidateModel) -> Apart:

@@ -59,23 +59,15 @@ _TINY = 1e-10  # singular values below this share of 1 count as zero
 
 @dataclass(frozen=True, eq=False)
 class Signature:
-    """The linearised change that a variant makes to the residual.
+    """The linearised change that a variant makes to the residual."""
 
-    Args:
-        variant: the variant of a candidate.
-        columns: d residual / d amplitude over its scale, projected off the fitted parameters, shape (n, k).
-        gain: fall of chi2 by the linearised model.
-        values: amplitudes (SI) at which chi2 is lowest, and the shape parameters, by symbol.
-        own: share of the signature's power that no fitted parameter can imitate.
-        seen: how many of the amplitudes the residual shows at all.
-    """
-
-    variant: Variant
+    variant: Variant  # the variant of a candidate
+    # d residual / d amplitude over its scale, projected off the fitted parameters, shape (n, k)
     columns: np.ndarray = field(repr=False)
-    gain: float
-    values: Mapping[str, float]
-    own: float
-    seen: int = 0
+    gain: float  # fall of chi2 by the linearised model
+    values: Mapping[str, float]  # amplitudes (SI) at which chi2 is lowest, and the shape parameters, by symbol
+    own: float  # share of the signature's power that no fitted parameter can imitate
+    seen: int = 0  # how many of the amplitudes the residual shows at all
 
     def briefly(self) -> Signature:
         """The signature without its columns, which are as long as all samples."""
@@ -84,19 +76,13 @@ class Signature:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The residual of the fitted model and the space of changes that its parameters can make.
+    """The residual of the fitted model and the space of changes that its parameters can make."""
 
-    Args:
-        r: residual of the fitted samples, whitened by the formula errors, projected off the parameters, shape (n,).
-        basis: orthonormal basis of the changes by the parameters, shape (n, p), p <= P.
-        jacobian: of the residual in the parameters, not whitened by the formula errors, shape (n, P).
-        errors: formula errors of the model.
-    """
-
+    # residual of the fitted samples, whitened by the formula errors, projected off the parameters, shape (n,)
     r: np.ndarray
-    basis: np.ndarray
-    jacobian: np.ndarray
-    errors: FormulaErrors = EXACT
+    basis: np.ndarray  # orthonormal basis of the changes by the parameters, shape (n, p), p <= P
+    jacobian: np.ndarray  # of the residual in the parameters, not whitened by the formula errors, shape (n, P)
+    errors: FormulaErrors = EXACT  # formula errors of the model
 
     @classmethod
     def of_model(

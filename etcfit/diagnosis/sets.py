@@ -43,17 +43,11 @@ _NOTHING = 1e-5  # length of a column, originally 1, below which another effect 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two effects, and the fall of chi2 that they promise together.
+    """Two effects, and the fall of chi2 that they promise together."""
 
-    Args:
-        effects: the two.
-        gain: fall of chi2 by the linearised model.
-        values: all their parameters at the lowest chi2, SI by symbol.
-    """
-
-    effects: tuple[Effect, Effect]
-    gain: float
-    values: Mapping[str, float] = field(repr=False)
+    effects: tuple[Effect, Effect]  # the two
+    gain: float  # fall of chi2 by the linearised model
+    values: Mapping[str, float] = field(repr=False)  # all their parameters at the lowest chi2, SI by symbol
 
 
 class _Block(NamedTuple):
@@ -217,17 +211,11 @@ def is_open(added: int, white: bool) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """The fall of BIC that sets of effects promise by the linearised model.
+    """The fall of BIC that sets of effects promise by the linearised model."""
 
-    Args:
-        per_chi2: fall of -2 log likelihood for one unit of chi2.
-        price: BIC cost of each effect: its parameters and the variants that it was chosen from.
-        alone: fall of chi2 by each effect alone.
-    """
-
-    per_chi2: float
-    price: Mapping[Effect, float]
-    alone: Mapping[Effect, float]
+    per_chi2: float  # fall of -2 log likelihood for one unit of chi2
+    price: Mapping[Effect, float]  # BIC cost of each effect: its parameters and the variants that it was chosen from
+    alone: Mapping[Effect, float]  # fall of chi2 by each effect alone
 
     @classmethod
     def of_candidates(cls, before: Score, data: ScoredCandidates, composition: Composition) -> Promise:

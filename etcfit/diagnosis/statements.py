@@ -59,15 +59,10 @@ def statements(
 
 
 class Named(NamedTuple):
-    """The name of an effect in a sentence.
+    """The name of an effect in a sentence."""
 
-    Args:
-        called: its name, or the mistake of the rig, its place and its size.
-        mend: the line of rig.toml that takes a mistake of the rig into account; "" of other effects.
-    """
-
-    called: str
-    mend: str = ""
+    called: str  # its name, or the mistake of the rig, its place and its size
+    mend: str = ""  # the line of rig.toml that takes a mistake of the rig into account; "" of other effects
 
     @classmethod
     def of_effect(cls, effect: Effect, values: Mapping[str, float]) -> Named:

@@ -32,17 +32,11 @@ _TOGETHER = 128  # most effects times tangents of one model
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One candidate with one choice of its shape.
+    """One candidate with one choice of its shape."""
 
-    Args:
-        effect: the candidate.
-        shape: shape parameters, and amplitudes that are scanned, SI by symbol.
-        amplitudes: symbols of the amplitudes.
-    """
-
-    effect: Effect
-    shape: Mapping[str, float]
-    amplitudes: tuple[str, ...]
+    effect: Effect  # the candidate
+    shape: Mapping[str, float]  # shape parameters, and amplitudes that are scanned, SI by symbol
+    amplitudes: tuple[str, ...]  # symbols of the amplitudes
 
 
 def variants(effect: Effect) -> tuple[Variant, ...]:
@@ -195,18 +189,14 @@ class Tangents:
 
     They are computed in groups, because all of them together would be the largest array of a diagnosis, and their
     kernel would take the longest to compile.
-
-    Args:
-        problem, x, weighted: the model, at coordinates x, shape (P,).
-        wanted: symbols whose derivatives are kept for later calls after they were computed.
-        kept: these derivatives in the value (SI), shape (n,) each.
     """
 
+    # problem, x, weighted: the model, at coordinates x, shape (P,)
     problem: EstimationProblem
     x: np.ndarray
     weighted: WeightedData
-    wanted: frozenset[str]
-    kept: dict[str, np.ndarray]
+    wanted: frozenset[str]  # symbols whose derivatives are kept for later calls after they were computed
+    kept: dict[str, np.ndarray]  # these derivatives in the value (SI), shape (n,) each
 
     @classmethod
     def of_model(

@@ -75,32 +75,21 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 
 @dataclass(frozen=True)
 class TrialVerdict:
-    """The numbers by which a model with one further effect is compared with the model before.
+    """The numbers by which a model with one further effect is compared with the model before."""
 
-    Args:
-        effect: the effect tried.
-        score: score of the model with it.
-        samples: number of fitted samples.
-        fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without it; the latter None without a holdout.
-        holdout_chi2_change: change of chi2 of the held-out traces, or of traces left out in turn; None without either.
-        bic_change: below 0 where it is worth its parameters.
-        gain: by how much it lowers chi2 of the fitted traces.
-        slack: allowed relative rise of the held-out free-run RMS.
-        prior: -2 ln prior, a part of `bic_change`.
-        beside_formulas: whether effects with inexact formulas are at work in the model before.
-    """
-
-    effect: Effect
-    score: Score
-    samples: float
+    effect: Effect  # the effect tried
+    score: Score  # score of the model with it
+    samples: float  # number of fitted samples
+    # fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without it; the latter None without a holdout
     fit_rms_ratio: float
     holdout_rms_ratio: float | None
+    # change of chi2 of the held-out traces, or of traces left out in turn; None without either
     holdout_chi2_change: float | None
-    bic_change: float
-    gain: float
-    slack: float
-    prior: float = 0.0
-    beside_formulas: bool = False
+    bic_change: float  # below 0 where it is worth its parameters
+    gain: float  # by how much it lowers chi2 of the fitted traces
+    slack: float  # allowed relative rise of the held-out free-run RMS
+    prior: float = 0.0  # -2 ln prior, a part of `bic_change`
+    beside_formulas: bool = False  # whether effects with inexact formulas are at work in the model before
 
     def required_bic_change(self, settings: DiagnosisSettings) -> float:
         """Change of BIC below which the effect is worth its parameters."""

@@ -59,17 +59,12 @@ SCATTER = 0.05  # p-value below which traces, or tests, scatter by more than the
 
 
 class Scatter(NamedTuple):
-    """How the estimates scatter when clusters are left out one by one.
+    """How the estimates scatter when clusters are left out one by one."""
 
-    Args:
-        shifts: d, shape (G, P).
-        ratio: T, shape (P,); 0 where one cluster alone determines the parameter, so that no other can disagree.
-        freedom: nu, shape (P,).
-    """
-
-    shifts: np.ndarray
+    shifts: np.ndarray  # d, shape (G, P)
+    # T, shape (P,); 0 where one cluster alone determines the parameter, so that no other can disagree
     ratio: np.ndarray
-    freedom: np.ndarray
+    freedom: np.ndarray  # nu, shape (P,)
 
     @property
     def p(self) -> np.ndarray:
@@ -145,33 +140,22 @@ def widened(covariance: np.ndarray, every: Iterable[Scatter], level: float) -> n
 
 @dataclass(frozen=True)
 class Pull:
-    """The shift of one parameter when a part of the data is left out.
+    """The shift of one parameter when a part of the data is left out."""
 
-    Args:
-        test: the rig test left out, or the test of the file left out.
-        file: the file left out; None for the whole test.
-        parameter: symbol.
-        pull: the shift in standard errors of noise alone.
-        moved: the shift of the coordinate.
-    """
-
-    test: str
-    file: str | None
-    parameter: str
-    pull: float
-    moved: float
+    test: str  # the rig test left out, or the test of the file left out
+    file: str | None  # the file left out; None for the whole test
+    parameter: str  # symbol
+    pull: float  # the shift in standard errors of noise alone
+    moved: float  # the shift of the coordinate
 
 
 @dataclass(frozen=True)
 class Influence:
-    """Which part of the data determines which parameter.
+    """Which part of the data determines which parameter."""
 
-    Args:
-        pulls: every part of the data on every parameter that the others determine as well; the largest first.
-        alone: parameters that one rig test, or one file, determines alone: symbol to its name.
-    """
-
+    # every part of the data on every parameter that the others determine as well; the largest first
     pulls: tuple[Pull, ...] = ()
+    # parameters that one rig test, or one file, determines alone: symbol to its name
     alone: Mapping[str, str] = field(default_factory=dict)
 
     def largest(self, least: float, most: int) -> tuple[Pull, ...]:
@@ -234,21 +218,13 @@ Z_95 = 1.96  # half width of a 95 % interval, standard deviations
 
 @dataclass(frozen=True, eq=False)
 class Compromise:
-    """The results of subsets of the data.
+    """The results of subsets of the data."""
 
-    Args:
-        why: the reason in words.
-        without: tests left out, G.
-        points: coordinates of the fits without them, shape (G, P).
-        covariances: of those coordinates, shape (G, P, P).
-        alone: coordinates by one test alone, in one linearised step, NaN where it does not determine them, shape (S,
-            P).
-    """
-
-    why: str
-    without: tuple[str, ...]
-    points: np.ndarray
-    covariances: np.ndarray
+    why: str  # the reason in words
+    without: tuple[str, ...]  # tests left out, G
+    points: np.ndarray  # coordinates of the fits without them, shape (G, P)
+    covariances: np.ndarray  # of those coordinates, shape (G, P, P)
+    # coordinates by one test alone, in one linearised step, NaN where it does not determine them, shape (S, P)
     alone: np.ndarray
 
     def ends(self, half: float, low: np.ndarray, high: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -300,20 +276,13 @@ _LOOK = (
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How far the parts of the data agree.
+    """How far the parts of the data agree."""
 
-    Args:
-        influence: how far each part moves each parameter.
-        covariance: of the coordinates, wide enough for the scatter of traces and tests, shape (P, P).
-        contradictions: tests that contradict the others, worst first.
-        outweighed: tests that disagree with the others, but move no parameter.
-        compromise: results of subsets of the data, if the parameters are no estimates; else None.
-    """
-
-    influence: Influence
-    covariance: np.ndarray
-    contradictions: tuple[Contradiction, ...] = ()
-    outweighed: tuple[Contradiction, ...] = ()
+    influence: Influence  # how far each part moves each parameter
+    covariance: np.ndarray  # of the coordinates, wide enough for the scatter of traces and tests, shape (P, P)
+    contradictions: tuple[Contradiction, ...] = ()  # tests that contradict the others, worst first
+    outweighed: tuple[Contradiction, ...] = ()  # tests that disagree with the others, but move no parameter
+    # results of subsets of the data, if the parameters are no estimates; else None
     compromise: Compromise | None = None
 
     def words(self, units: Callable[[str], str]) -> list[str]:

@@ -26,19 +26,12 @@ _RENEWALS = 3  # of a subset's whitening
 
 @dataclass(frozen=True, eq=False)
 class Subset:
-    """The fit to a part of the data.
+    """The fit to a part of the data."""
 
-    Args:
-        tests: the tests that count.
-        x: coordinates, shape (P,).
-        pieces: every channel of every trace linearised at x, including those that do not count.
-        belief: score of the priors at x, shape (P,).
-    """
-
-    tests: tuple[str, ...]
-    x: np.ndarray
-    pieces: tuple[Piece, ...]
-    belief: np.ndarray
+    tests: tuple[str, ...]  # the tests that count
+    x: np.ndarray  # coordinates, shape (P,)
+    pieces: tuple[Piece, ...]  # every channel of every trace linearised at x, including those that do not count
+    belief: np.ndarray  # score of the priors at x, shape (P,)
 
 
 def tests_of(problem: EstimationProblem) -> tuple[str, ...]:
@@ -106,17 +99,11 @@ _SURE = 3.0  # standard deviations by which noise alone may exceed its mean
 
 @dataclass(frozen=True, eq=False)
 class Parted:
-    """One test and the others, each with its own parameters.
+    """One test and the others, each with its own parameters."""
 
-    Args:
-        split: the two sides.
-        misfit: sum of squared residuals of both sides together, over the noise itself.
-        samples: number of samples of both sides.
-    """
-
-    split: Split
-    misfit: float
-    samples: int
+    split: Split  # the two sides
+    misfit: float  # sum of squared residuals of both sides together, over the noise itself
+    samples: int  # number of samples of both sides
 
     def share(self, together: float) -> float:
         """Share of the misfit that disappears if the sides need not agree; the part due to noise counts as no misfit.
@@ -211,27 +198,20 @@ NAMED = 1  # largest number of named tests; when one is mended, the next shows b
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A rig test that the others contradict.
+    """A rig test that the others contradict."""
 
-    Args:
-        test: name of the test.
-        parameter: symbol of the parameter that it pulls most.
-        pull: shift of that parameter without the test, standard errors of noise alone.
-        value, without: value of that parameter with the test and without it, SI.
-        p: probability of so large a disagreement, or a larger one, if tests agree and errors are larger than stated by
-            the allowed factor (`ContradictionSettings.understated`).
-        share: share of the misfit that disappears if this test may differ from the others.
-        moved: shift without the test of the combination of parameters that moves most, standard errors of noise alone;
-            see `contradiction_distance`.
-    """
-
-    test: str
-    parameter: str
-    pull: float
+    test: str  # name of the test
+    parameter: str  # symbol of the parameter that it pulls most
+    pull: float  # shift of that parameter without the test, standard errors of noise alone
+    # value, without: value of that parameter with the test and without it, SI
     value: float
     without: float
+    # probability of so large a disagreement, or a larger one, if tests agree and errors are larger than stated by the
+    # allowed factor (`ContradictionSettings.understated`)
     p: float
-    share: float
+    share: float  # share of the misfit that disappears if this test may differ from the others
+    # shift without the test of the combination of parameters that moves most, standard errors of noise alone; see
+    # `contradiction_distance`
     moved: float = math.inf
 
 
@@ -245,21 +225,16 @@ def digits_apart(one: float, other: float) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Contradicting:
-    """A test that contradicts the others.
+    """A test that contradicts the others."""
 
-    Args:
-        test: which.
-        together, without: the fit with the test, and the fit to the others.
-        p, share: see `Contradiction`.
-        gain: fall of the sum of squared residuals, over the noise itself, if the test may differ.
-    """
-
-    test: str
+    test: str  # which
+    # together, without: the fit with the test, and the fit to the others
     together: Subset
     without: Subset
+    # p, share: see `Contradiction`
     p: float
     share: float
-    gain: float
+    gain: float  # fall of the sum of squared residuals, over the noise itself, if the test may differ
 
 
 def contradiction_distance(each: Contradicting, believed: Statement, reach: np.ndarray, unknown: float) -> float:
@@ -289,21 +264,13 @@ def by_consequence(
 
 @dataclass(frozen=True)
 class Comparison:
-    """How tests are compared.
+    """How tests are compared."""
 
-    Args:
-        refitted: refits to some tests, from coordinates of shape (P,).
-        believed: the priors, at a subset's coordinates.
-        reach: reach of each coordinate, shape (P,).
-        unknown: standard deviation above which a parameter is not known, reaches.
-        settings: thresholds.
-    """
-
-    refitted: Callable[[np.ndarray, tuple[str, ...]], Subset]
-    believed: Callable[[Subset], Statement]
-    reach: np.ndarray
-    unknown: float
-    settings: ContradictionSettings
+    refitted: Callable[[np.ndarray, tuple[str, ...]], Subset]  # refits to some tests, from coordinates of shape (P,)
+    believed: Callable[[Subset], Statement]  # the priors, at a subset's coordinates
+    reach: np.ndarray  # reach of each coordinate, shape (P,)
+    unknown: float  # standard deviation above which a parameter is not known, reaches
+    settings: ContradictionSettings  # thresholds
 
     def contradicting(self, everything: Subset) -> tuple[Contradicting, ...]:
         """The tests that contradict the others, worst first."""

@@ -57,14 +57,10 @@ class Condensed(NamedTuple):
 
     so that rho^T rho = chi2, K^T rho = g and K^T K = J^T J: every step of Gauss-Newton or Levenberg-Marquardt is
     unchanged.
-
-    Args:
-        residual: rho, shape (P + 1,).
-        jacobian: K, shape (P + 1, P).
     """
 
-    residual: Float[AnyArray, " R"]
-    jacobian: Float[AnyArray, "R P"]
+    residual: Float[AnyArray, " R"]  # rho, shape (P + 1,)
+    jacobian: Float[AnyArray, "R P"]  # K, shape (P + 1, P)
 
     @classmethod
     def sum_alone(cls, chi2: float, size: int) -> Condensed:

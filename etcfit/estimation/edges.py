@@ -39,29 +39,18 @@ _FAINT = 0.1  # share of the largest change by an edge's instant, below which a 
 
 
 class EdgePlace(NamedTuple):
-    """The place of an edge, estimated by the model.
+    """The place of an edge, estimated by the model."""
 
-    Args:
-        interval: index of the interval between two times of its trace.
-        share: place within that interval, 0 to 1.
-        sd: standard deviation of the share.
-    """
-
-    interval: int
-    share: float
-    sd: float
+    interval: int  # index of the interval between two times of its trace
+    share: float  # place within that interval, 0 to 1
+    sd: float  # standard deviation of the share
 
 
 class Clocked(NamedTuple):
-    """A rig whose output and logger share a clock.
+    """A rig whose output and logger share a clock."""
 
-    Args:
-        rig: the rig with the tests whose edges are in step with the samples, each edge's turn and the initial phases.
-        places: place of every edge, by file.
-    """
-
-    rig: Rig
-    places: Mapping[str, Sequence[EdgePlace]]
+    rig: Rig  # the rig with the tests whose edges are in step with the samples, each edge's turn and the initial phases
+    places: Mapping[str, Sequence[EdgePlace]]  # place of every edge, by file
 
 
 def with_edges_in_step(
@@ -148,17 +137,11 @@ def _read(trace: Trace, paths: Sequence[Float[np.ndarray, "n M"]]) -> Iterator[E
 
 
 class CommonPhase(NamedTuple):
-    """The common phase of the edges of one test.
+    """The common phase of the edges of one test."""
 
-    Args:
-        phase: from -border to 1 - border.
-        chance: probability that edges at random instants lie as close together.
-        agreement: probability that edges at this phase scatter as widely.
-    """
-
-    phase: float
-    chance: float
-    agreement: float
+    phase: float  # from -border to 1 - border
+    chance: float  # probability that edges at random instants lie as close together
+    agreement: float  # probability that edges at this phase scatter as widely
 
 
 def common_phase(places: Sequence[EdgePlace]) -> CommonPhase | None:
@@ -216,29 +199,18 @@ Places = Mapping[str, Sequence[EdgePlace]]  # by file
 
 
 class Decided(NamedTuple):
-    """The decision on the edges near the samples.
+    """The decision on the edges near the samples."""
 
-    Args:
-        rig: the rig with the phases fixed that put the edges of a test on the samples.
-        x: coordinates of the model before, from which to fit the rig, shape (P,).
-    """
-
-    rig: Rig
-    x: Float[np.ndarray, " P"]
+    rig: Rig  # the rig with the phases fixed that put the edges of a test on the samples
+    x: Float[np.ndarray, " P"]  # coordinates of the model before, from which to fit the rig, shape (P,)
 
 
 class _Phase(NamedTuple):
-    """The phase of one test whose edges come near the samples.
+    """The phase of one test whose edges come near the samples."""
 
-    Args:
-        test: name of the test.
-        index: index of the phase's coordinate.
-        side: sign of phases inside the interval; 0 if edges lie on both sides of their samples.
-    """
-
-    test: str
-    index: int
-    side: float
+    test: str  # name of the test
+    index: int  # index of the phase's coordinate
+    side: float  # sign of phases inside the interval; 0 if edges lie on both sides of their samples
 
 
 def with_edges_on_samples(rig: Rig, reached: Reached, places: Places) -> Decided | None:

@@ -26,20 +26,16 @@ _MOVES = 3.0  # least standard deviation of a channel, in standard deviations of
 
 @dataclass(frozen=True)
 class Explained:
-    """The motion of one channel of one trace and its explained part.
+    """The motion of one channel of one trace and its explained part."""
 
-    Args:
-        file, test, channel: the channel.
-        missed, moved: sum (y - y_hat)^2 and sum (y - mean y)^2, SI.
-        moves: whether the channel moves by more than its noise.
-    """
-
+    # file, test, channel: the channel
     file: str
     test: str
     channel: str
+    # missed, moved: sum (y - y_hat)^2 and sum (y - mean y)^2, SI
     missed: float
     moved: float
-    moves: bool
+    moves: bool  # whether the channel moves by more than its noise
 
     @property
     def share(self) -> float | None:
@@ -125,16 +121,11 @@ _FINER = np.exp(np.linspace(-0.025, 0.025, 11))
 
 
 class DriveScale(NamedTuple):
-    """The best scale of the drive of one trace.
+    """The best scale of the drive of one trace."""
 
-    Args:
-        file: file of the trace.
-        factor: drive that acted over the logged one.
-        before, after: error of the free run with the drive as logged and at that scale, in sigma.
-    """
-
-    file: str
-    factor: float
+    file: str  # file of the trace
+    factor: float  # drive that acted over the logged one
+    # before, after: error of the free run with the drive as logged and at that scale, in sigma
     before: float
     after: float
 

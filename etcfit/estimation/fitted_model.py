@@ -27,18 +27,13 @@ from .settings import IdentifiabilitySettings
 
 @dataclass(frozen=True)
 class FitState:
-    """The state in which a fit ended.
+    """The state in which a fit ended."""
 
-    Args:
-        chi2_per_dof: chi2 per degree of freedom of its residual.
-        converged, reason: whether the end is an optimum, and in words why (not).
-        compromise: why its parameters are no estimates; None if they are.
-    """
-
-    chi2_per_dof: float
+    chi2_per_dof: float  # chi2 per degree of freedom of its residual
+    # converged, reason: whether the end is an optimum, and in words why (not)
     converged: bool
     reason: str
-    compromise: str | None
+    compromise: str | None  # why its parameters are no estimates; None if they are
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -156,25 +151,15 @@ def _values_at(form: Form, x: Any, pick: Pick) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class PopulationLaw:
-    """Distribution of P parameters or sums of them, SI.
+    """Distribution of P parameters or sums of them, SI."""
 
-    Args:
-        symbols: P symbols.
-        mean: mean over units, shape (P,).
-        sd: standard deviation between units, without their own uncertainty, shape (P,).
-        stderr: standard error of the mean, shape (P,).
-        correlation: R, between units, shape (P, P); 0 for a parameter without spread.
-        positive: whether a parameter cannot be negative, shape (P,).
-        units: U, the number of units behind the estimate; 2 or more.
-    """
-
-    symbols: tuple[str, ...]
-    mean: Float[np.ndarray, " P"]
-    sd: Float[np.ndarray, " P"]
-    stderr: Float[np.ndarray, " P"]
-    correlation: Float[np.ndarray, "P P"]
-    positive: Bool[np.ndarray, " P"]
-    units: int
+    symbols: tuple[str, ...]  # P symbols
+    mean: Float[np.ndarray, " P"]  # mean over units, shape (P,)
+    sd: Float[np.ndarray, " P"]  # standard deviation between units, without their own uncertainty, shape (P,)
+    stderr: Float[np.ndarray, " P"]  # standard error of the mean, shape (P,)
+    correlation: Float[np.ndarray, "P P"]  # R, between units, shape (P, P); 0 for a parameter without spread
+    positive: Bool[np.ndarray, " P"]  # whether a parameter cannot be negative, shape (P,)
+    units: int  # U, the number of units behind the estimate; 2 or more
 
     @classmethod
     def of_units(cls, values: Mapping[str, np.ndarray], positive: Mapping[str, bool]) -> PopulationLaw:
@@ -215,22 +200,14 @@ _LEAST = 1e-3  # share of a positive parameter's usual size, for a unit whose es
 
 @dataclass(frozen=True, eq=False)
 class FleetModel:
-    """Units that differ only in their values; made by `fleet_model`.
+    """Units that differ only in their values; made by `fleet_model`."""
 
-    Args:
-        config: configuration of the rig, common to all.
-        free_parameters: free parameters of the model, common to all.
-        units: U names.
-        values: values of every parameter, SI, by symbol, shape (U,).
-        position_noise: standard deviation of one reading of the rig's position, rad.
-        population: their population, without their own uncertainty; None if only the units are known.
-    """
-
-    config: RigConfig
-    free_parameters: FreeParameters
-    units: tuple[str, ...]
-    values: Mapping[str, Float[np.ndarray, " U"]]
-    position_noise: float = 0.0
+    config: RigConfig  # configuration of the rig, common to all
+    free_parameters: FreeParameters  # free parameters of the model, common to all
+    units: tuple[str, ...]  # U names
+    values: Mapping[str, Float[np.ndarray, " U"]]  # values of every parameter, SI, by symbol, shape (U,)
+    position_noise: float = 0.0  # standard deviation of one reading of the rig's position, rad
+    # their population, without their own uncertainty; None if only the units are known
     population: PopulationLaw | None = None
 
     @cached_property

@@ -45,17 +45,11 @@ SHARES = (1.0, 0.3, 0.1, 0.03, 0.01, 0.003)
 
 
 class Guided(NamedTuple):
-    """The measured angle along which a plate is guided.
+    """The measured angle along which a plate is guided."""
 
-    Args:
-        span: largest travel within a trace, rad.
-        rate: sample rate, Hz.
-        torque_driven: the guide acts as a torque, not as a voltage.
-    """
-
-    span: float
-    rate: float
-    torque_driven: bool
+    span: float  # largest travel within a trace, rad
+    rate: float  # sample rate, Hz
+    torque_driven: bool  # the guide acts as a torque, not as a voltage
 
 
 def guide_stiffness_of(problem: EstimationProblem, x: np.ndarray) -> float:
@@ -162,19 +156,12 @@ def fitted_free_running(
 
 
 class FreeRun(NamedTuple):
-    """The best free-running simulation that was found.
+    """The best free-running simulation that was found."""
 
-    Args:
-        problem: the data, each channel of each trace weighted by its residual.
-        weighted: the weighted data of the minimised residual.
-        x: coordinates, shape (P,).
-        led: whether a guide led there.
-    """
-
-    problem: EstimationProblem
-    weighted: WeightedData
-    x: np.ndarray
-    led: bool
+    problem: EstimationProblem  # the data, each channel of each trace weighted by its residual
+    weighted: WeightedData  # the weighted data of the minimised residual
+    x: np.ndarray  # coordinates, shape (P,)
+    led: bool  # whether a guide led there
 
 
 def freed(
@@ -217,15 +204,10 @@ def freed(
 
 
 class Model(NamedTuple):
-    """A model and its data, before any fit.
+    """A model and its data, before any fit."""
 
-    Args:
-        problem: the traces.
-        start: coordinates of the reading, shape (P,).
-    """
-
-    problem: EstimationProblem
-    start: np.ndarray
+    problem: EstimationProblem  # the traces
+    start: np.ndarray  # coordinates of the reading, shape (P,)
 
 
 Begin = Callable[[Rig], Model]

@@ -24,17 +24,11 @@ EXCESS = 4.0  # standard errors by which the mean square must exceed 1 to count 
 
 
 class Widened(NamedTuple):
-    """A covariance widened for residuals that are larger than their noise, or not independent.
+    """A covariance widened for residuals that are larger than their noise, or not independent."""
 
-    Args:
-        covariance: never narrower than the one it was made from, shape (P, P).
-        factor: factor by which each standard error grew, shape (P,).
-        count: number of pieces of the residual that made it grow.
-    """
-
-    covariance: np.ndarray
-    factor: np.ndarray
-    count: int
+    covariance: np.ndarray  # never narrower than the one it was made from, shape (P, P)
+    factor: np.ndarray  # factor by which each standard error grew, shape (P,)
+    count: int  # number of pieces of the residual that made it grow
 
 
 def autocorrelation(r: np.ndarray, lags: int) -> np.ndarray:
@@ -133,22 +127,15 @@ class Left(StrEnum):
 
 @dataclass(frozen=True)
 class Goodness:
-    """The residual of one channel of one trace.
+    """The residual of one channel of one trace."""
 
-    Args:
-        file, channel: the channel.
-        left: verdict by the rule above.
-        rms: rms of the whitened residual; 1 if it is noise, not finite if the model could not be simulated.
-        correlated: the whitened residual is not independent from sample to sample.
-        free: free-running error, rms, over the noise of one sample.
-    """
-
+    # file, channel: the channel
     file: str
     channel: str
-    left: Left
-    rms: float
-    correlated: bool
-    free: float
+    left: Left  # verdict by the rule above
+    rms: float  # rms of the whitened residual; 1 if it is noise, not finite if the model could not be simulated
+    correlated: bool  # the whitened residual is not independent from sample to sample
+    free: float  # free-running error, rms, over the noise of one sample
 
     @property
     def off(self) -> float:

@@ -22,18 +22,12 @@ WEAK = 0.1  # standard deviation over reach above which a direction is reported 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A combination of parameters that the data determine badly or not at all.
+    """A combination of parameters that the data determine badly or not at all."""
 
-    Args:
-        symbols: the parameters it mixes, largest share first.
-        shares: their components, in coordinates (relative changes for positive parameters).
-        sd: standard deviation along it, reaches; inf without any information.
-        unknown: standard deviation above which it counts as not determined at all, reaches.
-    """
-
-    symbols: tuple[str, ...]
-    shares: tuple[float, ...]
-    sd: float
+    symbols: tuple[str, ...]  # the parameters it mixes, largest share first
+    shares: tuple[float, ...]  # their components, in coordinates (relative changes for positive parameters)
+    sd: float  # standard deviation along it, reaches; inf without any information
+    # standard deviation above which it counts as not determined at all, reaches
     unknown: float = IdentifiabilitySettings().unknown
 
     @property
@@ -44,21 +38,14 @@ class Direction:
 
 @dataclass(frozen=True, eq=False)
 class Identifiability:
-    """Verdict on one model and one set of traces.
+    """Verdict on one model and one set of traces."""
 
-    Args:
-        symbols: free parameters, P.
-        singular_values: of the whitened Jacobian in coordinates, falling, shape (P,).
-        directions: the null and the weak ones, worst first.
-        covariance: covariance of the coordinates, with the prior (`WIDE`) where the data have no information, (P, P).
-        lost: symbols that are not identifiable.
-    """
-
-    symbols: tuple[str, ...]
-    singular_values: np.ndarray
-    directions: tuple[Direction, ...]
+    symbols: tuple[str, ...]  # free parameters, P
+    singular_values: np.ndarray  # of the whitened Jacobian in coordinates, falling, shape (P,)
+    directions: tuple[Direction, ...]  # the null and the weak ones, worst first
+    # covariance of the coordinates, with the prior (`WIDE`) where the data have no information, (P, P)
     covariance: np.ndarray
-    lost: tuple[str, ...]
+    lost: tuple[str, ...]  # symbols that are not identifiable
 
 
 def analyse(
@@ -150,17 +137,11 @@ MECHANICAL = frozenset({"J_m", "J_L", "B_m", "B_L", "K_s", "T_PL", "T_f"})
 
 @dataclass(frozen=True)
 class Way:
-    """A rig test that determines parameters.
+    """A rig test that determines parameters."""
 
-    Args:
-        test: its name.
-        name: its name in words, with the article.
-        how: how it is made.
-    """
-
-    test: str
-    name: str
-    how: str
+    test: str  # its name
+    name: str  # its name in words, with the article
+    how: str  # how it is made
 
     def __str__(self) -> str:
         return f"{self.name} ({self.test}/: {self.how})"
@@ -168,17 +149,11 @@ class Way:
 
 @dataclass(frozen=True)
 class Cure:
-    """The measurements that would separate parameters.
+    """The measurements that would separate parameters."""
 
-    Args:
-        tests: rig tests that do so together.
-        besides: an alternative without another test; "" if there is none.
-        verb: the verb of the sentence, as "determines R_a"; "" if `besides` is a whole sentence.
-    """
-
-    tests: tuple[Way, ...] = ()
-    besides: str = ""
-    verb: str = "separates them"
+    tests: tuple[Way, ...] = ()  # rig tests that do so together
+    besides: str = ""  # an alternative without another test; "" if there is none
+    verb: str = "separates them"  # the verb of the sentence, as "determines R_a"; "" if `besides` is a whole sentence
 
     def words(self, made: Collection[str]) -> str:
         """The cure for a rig with these tests: a test that was made is not advised as if it had not been made."""
@@ -195,15 +170,10 @@ class Cure:
 
 @dataclass(frozen=True)
 class Rule:
-    """Applies to sets of symbols with all of `every`, at least `some_count` of `some`, and none outside `within`.
+    """Applies to sets of symbols with all of `every`, at least `some_count` of `some`, and none outside `within`."""
 
-    Args:
-        says: what the data show of them; follows the symbols' names.
-        cure: what would separate them.
-    """
-
-    says: str
-    cure: Cure
+    says: str  # what the data show of them; follows the symbols' names
+    cure: Cure  # what would separate them
     every: frozenset[str] = frozenset()
     some: frozenset[str] = MECHANICAL
     some_count: int = 0

@@ -29,22 +29,15 @@ _TINY = 1e-30  # step into the complex plane
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter and its uncertainty, SI.
+    """A parameter and its uncertainty, SI."""
 
-    Args:
-        value: value at the optimum.
-        stderr: standard error; None if the parameter is not estimated or not identifiable.
-        low, high: 95 % interval, or None likewise; of a compromise the range from subsets of the data.
-        status: "estimated", "fixed", "tied", "not identifiable" or "compromise".
-        remark: a further remark for the reader, or None.
-    """
-
-    value: float
-    stderr: float | None
+    value: float  # value at the optimum
+    stderr: float | None  # standard error; None if the parameter is not estimated or not identifiable
+    # low, high: 95 % interval, or None likewise; of a compromise the range from subsets of the data
     low: float | None
     high: float | None
-    status: str
-    remark: str | None = None
+    status: str  # "estimated", "fixed", "tied", "not identifiable" or "compromise"
+    remark: str | None = None  # a further remark for the reader, or None
 
     @property
     def spread(self) -> float | None:
@@ -80,19 +73,13 @@ def intervals(result: FitResult) -> dict[str, Interval]:
 
 @dataclass(frozen=True)
 class Lump:
-    """A combination of parameters that may be known although its parts are not.
+    """A combination of parameters that may be known although its parts are not."""
 
-    Args:
-        unit: SI unit.
-        meaning: meaning, with the formula first.
-        formula: the combination as a function of the values (SI, by symbol) and the gear ratio.
-        electric: whether it needs an electrical side.
-    """
-
-    unit: str
-    meaning: str
+    unit: str  # SI unit
+    meaning: str  # meaning, with the formula first
+    # the combination as a function of the values (SI, by symbol) and the gear ratio
     formula: Callable[[Mapping[str, Any], float], Any]
-    electric: bool = False
+    electric: bool = False  # whether it needs an electrical side
 
 
 LUMPS: dict[str, Lump] = {
@@ -234,14 +221,10 @@ def _root(variance: float) -> float | None:
 
 @dataclass(frozen=True)
 class _Source:
-    """One source of uncertainty.
+    """One source of uncertainty."""
 
-    Args:
-        words: its name in words.
-        moves: values of effects of the rig for one standard deviation of it, SI.
-    """
-
-    words: str
+    words: str  # its name in words
+    # values of effects of the rig for one standard deviation of it, SI
     moves: tuple[tuple[type[AbstractRigEffect], float], ...]
 
 

@@ -111,16 +111,11 @@ def _end(
 
 
 class _Begun(NamedTuple):
-    """A rig ready to be fitted.
+    """A rig ready to be fitted."""
 
-    Args:
-        model: the model and its traces.
-        readings: the readings of the paper's graphs.
-        held_out, notes: as `Prepared` has them.
-    """
-
-    model: Model
-    readings: Readings
+    model: Model  # the model and its traces
+    readings: Readings  # the readings of the paper's graphs
+    # held_out, notes: as `Prepared` has them
     held_out: tuple[Trace, ...]
     notes: tuple[str, ...]
 
@@ -178,32 +173,21 @@ def _ended(
 
 
 class Descent(NamedTuple):
-    """One descent from a starting point.
+    """One descent from a starting point."""
 
-    Args:
-        end: coordinates of its end, shape (P,).
-        before, after: chi2 at its start and its end.
-        steps: Levenberg-Marquardt steps.
-    """
-
-    end: np.ndarray
+    end: np.ndarray  # coordinates of its end, shape (P,)
+    # before, after: chi2 at its start and its end
     before: float
     after: float
-    steps: int
+    steps: int  # Levenberg-Marquardt steps
 
 
 class Deepest(NamedTuple):
-    """The lowest end of all descents.
+    """The lowest end of all descents."""
 
-    Args:
-        x: its coordinates, shape (P,).
-        starts: every descent, in the order of the starting points.
-        misfit: its chi2 per degree of freedom.
-    """
-
-    x: np.ndarray
-    starts: tuple[StartSummary, ...]
-    misfit: float
+    x: np.ndarray  # its coordinates, shape (P,)
+    starts: tuple[StartSummary, ...]  # every descent, in the order of the starting points
+    misfit: float  # its chi2 per degree of freedom
 
 
 def deepest(

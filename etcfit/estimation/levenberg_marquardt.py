@@ -171,19 +171,12 @@ def descend(
 
 @dataclass(frozen=True, eq=False)
 class LinearisedProblem:
-    """The problem linearised at a point.
+    """The problem linearised at a point."""
 
-    Args:
-        unit: chi2 per degree of freedom, at least 1: the unit of differences in chi2.
-        covariance: covariance of the coordinates, in that unit, shape (P, P).
-        gain: fall of chi2 by a full Gauss-Newton step, g^T F^-1 g, in that unit.
-        step: that step, -F^-1 g, shape (P,).
-    """
-
-    unit: float
-    covariance: np.ndarray
-    gain: float
-    step: np.ndarray
+    unit: float  # chi2 per degree of freedom, at least 1: the unit of differences in chi2
+    covariance: np.ndarray  # covariance of the coordinates, in that unit, shape (P, P)
+    gain: float  # fall of chi2 by a full Gauss-Newton step, g^T F^-1 g, in that unit
+    step: np.ndarray  # that step, -F^-1 g, shape (P,)
 
 
 def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> LinearisedProblem:

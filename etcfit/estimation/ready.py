@@ -37,17 +37,11 @@ def _left_out(measurement: Measurement) -> str:
 
 
 class Prepared(NamedTuple):
-    """The traces of a rig, ready for the model.
+    """The traces of a rig, ready for the model."""
 
-    Args:
-        fitted: traces to fit; at least one.
-        held_out: traces that are only predicted.
-        notes: one sentence on each trace that the model cannot predict, with the reason.
-    """
-
-    fitted: tuple[Trace, ...]
-    held_out: tuple[Trace, ...]
-    notes: tuple[str, ...]
+    fitted: tuple[Trace, ...]  # traces to fit; at least one
+    held_out: tuple[Trace, ...]  # traces that are only predicted
+    notes: tuple[str, ...]  # one sentence on each trace that the model cannot predict, with the reason
 
 
 def ready(rig: Rig) -> Prepared:

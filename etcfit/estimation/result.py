@@ -31,17 +31,11 @@ from .statement import whitened as whitened_of
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """Where the uncertainty of the parameters comes from.
+    """Where the uncertainty of the parameters comes from."""
 
-    Args:
-        sources: names of the sources: "scale of current", "zero of position", "gear ratio".
-        moves: shift of the coordinates by one standard deviation of each source, shape (S, P).
-        statistical: covariance of the coordinates without them, shape (P, P).
-    """
-
-    sources: tuple[str, ...]
-    moves: np.ndarray
-    statistical: np.ndarray
+    sources: tuple[str, ...]  # names of the sources: "scale of current", "zero of position", "gear ratio"
+    moves: np.ndarray  # shift of the coordinates by one standard deviation of each source, shape (S, P)
+    statistical: np.ndarray  # covariance of the coordinates without them, shape (P, P)
 
     def shares(self) -> np.ndarray:
         """Share of each source in each parameter's variance, the statistical one last, shape (S + 1, P)."""
@@ -62,18 +56,13 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True)
 class StartSummary:
-    """Start and end of one descent of the fit.
+    """Start and end of one descent of the fit."""
 
-    Args:
-        name: "reading" or the number of a perturbed start.
-        chi2_before, chi2_after: sums of squared residuals, each whitened by its own noise alone.
-        steps: Levenberg-Marquardt steps.
-    """
-
-    name: str
+    name: str  # "reading" or the number of a perturbed start
+    # chi2_before, chi2_after: sums of squared residuals, each whitened by its own noise alone
     chi2_before: float
     chi2_after: float
-    steps: int
+    steps: int  # Levenberg-Marquardt steps
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,55 +177,35 @@ class FitResult:
 
 @dataclass(frozen=True)
 class Termination:
-    """How the fit ended.
+    """How the fit ended."""
 
-    Args:
-        converged, reason: whether the end is an optimum, and why (not).
-        outliers: number of samples with reduced weight.
-        far: whether the model is far from the data and was fitted free-running.
-        wander: first row, shape (1, P): movement of the coordinates in the last round; if an impact or a slip falls on
-            either side of a sample, two whitenings alternate, and neither is better; the intervals include the
-            difference. Further rows: distances of nearby optima that the data hardly rule out (`likeliest_nearby`).
-        gain: fall of chi2 that the gradient predicts, in units of chi2 per degree of freedom.
-        reason_code: `reason` for programs; None if the end was not judged by the joint fit.
-    """
-
+    # converged, reason: whether the end is an optimum, and why (not)
     converged: bool
     reason: str
-    outliers: int = 0
-    far: bool = False
+    outliers: int = 0  # number of samples with reduced weight
+    far: bool = False  # whether the model is far from the data and was fitted free-running
+    # first row, shape (1, P): movement of the coordinates in the last round; if an impact or a slip falls on either
+    # side of a sample, two whitenings alternate, and neither is better; the intervals include the difference. Further
+    # rows: distances of nearby optima that the data hardly rule out (`likeliest_nearby`).
     wander: np.ndarray | None = None
-    gain: float = 0.0
-    reason_code: Reason | None = None
+    gain: float = 0.0  # fall of chi2 that the gradient predicts, in units of chi2 per degree of freedom
+    reason_code: Reason | None = None  # `reason` for programs; None if the end was not judged by the joint fit
 
 
 @dataclass(frozen=True, eq=False)
 class Optimum:
-    """The end of a fit.
+    """The end of a fit."""
 
-    Args:
-        rig: the rig as read.
-        readings: readings of the paper's graphs.
-        problem: the data as fitted.
-        held_out: traces that are only predicted.
-        weighted: the weighted data of the minimised residual.
-        x: coordinates of the end, shape (P,).
-        end: why the fit ended.
-        starts: the end of each start.
-        notes: warnings in addition to the rig's own.
-        settings: settings of the fit.
-    """
-
-    rig: Rig
-    readings: Readings
-    problem: EstimationProblem
-    held_out: tuple[Trace, ...]
-    weighted: WeightedData
-    x: np.ndarray
-    end: Termination
-    starts: tuple[StartSummary, ...] = ()
-    notes: tuple[str, ...] = ()
-    settings: FitSettings = FitSettings()
+    rig: Rig  # the rig as read
+    readings: Readings  # readings of the paper's graphs
+    problem: EstimationProblem  # the data as fitted
+    held_out: tuple[Trace, ...]  # traces that are only predicted
+    weighted: WeightedData  # the weighted data of the minimised residual
+    x: np.ndarray  # coordinates of the end, shape (P,)
+    end: Termination  # why the fit ended
+    starts: tuple[StartSummary, ...] = ()  # the end of each start
+    notes: tuple[str, ...] = ()  # warnings in addition to the rig's own
+    settings: FitSettings = FitSettings()  # settings of the fit
 
     @property
     def values(self) -> dict[str, float]:
@@ -295,19 +264,12 @@ def outcome(optimum: Optimum) -> FitResult:
 
 
 class _Spread(NamedTuple):
-    """Uncertainty of the coordinates, before the parts of the data are compared.
+    """Uncertainty of the coordinates, before the parts of the data are compared."""
 
-    Args:
-        certain: covariance if the model and the noise are right, shape (P, P).
-        covariance: widened for the residual of each channel and for rounds that alternate, shape (P, P).
-        widest: largest factor by which correlated channels widened a standard error; 1 if none.
-        alternating: symbols in which the rounds alternate.
-    """
-
-    certain: np.ndarray
-    covariance: np.ndarray
-    widest: float
-    alternating: tuple[str, ...]
+    certain: np.ndarray  # covariance if the model and the noise are right, shape (P, P)
+    covariance: np.ndarray  # widened for the residual of each channel and for rounds that alternate, shape (P, P)
+    widest: float  # largest factor by which correlated channels widened a standard error; 1 if none
+    alternating: tuple[str, ...]  # symbols in which the rounds alternate
 
 
 def _spread(optimum: Optimum, pieces: tuple[Piece, ...]) -> _Spread:

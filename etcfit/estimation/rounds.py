@@ -43,19 +43,12 @@ def quiet(text: str, share: float) -> None:
 
 
 class Reached(NamedTuple):
-    """The end of a part of the fit.
+    """The end of a part of the fit."""
 
-    Args:
-        problem: the data with the last releases, integrator states, jitter and outliers.
-        weighted: the weighted data of the minimised residual.
-        x: coordinates, shape (P,).
-        end: why it ended.
-    """
-
-    problem: EstimationProblem
-    weighted: WeightedData
-    x: np.ndarray
-    end: Termination
+    problem: EstimationProblem  # the data with the last releases, integrator states, jitter and outliers
+    weighted: WeightedData  # the weighted data of the minimised residual
+    x: np.ndarray  # coordinates, shape (P,)
+    end: Termination  # why it ended
 
     @property
     def misfit(self) -> float:

@@ -19,20 +19,14 @@ from .goodness import inflation
 
 
 class Piece(NamedTuple):
-    """The logged samples of one channel of one trace.
+    """The logged samples of one channel of one trace."""
 
-    Args:
-        test, file: its rig test and file.
-        jacobian: Jacobian of the whitened residual in the coordinates, shape (n, P).
-        r: whitened residual, shape (n,).
-        discount: assumed error of a sample in times its noise, for a model far from the data; else 1.
-    """
-
+    # test, file: its rig test and file
     test: str
     file: str
-    jacobian: np.ndarray
-    r: np.ndarray
-    discount: float = 1.0
+    jacobian: np.ndarray  # Jacobian of the whitened residual in the coordinates, shape (n, P)
+    r: np.ndarray  # whitened residual, shape (n,)
+    discount: float = 1.0  # assumed error of a sample in times its noise, for a model far from the data; else 1
 
     def residual_after(self, step: np.ndarray) -> np.ndarray:
         """r + J step: the residual after a step of the coordinates, shape (P,), to first order."""
@@ -155,19 +149,12 @@ def inflations_of(pieces: Iterable[Piece], step: np.ndarray | None = None) -> li
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Two parts of the data, compared.
+    """Two parts of the data, compared."""
 
-    Args:
-        own: statement of one part.
-        others: statement of all the rest, priors included.
-        reach: reach of each coordinate, shape (P,).
-        unknown: standard deviation above which a direction or a parameter counts as not determined, reaches.
-    """
-
-    own: Statement
-    others: Statement
-    reach: np.ndarray
-    unknown: float
+    own: Statement  # statement of one part
+    others: Statement  # statement of all the rest, priors included
+    reach: np.ndarray  # reach of each coordinate, shape (P,)
+    unknown: float  # standard deviation above which a direction or a parameter counts as not determined, reaches
 
     @cached_property
     def _decomposed(self) -> tuple[np.ndarray, np.ndarray]:

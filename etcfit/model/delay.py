@@ -19,18 +19,12 @@ from .stepper import Acting, Reset, Step
 
 
 class Earlier(NamedTuple):
-    """An instant before each entry of a batch, never before its trace began, shape (T, L) each.
+    """An instant before each entry of a batch, never before its trace began, shape (T, L) each."""
 
-    Args:
-        row: the last entry at or before the instant.
-        share: its place in the step after that entry, as a share.
-        span: length of that step, s.
-        moves: 1 where a longer delay moves the instant, 0 at the begin of the trace; 0.5 at the border.
-    """
-
-    row: Int[AnyArray, "T L"]
-    share: Float[AnyArray, "T L"]
-    span: Float[AnyArray, "T L"]
+    row: Int[AnyArray, "T L"]  # the last entry at or before the instant
+    share: Float[AnyArray, "T L"]  # its place in the step after that entry, as a share
+    span: Float[AnyArray, "T L"]  # length of that step, s
+    # 1 where a longer delay moves the instant, 0 at the begin of the trace; 0.5 at the border
     moves: Float[AnyArray, "T L"]
 
     def between(self, first: Float[AnyArray, "*K T L"], then: Float[AnyArray, "*K T L"]) -> Float[AnyArray, "*K T L"]:
@@ -51,21 +45,16 @@ class Earlier(NamedTuple):
 
 
 class Between(NamedTuple):
-    """An instant for each entry of a batch, within its trace, for reading by a cubic; shape (T, L) each.
+    """An instant for each entry of a batch, within its trace, for reading by a cubic; shape (T, L) each."""
 
-    Args:
-        before, after: the entries around it.
-        s: its place in the step between them, as a share.
-        span: length of that step, s.
-        moves: 1 where another lateness moves the instant, 0 beyond an end of the trace; 0.5 at the border.
-        share, next_share: weights of the rises of the steps before and after an entry in the slope there, 1/s.
-    """
-
+    # before, after: the entries around it
     before: Int[AnyArray, "T L"]
     after: Int[AnyArray, "T L"]
-    s: Float[AnyArray, "T L"]
-    span: Float[AnyArray, "T L"]
+    s: Float[AnyArray, "T L"]  # its place in the step between them, as a share
+    span: Float[AnyArray, "T L"]  # length of that step, s
+    # 1 where another lateness moves the instant, 0 beyond an end of the trace; 0.5 at the border
     moves: Float[AnyArray, "T L"]
+    # share, next_share: weights of the rises of the steps before and after an entry in the slope there, 1/s
     share: Float[AnyArray, "T L"]
     next_share: Float[AnyArray, "T L"]
 
@@ -89,18 +78,13 @@ class Between(NamedTuple):
 
 
 class LateInput(NamedTuple):
-    """An input that acts late; each step has the mean of the input in it, jumps included.
+    """An input that acts late; each step has the mean of the input in it, jumps included."""
 
-    Args:
-        begins, ends: the instants whose level acts at the begin and the end of each step.
-        lead: part of each step before the first level of its trace would have acted, s.
-        dt: length of each step, s.
-    """
-
+    # begins, ends: the instants whose level acts at the begin and the end of each step
     begins: Earlier
     ends: Earlier
-    lead: Float[AnyArray, "T L"]
-    dt: Float[AnyArray, "T L"]
+    lead: Float[AnyArray, "T L"]  # part of each step before the first level of its trace would have acted, s
+    dt: Float[AnyArray, "T L"]  # length of each step, s
 
     def acting(
         self, begin: Float[AnyArray, "T L"], end: Float[AnyArray, "T L"], xp: Any = jnp
@@ -233,22 +217,17 @@ def _shares(
 
 
 class Clock(NamedTuple):
-    """The part of `Between` that does not depend on the lateness, shape (T, L) each.
+    """The part of `Between` that does not depend on the lateness, shape (T, L) each."""
 
-    Args:
-        dt: length of each step, s.
-        clock: time along each lane, s.
-        first, last: entries at the ends of each entry's trace.
-        began, ended: the times there, s.
-        share, next_share: see `Between`.
-    """
-
-    dt: Float[AnyArray, "T L"]
-    clock: Float[AnyArray, "T L"]
+    dt: Float[AnyArray, "T L"]  # length of each step, s
+    clock: Float[AnyArray, "T L"]  # time along each lane, s
+    # first, last: entries at the ends of each entry's trace
     first: Int[AnyArray, "T L"]
     last: Int[AnyArray, "T L"]
+    # began, ended: the times there, s
     began: Float[AnyArray, "T L"]
     ended: Float[AnyArray, "T L"]
+    # share, next_share: see `Between`
     share: Float[AnyArray, "T L"]
     next_share: Float[AnyArray, "T L"]
 

@@ -14,42 +14,28 @@ from .parameters import Scalar
 class Ecu(NamedTuple):
     """Limits and times of a discrete controller, without its gains. It is an argument of compiled programs: another ECU
     needs no compilation.
-
-    Args:
-        period: period of its clock, s.
-        supply: voltage at a duty of 100 %, V; the limit of the PID's output.
-        filter: time constant of the derivative's low-pass, s; 0 for none.
-        delay: delay from a tick, when it reads, to the action of its output, s.
-        pwm: resolution of the output, V; 0 for none.
-        resolution: resolution of the position that it reads, rad; 0 for none.
-        duty: largest duty of its output, a share of the supply.
-        integral: limit of its integral, a share of the supply; the integral continues while the output is at its limit.
-            0: no limit, and the integral is held there.
-        noise: standard deviation of the position that it reads, independent from tick to tick, rad.
-        lag: time constant of the filter in front of its converter, s; 0 for none.
-        slew: largest change of its output, V/s; 0 for none. The integral is held there too.
-        dead_band: error below which the integral is held, rad; 0 for none.
-        setpoint_weight: b of Kp (b r - y): 1 if the proportional part acts on the error, 0 if on the position alone.
-        derivative_weight: c of Kd d(c r - y)/dt: 1 if the derivative is that of the error, 0 that of the position
-            alone.
-        compensated: 1 if it divides its output by the battery voltage, so that the output means volts; 0 if the output
-            is a duty of the present supply.
     """
 
-    period: float = 1e-3
-    supply: float = 12.0
-    filter: float = 2e-3
-    delay: float = 0.0
-    pwm: float = 0.0
-    resolution: float = 0.0
-    duty: float = 1.0
+    period: float = 1e-3  # period of its clock, s
+    supply: float = 12.0  # voltage at a duty of 100 %, V; the limit of the PID's output
+    filter: float = 2e-3  # time constant of the derivative's low-pass, s; 0 for none
+    delay: float = 0.0  # delay from a tick, when it reads, to the action of its output, s
+    pwm: float = 0.0  # resolution of the output, V; 0 for none
+    resolution: float = 0.0  # resolution of the position that it reads, rad; 0 for none
+    duty: float = 1.0  # largest duty of its output, a share of the supply
+    # limit of its integral, a share of the supply; the integral continues while the output is at its limit. 0: no
+    # limit, and the integral is held there.
     integral: float = 0.0
-    noise: float = 0.0
-    lag: float = 0.0
-    slew: float = 0.0
-    dead_band: float = 0.0
+    noise: float = 0.0  # standard deviation of the position that it reads, independent from tick to tick, rad
+    lag: float = 0.0  # time constant of the filter in front of its converter, s; 0 for none
+    slew: float = 0.0  # largest change of its output, V/s; 0 for none. The integral is held there too.
+    dead_band: float = 0.0  # error below which the integral is held, rad; 0 for none
+    # b of Kp (b r - y): 1 if the proportional part acts on the error, 0 if on the position alone
     setpoint_weight: float = 1.0
+    # c of Kd d(c r - y)/dt: 1 if the derivative is that of the error, 0 that of the position alone
     derivative_weight: float = 1.0
+    # 1 if it divides its output by the battery voltage, so that the output means volts; 0 if the output is a duty of
+    # the present supply
     compensated: float = 0.0
 
     @property
@@ -96,16 +82,11 @@ class Notation:
         Kp = P u/e,   Ki = I u/(e t),   Kd = D u t/e
 
     u is one unit of its output in V, e one of its error in rad, t its period if it counts ticks, else 1 s.
-
-    Args:
-        output: unit of the output: "V", or "%" of duty.
-        error: unit of the error: "rad", "deg", or "%" of the travel.
-        form: "ticks" (I per tick and D in ticks) or "seconds".
     """
 
-    output: str = "V"
-    error: str = "rad"
-    form: str = "seconds"
+    output: str = "V"  # unit of the output: "V", or "%" of duty
+    error: str = "rad"  # unit of the error: "rad", "deg", or "%" of the travel
+    form: str = "seconds"  # "ticks" (I per tick and D in ticks) or "seconds"
 
     @property
     def unit(self) -> str:

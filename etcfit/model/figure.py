@@ -11,25 +11,15 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a result.
+    """A figure of a result."""
 
-    Args:
-        symbol: name of the field, and key in JSON; it ends in the unit.
-        unit: unit for readers, "" for none.
-        name: a few words for use in a sentence.
-        meaning: one sentence for readers of JSON or the reference.
-        heading: heading of its column in a table; empty: a sentence below the table states it.
-        limit: default upper limit; infinite for none.
-        how: further data with which the declaring class computes it.
-    """
-
-    symbol: str
-    unit: str
-    name: str
-    meaning: str
-    heading: str = ""
-    limit: float = math.inf
-    how: Mapping[str, Any] = field(default_factory=dict)
+    symbol: str  # name of the field, and key in JSON; it ends in the unit
+    unit: str  # unit for readers, "" for none
+    name: str  # a few words for use in a sentence
+    meaning: str  # one sentence for readers of JSON or the reference
+    heading: str = ""  # heading of its column in a table; empty: a sentence below the table states it
+    limit: float = math.inf  # default upper limit; infinite for none
+    how: Mapping[str, Any] = field(default_factory=dict)  # further data with which the declaring class computes it
 
 
 def figure(unit: str, name: str, meaning: str, heading: str = "", limit: float = math.inf, **how: Any) -> Any:

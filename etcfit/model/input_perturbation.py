@@ -24,16 +24,11 @@ _KNOWN = ("torque", "drive", "voltage", "friction", "position", "current", "dz")
 
 
 class StageInputs(NamedTuple):
-    """The point at which a stage of a step evaluates the effects.
+    """The point at which a stage of a step evaluates the effects."""
 
-    Args:
-        x: the state that the stage guesses.
-        u: inputs there, the gear's load included.
-        dx, du: changes from there to the end of the stage, loads to first order.
-    """
-
-    x: State
-    u: Inputs
+    x: State  # the state that the stage guesses
+    u: Inputs  # inputs there, the gear's load included
+    # dx, du: changes from there to the end of the stage, loads to first order
     dx: State
     du: Inputs
 

@@ -31,21 +31,15 @@ MIDDLE = 0.25  # share of the travel: the default operating point, the middle of
 
 @dataclass(frozen=True)
 class TransferFunction:
-    """G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), followed by exp(-s delay) / (lag s + 1).
+    """G(s) = b0 / (s^3 + a2 s^2 + a1 s + a0), followed by exp(-s delay) / (lag s + 1)."""
 
-    Args:
-        b0: numerator, in output unit over input unit, 1/s3.
-        a2, a1, a0: 1/s, 1/s2, 1/s3.
-        delay: delay of the input, s.
-        lag: time constant of the position sensor, s.
-    """
-
-    b0: Scalar
+    b0: Scalar  # numerator, in output unit over input unit, 1/s3
+    # a2, a1, a0: 1/s, 1/s2, 1/s3
     a2: Scalar
     a1: Scalar
     a0: Scalar
-    delay: Scalar = 0.0
-    lag: Scalar = 0.0
+    delay: Scalar = 0.0  # delay of the input, s
+    lag: Scalar = 0.0  # time constant of the position sensor, s
 
     @property
     def num(self) -> tuple[Scalar, ...]:

@@ -17,17 +17,11 @@ UNIT = "V/rad"  # unit of Kp; Ki is per s, Kd times s
 
 
 class Gains(NamedTuple):
-    """v = Kp e + Ki int e dt + Kd de/dt, e the angle's error.
+    """v = Kp e + Ki int e dt + Kd de/dt, e the angle's error."""
 
-    Args:
-        Kp: V/rad.
-        Ki: V/(rad s).
-        Kd: V s/rad.
-    """
-
-    Kp: Scalar
-    Ki: Scalar
-    Kd: Scalar
+    Kp: Scalar  # V/rad
+    Ki: Scalar  # V/(rad s)
+    Kd: Scalar  # V s/rad
 
     @classmethod
     def stacked(cls, *several: Gains) -> Gains:
@@ -46,17 +40,11 @@ class Gains(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The memory of a PID from tick to tick.
+    """The memory of a PID from tick to tick."""
 
-    Args:
-        integral: integral part, V.
-        filtered: c r - y after the derivative's low-pass, rad.
-        output: output before rounding to the PWM's resolution, V.
-    """
-
-    integral: Scalar
-    filtered: Scalar
-    output: Scalar
+    integral: Scalar  # integral part, V
+    filtered: Scalar  # c r - y after the derivative's low-pass, rad
+    output: Scalar  # output before rounding to the PWM's resolution, V
 
     @classmethod
     def at_rest(cls, gains: Gains, ecu: Ecu, angle: Scalar) -> Memory:

@@ -36,35 +36,21 @@ _APART = 0.02  # torque at which a motor leaves the teeth of a resting plate, N 
 
 
 class Command(NamedTuple):
-    """Inputs of an ECU that is part of the model during one step.
+    """Inputs of an ECU that is part of the model during one step."""
 
-    Args:
-        active: 1 if it drives the throttle.
-        tick: 1 if its output changes at the step's begin, else 0.
-        setpoint: the setpoint that it read for that tick, rad.
-        ahead: its feed-forward for that setpoint, a share of its supply.
-        origin: angle at which the trace began, rad.
-    """
-
-    active: Scalar
-    tick: Scalar
-    setpoint: Scalar
-    ahead: Scalar
-    origin: Scalar
+    active: Scalar  # 1 if it drives the throttle
+    tick: Scalar  # 1 if its output changes at the step's begin, else 0
+    setpoint: Scalar  # the setpoint that it read for that tick, rad
+    ahead: Scalar  # its feed-forward for that setpoint, a share of its supply
+    origin: Scalar  # angle at which the trace began, rad
 
 
 class Edge(NamedTuple):
-    """Dependence of the steps between two samples on the instant of a jump of the input, at a share s of the interval.
+    """Dependence of the steps between two samples on the instant of a jump of the input, at a share s of the interval."""
 
-    Args:
-        turn: 0 or 1: s = turn + phase of the rig test's edges (`rig_effects.edge_phase`).
-        span: d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 without a jump.
-        moves: d time / ds of the step's end, s.
-    """
-
-    turn: Scalar
-    span: Scalar
-    moves: Scalar
+    turn: Scalar  # 0 or 1: s = turn + phase of the rig test's edges (`rig_effects.edge_phase`)
+    span: Scalar  # d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 without a jump
+    moves: Scalar  # d time / ds of the step's end, s
 
 
 class StepBesides(NamedTuple):
@@ -90,53 +76,37 @@ class Acting(NamedTuple):
 
 
 class Step(NamedTuple):
-    """All data of one step except parameters and state; in a batch each entry has shape (T, L).
+    """All data of one step except parameters and state; in a batch each entry has shape (T, L)."""
 
-    Args:
-        dt: length, s; 0 at the first entry of a trace.
-        voltage0, voltage1: terminal voltage at its begin and end, V; linear in between.
-        torque0, torque1: motor torque at the plate if there is no electrical side, N m.
-        time: time since the trace began, at the end of the step, s.
-        mobile: 0 while the plate is held, else 1.
-        circuit: 0 if the terminals are open or there is no electrical side, else 1.
-        plate: 0 if the motor runs alone, else 1.
-        series: extra circuit resistance, ohm.
-        gear_ratio: N, motor angle over plate angle.
-        lower, upper: end stops, rad.
-        guide_stiffness: stiffness of a guide along the measured angle, V/rad at the terminals; 0 in a free run.
-        target0, target1: measured angle at the step's begin and end, rad.
-        lever: torque of the guide per volt if there is no circuit, N m/V.
-        command: inputs of an ECU in the model; None without an ECU.
-        edge: data of an edge in step with the samples; None if there is none.
-        trace: `number_of` the file of the trace; None if the batch was not made of traces.
-        duty: duty of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None if there is none.
-        besides: known contributions in addition to the effects, or None. No ECU in the model sees its readings.
-        acting: voltage and torque that act in place of the rig's, if they act late; else None.
-    """
-
-    dt: Scalar
+    dt: Scalar  # length, s; 0 at the first entry of a trace
+    # voltage0, voltage1: terminal voltage at its begin and end, V; linear in between
     voltage0: Scalar
     voltage1: Scalar
+    # torque0, torque1: motor torque at the plate if there is no electrical side, N m
     torque0: Scalar
     torque1: Scalar
-    time: Scalar
-    mobile: Scalar
-    circuit: Scalar
-    plate: Scalar
-    series: Scalar
-    gear_ratio: Scalar
+    time: Scalar  # time since the trace began, at the end of the step, s
+    mobile: Scalar  # 0 while the plate is held, else 1
+    circuit: Scalar  # 0 if the terminals are open or there is no electrical side, else 1
+    plate: Scalar  # 0 if the motor runs alone, else 1
+    series: Scalar  # extra circuit resistance, ohm
+    gear_ratio: Scalar  # N, motor angle over plate angle
+    # lower, upper: end stops, rad
     lower: Scalar
     upper: Scalar
-    guide_stiffness: Scalar
+    guide_stiffness: Scalar  # stiffness of a guide along the measured angle, V/rad at the terminals; 0 in a free run
+    # target0, target1: measured angle at the step's begin and end, rad
     target0: Scalar
     target1: Scalar
-    lever: Scalar
-    command: Command | None = None
-    edge: Edge | None = None
-    trace: Scalar | None = None
+    lever: Scalar  # torque of the guide per volt if there is no circuit, N m/V
+    command: Command | None = None  # inputs of an ECU in the model; None without an ECU
+    edge: Edge | None = None  # data of an edge in step with the samples; None if there is none
+    trace: Scalar | None = None  # `number_of` the file of the trace; None if the batch was not made of traces
+    # duty of a bridge whose supply was not logged, -1 to 1, 0 in other traces; None if there is none
     duty: Scalar | None = None
+    # known contributions in addition to the effects, or None. No ECU in the model sees its readings.
     besides: StepBesides | None = None
-    acting: Acting | None = None
+    acting: Acting | None = None  # voltage and torque that act in place of the rig's, if they act late; else None
 
     @property
     def levels(self) -> Acting:
@@ -265,23 +235,14 @@ def memory(
 
 
 class _Play(NamedTuple):
-    """The play of a gear while the plate rests on its lower stop: there the motor turns alone.
+    """The play of a gear while the plate rests on its lower stop: there the motor turns alone."""
 
-    Args:
-        there: whether there is any play.
-        alone: whether the motor turns alone.
-        stop: stop of the plate, rad, at which the teeth that open it are.
-        fastest: speed that crosses the play within the step, rad/s.
-        damping: c of an impact on the teeth of a plate on its stop, s/rad.
-        restitution: share of the speed after an impact on the teeth that open the plate.
-    """
-
-    there: Bool[AnyArray, ...]
-    alone: Bool[AnyArray, ...]
-    stop: Scalar
-    fastest: Scalar
-    damping: Scalar
-    restitution: Scalar
+    there: Bool[AnyArray, ...]  # whether there is any play
+    alone: Bool[AnyArray, ...]  # whether the motor turns alone
+    stop: Scalar  # stop of the plate, rad, at which the teeth that open it are
+    fastest: Scalar  # speed that crosses the play within the step, rad/s
+    damping: Scalar  # c of an impact on the teeth of a plate on its stop, s/rad
+    restitution: Scalar  # share of the speed after an impact on the teeth that open the plate
 
     @classmethod
     def at(cls, x: State, u: Inputs, c: Contribution, dt: Scalar) -> _Play:
@@ -361,24 +322,18 @@ class _Contact(NamedTuple):
 
 
 class _Stage(NamedTuple):
-    """A solved stage, with the data for its tangents.
+    """A solved stage, with the data for its tangents."""
 
-    Args:
-        x: its state.
-        free: 1 if the plate moves or may move, 0 if it sticks, is held, or rests on a stop.
-        torque, voltage: slopes of the balances.
-        friction, inertia, inductance: values at the guess.
-        per_speed: di/domega; mass, share: divisors of the equations of speed and current.
-    """
-
-    x: State
-    free: Scalar
+    x: State  # its state
+    free: Scalar  # 1 if the plate moves or may move, 0 if it sticks, is held, or rests on a stop
+    # torque, voltage: slopes of the balances
     torque: _Slopes
     voltage: _Slopes
+    # friction, inertia, inductance: values at the guess
     friction: Scalar
     inertia: Scalar
     inductance: Scalar
-    per_speed: Scalar
+    per_speed: Scalar  # di/domega; mass, share: divisors of the equations of speed and current
     mass: Scalar
     share: Scalar
 
@@ -565,14 +520,10 @@ step_between_ticks.defjvp(_step_and_tangent, symbolic_zeros=True)
 
 
 class Reset(NamedTuple):
-    """The begins of traces in a batch; entries of shape (T, L).
+    """The begins of traces in a batch; entries of shape (T, L)."""
 
-    Args:
-        begins: 1 at the first entry of a trace, else 0.
-        i, theta, omega: initial state, A, rad and rad/s.
-    """
-
-    begins: Scalar
+    begins: Scalar  # 1 at the first entry of a trace, else 0
+    # i, theta, omega: initial state, A, rad and rad/s
     i: Scalar
     theta: Scalar
     omega: Scalar

@@ -31,13 +31,11 @@ class Throttle(eqx.Module):
     """Eqs. 1-2 of the paper with all added effects.
 
     L di/dt = v + sum voltage,    J domega/dt + Sgn(omega) sum friction = sum torque,    dtheta/dt = omega
-
-    Args:
-        effects: effects inside the throttle; each adds to voltage, torque, friction, inertia ... (`Contribution`).
-        rig: effects between throttle and log: they change the inputs and the readings in some traces.
     """
 
+    # effects inside the throttle; each adds to voltage, torque, friction, inertia ... (`Contribution`).
     effects: tuple[AbstractEffect, ...]
+    # effects between throttle and log: they change the inputs and the readings in some traces
     rig: tuple[AbstractRigEffect, ...] = ()
 
     @classmethod

@@ -27,15 +27,10 @@ from .trace import Trace
 
 
 class Packing(NamedTuple):
-    """Traces in lanes.
+    """Traces in lanes."""
 
-    Args:
-        lanes: for each lane, the numbers of its traces in sequence.
-        length: number of entries of every lane.
-    """
-
-    lanes: list[list[int]]
-    length: int
+    lanes: list[list[int]]  # for each lane, the numbers of its traces in sequence
+    length: int  # number of entries of every lane
 
 
 def pack(lengths: Sequence[int], least: int = 0) -> Packing:
@@ -73,19 +68,12 @@ KINDS = ("current", "position", "emf", "motor_speed")  # channels of a slot
 
 
 class SampleSlots(NamedTuple):
-    """Measured samples at the end of each step, shape (T, L, M) each.
+    """Measured samples at the end of each step, shape (T, L, M) each."""
 
-    Args:
-        value: sample, SI unit of its channel; 0 without a sample.
-        weight: 1 if there is a sample to fit, else 0.
-        sigma: standard deviation of its noise, unit of the value; 1 without a sample.
-        kind: its channel, an index into `KINDS`.
-    """
-
-    value: Float[AnyArray, "T L M"]
-    weight: Float[AnyArray, "T L M"]
-    sigma: Float[AnyArray, "T L M"]
-    kind: Float[AnyArray, "T L M"]
+    value: Float[AnyArray, "T L M"]  # sample, SI unit of its channel; 0 without a sample
+    weight: Float[AnyArray, "T L M"]  # 1 if there is a sample to fit, else 0
+    sigma: Float[AnyArray, "T L M"]  # standard deviation of its noise, unit of the value; 1 without a sample
+    kind: Float[AnyArray, "T L M"]  # its channel, an index into `KINDS`
 
 
 class Disturbance(NamedTuple):
@@ -94,44 +82,34 @@ class Disturbance(NamedTuple):
     The error e of the input (V, or N m if a torque is the input) changes from step to step as
 
         e_k = keep_k e_{k-1} + w_k,    var w_k = fresh_k
-
-    Args:
-        keep: share of the input's error kept from the step before, dimensionless.
-        fresh: variance added to it, V^2 or (N m)^2.
-        edge: number of steps of an interval in which the input jumps, at its last entry; else 0.
-        edge_from, edge_to: input before and after that jump, V or N m.
-        edge_span: length of that interval, s.
-        spacing: time since the sample before, s.
-        start_i, start_theta, start_omega: variance of the initial state, A^2, rad^2 and (rad/s)^2.
-        release: variance of the release instant, s^2, at the entry of the step that follows it; else 0.
-        seen: variance of the instant at which an ECU in the model read its setpoint's jump, s^2, at the entry before
-            the step that ends there; else 0.
-        follows: d dt / d instant of each step's length, because the ECU's ticks are in step with that instant: > 0
-            before the jump and before a tick, < 0 after one, 0 if the step does not depend on it.
     """
 
-    keep: Float[AnyArray, "T L"]
-    fresh: Float[AnyArray, "T L"]
-    edge: Float[AnyArray, "T L"]
+    keep: Float[AnyArray, "T L"]  # share of the input's error kept from the step before, dimensionless
+    fresh: Float[AnyArray, "T L"]  # variance added to it, V^2 or (N m)^2
+    edge: Float[AnyArray, "T L"]  # number of steps of an interval in which the input jumps, at its last entry; else 0
+    # edge_from, edge_to: input before and after that jump, V or N m
     edge_from: Float[AnyArray, "T L"]
     edge_to: Float[AnyArray, "T L"]
-    edge_span: Float[AnyArray, "T L"]
-    spacing: Float[AnyArray, "T L"]
+    edge_span: Float[AnyArray, "T L"]  # length of that interval, s
+    spacing: Float[AnyArray, "T L"]  # time since the sample before, s
+    # start_i, start_theta, start_omega: variance of the initial state, A^2, rad^2 and (rad/s)^2
     start_i: Float[AnyArray, "T L"]
     start_theta: Float[AnyArray, "T L"]
     start_omega: Float[AnyArray, "T L"]
+    # variance of the release instant, s^2, at the entry of the step that follows it; else 0
     release: Float[AnyArray, "T L"]
+    # variance of the instant at which an ECU in the model read its setpoint's jump, s^2, at the entry before the step
+    # that ends there; else 0
     seen: Float[AnyArray, "T L"]
+    # d dt / d instant of each step's length, because the ECU's ticks are in step with that instant: > 0 before the jump
+    # and before a tick, < 0 after one, 0 if the step does not depend on it
     follows: Float[AnyArray, "T L"]
 
 
 class BatchArrays(NamedTuple):
-    """The arrays of a `TraceBatch`, for compiled functions; axes T, L and M.
+    """The arrays of a `TraceBatch`, for compiled functions; axes T, L and M."""
 
-    Args:
-        steps, resets, slots, disturbance, test_of: see `TraceBatch`.
-    """
-
+    # steps, resets, slots, disturbance, test_of: see `TraceBatch`
     steps: Step
     resets: Reset
     slots: SampleSlots
@@ -141,26 +119,17 @@ class BatchArrays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TraceBatch:
-    """All traces of a problem as arrays over steps T, lanes L and sample slots M: the residual's data.
+    """All traces of a problem as arrays over steps T, lanes L and sample slots M: the residual's data."""
 
-    Args:
-        steps: integration steps: length, inputs, boundary conditions; (T, L).
-        resets: begins of traces and their initial states; (T, L).
-        slots: samples; (T, L, M).
-        disturbance: uncertainty of inputs and initial states; (T, L).
-        guidable: 1 where a logged angle exists for a guide, shape (T, L).
-        test_of: `number_of` the rig test of each entry's trace, shape (T, L); 0 in blank entries.
-        traces: the traces in the order given.
-        places: for each trace its lane, its first entry, and the entry of each of its n instants.
-    """
-
-    steps: Step
-    resets: Reset
-    slots: SampleSlots
-    disturbance: Disturbance
-    guidable: Float[np.ndarray, "T L"]
+    steps: Step  # integration steps: length, inputs, boundary conditions; (T, L)
+    resets: Reset  # begins of traces and their initial states; (T, L)
+    slots: SampleSlots  # samples; (T, L, M)
+    disturbance: Disturbance  # uncertainty of inputs and initial states; (T, L)
+    guidable: Float[np.ndarray, "T L"]  # 1 where a logged angle exists for a guide, shape (T, L)
+    # `number_of` the rig test of each entry's trace, shape (T, L); 0 in blank entries
     test_of: Float[np.ndarray, "T L"]
-    traces: tuple[Trace, ...]
+    traces: tuple[Trace, ...]  # the traces in the order given
+    # for each trace its lane, its first entry, and the entry of each of its n instants
     places: tuple[tuple[int, int, Int[np.ndarray, " _"]], ...]
 
     def stretches(self, count: int) -> Iterator[tuple[int, np.ndarray]]:

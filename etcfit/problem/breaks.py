@@ -11,17 +11,11 @@ from .trace import Trace
 
 
 class Breaks(NamedTuple):
-    """Ends of the steps of a trace.
+    """Ends of the steps of a trace."""
 
-    Args:
-        ends: ends of all steps, s; the first is the trace's first instant.
-        interval: the interval between instants in which each step lies.
-        marks: the step that ends at each of the n instants.
-    """
-
-    ends: Float[np.ndarray, " rows"]
-    interval: Int[np.ndarray, " rows"]
-    marks: Int[np.ndarray, " n"]
+    ends: Float[np.ndarray, " rows"]  # ends of all steps, s; the first is the trace's first instant
+    interval: Int[np.ndarray, " rows"]  # the interval between instants in which each step lies
+    marks: Int[np.ndarray, " n"]  # the step that ends at each of the n instants
 
 
 def breaks_of(trace: Trace, substeps: Int[np.ndarray, " intervals"]) -> Breaks:

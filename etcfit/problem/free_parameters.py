@@ -25,31 +25,21 @@ SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
 class Pick(NamedTuple):
-    """The parameters of the coordinates, and the values of all others; an argument of compiled programs.
+    """The parameters of the coordinates, and the values of all others; an argument of compiled programs."""
 
-    Args:
-        full: value of every parameter of the form, SI, shape (Q,).
-        where: index in `full` of each coordinate's parameter, shape (P,); Q for padding.
-    """
-
-    full: Float[AnyArray, " Q"]
-    where: Int[AnyArray, " P"]
+    full: Float[AnyArray, " Q"]  # value of every parameter of the form, SI, shape (Q,)
+    where: Int[AnyArray, " P"]  # index in `full` of each coordinate's parameter, shape (P,); Q for padding
 
 
 @dataclass(frozen=True)
 class Form:
     """The part of a model for which a program is compiled; hashable. The choice of free parameters is data (`Pick`), so
     another choice needs no compilation.
-
-    Args:
-        types: effects of the model.
-        parameters: every parameter, including those of the tests' circuits; Q.
-        ties: (symbol, the symbol it equals).
     """
 
-    types: tuple[type[AbstractEffect], ...]
-    parameters: tuple[Parameter, ...]
-    ties: tuple[tuple[str, str], ...]
+    types: tuple[type[AbstractEffect], ...]  # effects of the model
+    parameters: tuple[Parameter, ...]  # every parameter, including those of the tests' circuits; Q
+    ties: tuple[tuple[str, str], ...]  # (symbol, the symbol it equals)
 
     def __hash__(self) -> int:
         return self._hash
@@ -116,23 +106,14 @@ class Form:
 
 @dataclass(frozen=True)
 class Layout:
-    """The order of the parameters in the vectors of coordinates x and of held values.
+    """The order of the parameters in the vectors of coordinates x and of held values."""
 
-    Args:
-        types: effects of the model.
-        parameters: every parameter, including those of the tests' circuits.
-        free: symbols that are fitted, in the order of x; P of them.
-        held: symbols with a fixed value, in the order of the vector of held values; H of them.
-        ties: (symbol, the free or held symbol it equals).
-        room: length to which x is padded for compiled programs, so that models with a few more parameters use the same
-            programs.
-    """
-
-    types: tuple[type[AbstractEffect], ...]
-    parameters: tuple[Parameter, ...]
-    free: tuple[str, ...]
-    held: tuple[str, ...]
-    ties: tuple[tuple[str, str], ...]
+    types: tuple[type[AbstractEffect], ...]  # effects of the model
+    parameters: tuple[Parameter, ...]  # every parameter, including those of the tests' circuits
+    free: tuple[str, ...]  # symbols that are fitted, in the order of x; P of them
+    held: tuple[str, ...]  # symbols with a fixed value, in the order of the vector of held values; H of them
+    ties: tuple[tuple[str, str], ...]  # (symbol, the free or held symbol it equals)
+    # length to which x is padded for compiled programs, so that models with a few more parameters use the same programs
     room: int = 0
 
     @cached_property
@@ -224,19 +205,12 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class FreeParameters:
-    """The free parameters of a rig, and the values in rig.toml of all parameters.
+    """The free parameters of a rig, and the values in rig.toml of all parameters."""
 
-    Args:
-        layout: the free parameters.
-        held: values of the held parameters, SI, shape (H,).
-        priors: symbol -> (mean, standard deviation) of a Gaussian prior, SI.
-        start: symbol -> value from which the fit starts, SI.
-    """
-
-    layout: Layout
-    held: Float[np.ndarray, " H"]
-    priors: Mapping[str, tuple[float, float]]
-    start: Mapping[str, float]
+    layout: Layout  # the free parameters
+    held: Float[np.ndarray, " H"]  # values of the held parameters, SI, shape (H,)
+    priors: Mapping[str, tuple[float, float]]  # symbol -> (mean, standard deviation) of a Gaussian prior, SI
+    start: Mapping[str, float]  # symbol -> value from which the fit starts, SI
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         """All parameters at coordinates x, shape (P,): SI by symbol."""

@@ -34,15 +34,10 @@ from .process_noise import ORDER, ErrorProcess, error_process
 
 
 class Moved(NamedTuple):
-    """Places in the batch of samples that the rig logs late, at the instants that they show, shape (T, L, M) each.
+    """Places in the batch of samples that the rig logs late, at the instants that they show, shape (T, L, M) each."""
 
-    Args:
-        forth: entry whose sample belongs at this one; T if there is none.
-        back: entry at which this one's sample belongs; T if that is outside its trace.
-    """
-
-    forth: Int[AnyArray, "T L M"]
-    back: Int[AnyArray, "T L M"]
+    forth: Int[AnyArray, "T L M"]  # entry whose sample belongs at this one; T if there is none
+    back: Int[AnyArray, "T L M"]  # entry at which this one's sample belongs; T if that is outside its trace
 
 
 def shifted_samples_jax(array: Float[AnyArray, "T L M"], rows: Int[AnyArray, "T L M"]) -> Float[Array, "T L M"]:
@@ -66,20 +61,14 @@ def shifted_samples(
 class InnovationsFilter(NamedTuple):
     """A linear filter along the batch with n error states: current (A), angle (rad), speed (rad/s), memories of an ECU
     in the model, error of the input (V or N m). Formulas: head of this module.
-
-    Args:
-        transition: A, shape (..., n, n); 0 at the first entry of a trace.
-        sense: C, shape (..., M, n).
-        gain: K, shape (..., M, n).
-        weight: 1 / sqrt(S), shape (..., M), 1 over the unit of the sample; 0 without a sample.
-        moved: places of late samples; None if no sample moves.
     """
 
-    transition: Float[AnyArray, "*batch n n"]
-    sense: Float[AnyArray, "*batch M n"]
-    gain: Float[AnyArray, "*batch M n"]
+    transition: Float[AnyArray, "*batch n n"]  # A, shape (..., n, n); 0 at the first entry of a trace
+    sense: Float[AnyArray, "*batch M n"]  # C, shape (..., M, n)
+    gain: Float[AnyArray, "*batch M n"]  # K, shape (..., M, n)
+    # 1 / sqrt(S), shape (..., M), 1 over the unit of the sample; 0 without a sample
     weight: Float[AnyArray, "*batch M"]
-    moved: Moved | None = None
+    moved: Moved | None = None  # places of late samples; None if no sample moves
 
 
 def plain(slots: SampleSlots, order: int = ORDER) -> InnovationsFilter:

@@ -31,23 +31,17 @@ _GAMMA = 1.0  # width of its confidence intervals; wider ones would permit a bia
 
 @dataclass(frozen=True, eq=False)
 class InputSignal:
-    """The input of a trace at its instants; linear in between, or constant where `held`.
+    """The input of a trace at its instants; linear in between, or constant where `held`."""
 
-    Args:
-        value: V, or N m for a torque, shape (n,).
-        error: standard deviation of the remaining measurement noise, unit of the value, shape (n,).
-        memory: correlation of that error from one instant to the next, 0 to 1, shape (n,).
-        edge: True for an interval in which the input jumps, at an instant that was not logged, shape (n - 1,).
-        held: True for a duty, which an ECU holds from sample to sample.
-        turn: turns of edges in step with the samples, see `Measurement.edge_turn`, shape (n - 1,); NaN elsewhere.
-            None if there are none.
-    """
-
-    value: Float[np.ndarray, " n"]
+    value: Float[np.ndarray, " n"]  # V, or N m for a torque, shape (n,)
+    # standard deviation of the remaining measurement noise, unit of the value, shape (n,)
     error: Float[np.ndarray, " n"]
-    memory: Float[np.ndarray, " n"]
+    memory: Float[np.ndarray, " n"]  # correlation of that error from one instant to the next, 0 to 1, shape (n,)
+    # True for an interval in which the input jumps, at an instant that was not logged, shape (n - 1,)
     edge: Bool[np.ndarray, " n-1"]
-    held: bool = False
+    held: bool = False  # True for a duty, which an ECU holds from sample to sample
+    # turns of edges in step with the samples, see `Measurement.edge_turn`, shape (n - 1,); NaN elsewhere. None if there
+    # are none.
     turn: Float[np.ndarray, " n-1"] | None = None
 
     @property
@@ -81,22 +75,14 @@ _CENTRE, _CURVED = _savitzky_golay(np.arange(_WINDOWS[-1] + 1))  # a and b, by r
 
 
 class _Curves(NamedTuple):
-    """Edge-free stretches that are not straight, concatenated: N samples of K stretches.
+    """Edge-free stretches that are not straight, concatenated: N samples of K stretches."""
 
-    Args:
-        value: logged values.
-        first: the first sample of the own stretch.
-        place: index of a sample in `sums`.
-        inside: number of samples of the own stretch before or after it, whichever is smaller.
-        centre: place in the own stretch, from its middle.
-        sums: sums of the samples before, times place^0, place^1, place^2; from 0 for each stretch.
-    """
-
-    value: Float[np.ndarray, " N"]
-    first: Float[np.ndarray, " N"]
-    place: Int[np.ndarray, " N"]
-    inside: Int[np.ndarray, " N"]
-    centre: Float[np.ndarray, " N"]
+    value: Float[np.ndarray, " N"]  # logged values
+    first: Float[np.ndarray, " N"]  # the first sample of the own stretch
+    place: Int[np.ndarray, " N"]  # index of a sample in `sums`
+    inside: Int[np.ndarray, " N"]  # number of samples of the own stretch before or after it, whichever is smaller
+    centre: Float[np.ndarray, " N"]  # place in the own stretch, from its middle
+    # sums of the samples before, times place^0, place^1, place^2; from 0 for each stretch
     sums: Float[np.ndarray, "3 N+K"]
 
     @classmethod
@@ -223,17 +209,11 @@ def _batches(stretches: Sequence[_Stretch]) -> Iterator[list[_Stretch]]:
 
 
 class _Estimate(NamedTuple):
-    """The estimate of every sample.
+    """The estimate of every sample."""
 
-    Args:
-        value: V or N m.
-        variance: variance of its error, over sigma^2.
-        shared: number of consecutive samples with nearly the same error.
-    """
-
-    value: Float[np.ndarray, " n"]
-    variance: Float[np.ndarray, " n"]
-    shared: Float[np.ndarray, " n"]
+    value: Float[np.ndarray, " n"]  # V or N m
+    variance: Float[np.ndarray, " n"]  # variance of its error, over sigma^2
+    shared: Float[np.ndarray, " n"]  # number of consecutive samples with nearly the same error
 
 
 def _estimated(value: Float[np.ndarray, " n"], sigma: float, edge: Bool[np.ndarray, " n-1"]) -> _Estimate:

@@ -31,18 +31,13 @@ Simulate = Callable[[WeightedData], Float[AnyArray, "T L M"]]  # simulated value
 
 @dataclass(frozen=True, eq=False)
 class _Beginning:
-    """The samples that determine the initial voltage in the integral of a trace.
+    """The samples that determine the initial voltage in the integral of a trace."""
 
-    Args:
-        lane, rows: places of the samples in the simulated lanes; shape (k,).
-        data: the samples, SI, shape (k, M).
-        weight: 1 / sigma; 0 without a sample; shape (k, M).
-    """
-
+    # lane, rows: places of the samples in the simulated lanes; shape (k,)
     lane: int
     rows: Int[np.ndarray, " k"]
-    data: Float[np.ndarray, "k M"]
-    weight: Float[np.ndarray, "k M"]
+    data: Float[np.ndarray, "k M"]  # the samples, SI, shape (k, M)
+    weight: Float[np.ndarray, "k M"]  # 1 / sigma; 0 without a sample; shape (k, M)
 
     def misfit(self, seen: Float[np.ndarray, "T L M"]) -> float:
         """Sum of squared errors, each over its noise; infinite if the simulation fails."""

@@ -82,16 +82,11 @@ class Along:
 
 
 class Stored(NamedTuple):
-    """The layout of a tree that a kernel stores.
+    """The layout of a tree that a kernel stores."""
 
-    Args:
-        tree: its structure.
-        shapes: shapes of its leaves, at one entry.
-        blocks: range of stored numbers of each stored leaf, by the leaf's number; the end is exclusive.
-    """
-
-    tree: Any
-    shapes: tuple[tuple[int, ...], ...]
+    tree: Any  # its structure
+    shapes: tuple[tuple[int, ...], ...]  # shapes of its leaves, at one entry
+    # range of stored numbers of each stored leaf, by the leaf's number; the end is exclusive
     blocks: Mapping[int, tuple[int, int]]
 
     def over(self, kernel: Kernel, records: Records, values: Sequence[float] | np.ndarray) -> Any:

@@ -42,16 +42,11 @@ _GRAPHS, _KERNELS = 32, 256  # largest numbers that a process remembers
 
 
 class _Observed(NamedTuple):
-    """The sensors' readings after a step.
+    """The sensors' readings after a step."""
 
-    Args:
-        prompt: values of the slots that are not late, shape (M,).
-        signals: values of late channels at that instant.
-        acting, ways: the given ones.
-    """
-
-    prompt: Any
-    signals: Mapping[str, Any]
+    prompt: Any  # values of the slots that are not late, shape (M,)
+    signals: Mapping[str, Any]  # values of late channels at that instant
+    # acting, ways: the given ones
     acting: Any
     ways: Mapping[str, Any]
 
@@ -96,21 +91,13 @@ def _observed_kernel(arguments: _EntryArguments, free: tuple[str, ...]) -> Kerne
 
 
 class _Laid(NamedTuple):
-    """A batch in the form for `_observed`.
+    """A batch in the form for `_observed`."""
 
-    Args:
-        late: all delays in it.
-        tree: its entries.
-        rows: number of used entries of each lane, shape (L,).
-        renewed: leaves that change with the guide, and with the parameters.
-        places: entries, lanes and slots of each channel that may be late.
-    """
-
-    late: Shifts
-    tree: Any
-    rows: Int[np.ndarray, " L"]
-    renewed: frozenset[int]
-    places: Mapping[str, tuple[np.ndarray, ...]]
+    late: Shifts  # all delays in it
+    tree: Any  # its entries
+    rows: Int[np.ndarray, " L"]  # number of used entries of each lane, shape (L,)
+    renewed: frozenset[int]  # leaves that change with the guide, and with the parameters
+    places: Mapping[str, tuple[np.ndarray, ...]]  # entries, lanes and slots of each channel that may be late
 
     def shown(
         self, prompt: Float[np.ndarray, "*K T L M"], read: Mapping[str, Float[np.ndarray, "*K T L"]]

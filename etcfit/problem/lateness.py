@@ -47,21 +47,13 @@ class Simulated(NamedTuple):
 
 
 class Lags(NamedTuple):
-    """Delays of signals. Quantities that depend on no parameter, or are never late, are None or left out.
+    """Delays of signals. Quantities that depend on no parameter, or are never late, are None or left out."""
 
-    Args:
-        acting: voltage and torque of the rig, before their delay.
-        input: delay of the input, s.
-        dt: length of each step, s.
-        channels: delay of each channel, s.
-        logged: lateness of the rig's channels, s.
-    """
-
-    acting: Any
-    input: Any
-    dt: Any
-    channels: Mapping[str, Any]
-    logged: Mapping[str, Any]
+    acting: Any  # voltage and torque of the rig, before their delay
+    input: Any  # delay of the input, s
+    dt: Any  # length of each step, s
+    channels: Mapping[str, Any]  # delay of each channel, s
+    logged: Mapping[str, Any]  # lateness of the rig's channels, s
 
 
 def _lags(form: Form, values: Any, carried: Any, entry: Simulated) -> Any:
@@ -135,17 +127,11 @@ def _packed(form: Form, batch: Simulated) -> tuple[Records, _LagsKernel]:
 
 
 class _Reading(NamedTuple):
-    """The shift of a channel: first the delay of the throttle, then the lateness of the rig.
+    """The shift of a channel: first the delay of the throttle, then the lateness of the rig."""
 
-    Args:
-        delay: None without a delay.
-        logged: a `Between` of some lanes.
-        lanes: lanes in which the rig may log it late.
-    """
-
-    delay: Earlier | None
-    logged: Any
-    lanes: Int[np.ndarray, " l"]
+    delay: Earlier | None  # None without a delay
+    logged: Any  # a `Between` of some lanes
+    lanes: Int[np.ndarray, " l"]  # lanes in which the rig may log it late
 
     def read(self, signal: Signal) -> Signal:
         signal = signal if self.delay is None else self.delay.delayed(signal)

@@ -31,17 +31,11 @@ MOST_BYTES = 64 << 20  # largest size of a piece's Jacobian
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of a residual r and its Jacobian J at a point: (J^T J) d = -J^T r. Dimensionless.
+    """Normal equations of a residual r and its Jacobian J at a point: (J^T J) d = -J^T r. Dimensionless."""
 
-    Args:
-        chi2: r^T r.
-        gradient: J^T r, shape (P,).
-        information: J^T J, shape (P, P).
-    """
-
-    chi2: Float[AnyArray, ""]
-    gradient: Float[AnyArray, " P"]
-    information: Float[AnyArray, "P P"]
+    chi2: Float[AnyArray, ""]  # r^T r
+    gradient: Float[AnyArray, " P"]  # J^T r, shape (P,)
+    information: Float[AnyArray, "P P"]  # J^T J, shape (P, P)
 
     @property
     def finite(self) -> bool:
@@ -50,17 +44,11 @@ class NormalEquations(NamedTuple):
 
 
 class Linearised(NamedTuple):
-    """A residual and its Jacobian over coordinates, dimensionless.
+    """A residual and its Jacobian over coordinates, dimensionless."""
 
-    Args:
-        r: whitened residual, shape (T, L, M).
-        jacobian: dr/dx, shape (T, P, L, M).
-        equations: r^T r, J^T r and J^T J of both.
-    """
-
-    r: Float[AnyArray, "T L M"]
-    jacobian: Float[AnyArray, "T P L M"]
-    equations: NormalEquations
+    r: Float[AnyArray, "T L M"]  # whitened residual, shape (T, L, M)
+    jacobian: Float[AnyArray, "T P L M"]  # dr/dx, shape (T, P, L, M)
+    equations: NormalEquations  # r^T r, J^T r and J^T J of both
 
 
 def shared_out(

@@ -23,17 +23,11 @@ from .residual import Compared, WeightedData, equipped, shown
 
 
 class Carried(NamedTuple):
-    """The carry from one entry of a lane to the next.
+    """The carry from one entry of a lane to the next."""
 
-    Args:
-        x: state of the plate.
-        z: memories of the effects.
-        error: the n error states of the whitening filter, SI.
-    """
-
-    x: State
-    z: tuple[Scalar, ...]
-    error: tuple[Scalar, ...]
+    x: State  # state of the plate
+    z: tuple[Scalar, ...]  # memories of the effects
+    error: tuple[Scalar, ...]  # the n error states of the whitening filter, SI
 
 
 def has_single_pass(form: Form, weighted: WeightedData) -> bool:

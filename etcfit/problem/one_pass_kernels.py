@@ -29,17 +29,11 @@ LinearisedTrace = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, "_ _ _"]]  #
 
 
 class Sums(NamedTuple):
-    """Sums over all samples of r and of its derivatives D in the *values* of the free parameters.
+    """Sums over all samples of r and of its derivatives D in the *values* of the free parameters."""
 
-    Args:
-        chi2: r^T r, dimensionless.
-        gradient: D^T r, shape (P,), 1 over the unit of each parameter.
-        information: D^T D, shape (P, P).
-    """
-
-    chi2: float
-    gradient: Float[np.ndarray, " P"]
-    information: Float[np.ndarray, "P P"]
+    chi2: float  # r^T r, dimensionless
+    gradient: Float[np.ndarray, " P"]  # D^T r, shape (P,), 1 over the unit of each parameter
+    information: Float[np.ndarray, "P P"]  # D^T D, shape (P, P)
 
 
 def free_of(form: Form, pick: Pick) -> tuple[str, ...]:

@@ -15,23 +15,16 @@ from .trace import Trace
 
 @dataclass(frozen=True, eq=False)
 class PredictionError:
-    """Error of a free run, measured - simulated, in one channel of one trace.
+    """Error of a free run, measured - simulated, in one channel of one trace."""
 
-    Args:
-        file, test, channel: the channel.
-        unit: unit of rms and sigma, as logged.
-        n: number of samples.
-        rms: root mean square error.
-        sigma: standard deviation of the noise of one sample.
-    """
-
+    # file, test, channel: the channel
     file: str
     test: str
     channel: str
-    unit: str
-    n: int
-    rms: float
-    sigma: float
+    unit: str  # unit of rms and sigma, as logged
+    n: int  # number of samples
+    rms: float  # root mean square error
+    sigma: float  # standard deviation of the noise of one sample
 
 
 def pooled(every: Sequence[PredictionError]) -> float:

@@ -66,40 +66,27 @@ def _free_run_variance(
 
 
 class Linearisation(NamedTuple):
-    """The residual near coordinates x: r(x + d) = r + J d.
+    """The residual near coordinates x: r(x + d) = r + J d."""
 
-    Args:
-        r: whitened residual of the samples, shape (T, L, M), dimensionless.
-        prior: (x - mean) / sd of the priors, shape (P,), dimensionless; its own slope is 1 / sd.
-        jacobian: J = dr/dx, shape (T, L, M, P), over coordinates.
-    """
-
-    r: Float[np.ndarray, "T L M"]
-    prior: Float[np.ndarray, " P"]
-    jacobian: Float[np.ndarray, "T L M P"]
+    r: Float[np.ndarray, "T L M"]  # whitened residual of the samples, shape (T, L, M), dimensionless
+    prior: Float[np.ndarray, " P"]  # (x - mean) / sd of the priors, shape (P,), dimensionless; its own slope is 1 / sd
+    jacobian: Float[np.ndarray, "T L M P"]  # J = dr/dx, shape (T, L, M, P), over coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class EstimationProblem:
-    """Data and free parameters of a rig, and computations with both. Frozen: methods return new problems.
+    """Data and free parameters of a rig, and computations with both. Frozen: methods return new problems."""
 
-    Args:
-        config: the rig.
-        free_parameters: its free parameters, and the given values of all.
-        batch: its traces as arrays.
-        substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
-        sigma: noise of each sample, unit of the sample, increased for outliers; shape (T, L, M).
-        jitter: standard deviation of the sampling instants, as a share of the time between samples.
-        guide_stiffness: stiffness of the guide in the simulation of the residual, V/rad, or N m/rad if a torque is the
-            input; 0 for a free run.
-    """
-
-    config: RigConfig
-    free_parameters: FreeParameters
-    batch: TraceBatch
+    config: RigConfig  # the rig
+    free_parameters: FreeParameters  # its free parameters, and the given values of all
+    batch: TraceBatch  # its traces as arrays
+    # integration steps in each interval between instants, shape (n - 1,) for each trace
     substeps: tuple[Int[np.ndarray, " _"], ...]
+    # noise of each sample, unit of the sample, increased for outliers; shape (T, L, M)
     sigma: Float[np.ndarray, "T L M"]
-    jitter: float = 0.0
+    jitter: float = 0.0  # standard deviation of the sampling instants, as a share of the time between samples
+    # stiffness of the guide in the simulation of the residual, V/rad, or N m/rad if a torque is the input; 0 for a free
+    # run
     guide_stiffness: float = 0.0
 
     @classmethod

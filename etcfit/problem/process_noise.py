@@ -39,20 +39,14 @@ class ErrorProcess(NamedTuple):
     """The error of a simulation as a linear Gaussian process of n states: current (A), angle (rad), speed (rad/s),
     with an ECU in the model its memories and the error of the instant at which it last read its setpoint's jump (s),
     error of the input (V or N m). Formulas: head of this module.
-
-    Args:
-        transition: A, shape (..., n, n); 0 at the first entry of a trace.
-        noise: Q, shape (..., n, n); at the first entry of a trace the covariance of its initial state.
-        sense: C, shape (..., M, n).
-        variance: R without jitter, square of the sample's unit, shape (..., M).
-        timing: (dy/dt dt)^2, the contribution of a jitter of 1 to R, shape (..., M).
     """
 
-    transition: Float[AnyArray, "*batch n n"]
+    transition: Float[AnyArray, "*batch n n"]  # A, shape (..., n, n); 0 at the first entry of a trace
+    # Q, shape (..., n, n); at the first entry of a trace the covariance of its initial state
     noise: Float[AnyArray, "*batch n n"]
-    sense: Float[AnyArray, "*batch M n"]
-    variance: Float[AnyArray, "*batch M"]
-    timing: Float[AnyArray, "*batch M"]
+    sense: Float[AnyArray, "*batch M n"]  # C, shape (..., M, n)
+    variance: Float[AnyArray, "*batch M"]  # R without jitter, square of the sample's unit, shape (..., M)
+    timing: Float[AnyArray, "*batch M"]  # (dy/dt dt)^2, the contribution of a jitter of 1 to R, shape (..., M)
 
     def sample_variance(self, jitter: Scalar) -> Float[AnyArray, "*batch M"]:
         """R = variance + jitter^2 timing, shape (..., M), if instants scatter by `jitter` times the time between
@@ -67,15 +61,12 @@ def order_of(effects: Sequence[type[AbstractEffect]]) -> int:
 
 
 class Events(NamedTuple):
-    """Data of entries near an event in addition to their own step.
+    """Data of entries near an event in addition to their own step."""
 
-    Args:
-        lost: speed lost in an impact within some samples, rad/s, shape (T, L), see `impacts_nearby`.
-        edge: covariance by a jump of the input somewhere within an interval, at the interval's last step, shape
-            (T, L, 3, 3), see `edge_covariance`.
-    """
-
+    # speed lost in an impact within some samples, rad/s, shape (T, L), see `impacts_nearby`
     lost: Float[AnyArray, "*batch"]
+    # covariance by a jump of the input somewhere within an interval, at the interval's last step, shape (T, L, 3, 3),
+    # see `edge_covariance`
     edge: Float[AnyArray, "*batch 3 3"]
 
 

@@ -31,30 +31,19 @@ _AT_ONCE = 512  # entries that are transposed at once: more do not fit into the 
 
 
 class Group(NamedTuple):
-    """Lanes that run in parallel.
+    """Lanes that run in parallel."""
 
-    Args:
-        lanes: at most `LANES` lanes of the batch.
-        rows: number of entries of each; further entries are blank.
-    """
-
-    lanes: tuple[int, ...]
-    rows: tuple[int, ...]
+    lanes: tuple[int, ...]  # at most `LANES` lanes of the batch
+    rows: tuple[int, ...]  # number of entries of each; further entries are blank
 
 
 @dataclass(frozen=True, eq=False)
 class Grouped:
-    """An array over a batch in the form in which kernels store and read it, so that no packing is needed.
+    """An array over a batch in the form in which kernels store and read it, so that no packing is needed."""
 
-    Args:
-        shape: its shape as an array, T and L first.
-        groups: the lanes.
-        parts: their numbers, shape (longest, columns, `LANES`) each.
-    """
-
-    shape: tuple[int, ...]
-    groups: tuple[Group, ...]
-    parts: tuple[np.ndarray, ...]
+    shape: tuple[int, ...]  # its shape as an array, T and L first
+    groups: tuple[Group, ...]  # the lanes
+    parts: tuple[np.ndarray, ...]  # their numbers, shape (longest, columns, `LANES`) each
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         out = np.zeros(self.shape)
@@ -79,41 +68,26 @@ def as_numpy(tree: Any) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Entries:
-    """Arrays of a batch, and which of them change.
+    """Arrays of a batch, and which of them change."""
 
-    Args:
-        tree: arrays of NumPy, or `Grouped`, axes T and L first.
-        rows: number of entries of each lane, shape (L,).
-        renewed: numbers of the leaves, in JAX's order, that are read at every entry even if they are constant, because
-            other values will replace them.
-        muted: leaves that are 0 in blank entries.
-        never: columns that may be 0 everywhere by their meaning.
-        lasting: whether packed leaves are kept for further runs.
-    """
-
-    tree: Any
-    rows: Int[np.ndarray, " L"]
+    tree: Any  # arrays of NumPy, or `Grouped`, axes T and L first
+    rows: Int[np.ndarray, " L"]  # number of entries of each lane, shape (L,)
+    # numbers of the leaves, in JAX's order, that are read at every entry even if they are constant, because other
+    # values will replace them
     renewed: frozenset[int] = frozenset()
-    muted: frozenset[int] = frozenset()
-    never: tuple[Column, ...] = ()
-    lasting: bool = True
+    muted: frozenset[int] = frozenset()  # leaves that are 0 in blank entries
+    never: tuple[Column, ...] = ()  # columns that may be 0 everywhere by their meaning
+    lasting: bool = True  # whether packed leaves are kept for further runs
 
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """A batch packed for a kernel.
+    """A batch packed for a kernel."""
 
-    Args:
-        uniform: numbers that are the same at every entry, in the order of `Shape.uniform`.
-        groups: its lanes.
-        records: records of each group, packed once, or at every run.
-        shape: T and L.
-    """
-
-    uniform: Float[np.ndarray, " U"]
-    groups: tuple[Group, ...]
-    records: Sequence[Callable[[], tuple[np.ndarray, ...]]]
-    shape: tuple[int, int]
+    uniform: Float[np.ndarray, " U"]  # numbers that are the same at every entry, in the order of `Shape.uniform`
+    groups: tuple[Group, ...]  # its lanes
+    records: Sequence[Callable[[], tuple[np.ndarray, ...]]]  # records of each group, packed once, or at every run
+    shape: tuple[int, int]  # T and L
 
 
 def used_rows(steps: Step, resets: Reset) -> Int[np.ndarray, " L"]:

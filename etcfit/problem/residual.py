@@ -21,21 +21,16 @@ _LIMIT = 12.0  # V
 
 
 class WeightedData(NamedTuple):
-    """All data of the residual except the coordinates, as arrays.
+    """All data of the residual except the coordinates, as arrays."""
 
-    Args:
-        steps, resets, slots, test_of: the batch, see `TraceBatch`.
-        whitening: the frozen filter.
-        pick: the parameters of the coordinates, and the values of the others.
-        prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,), dimensionless; sd is inf without one.
-    """
-
+    # steps, resets, slots, test_of: the batch, see `TraceBatch`
     steps: Step
     resets: Reset
     slots: SampleSlots
     test_of: Float[AnyArray, "T L"]
-    whitening: InnovationsFilter
-    pick: Pick
+    whitening: InnovationsFilter  # the frozen filter
+    pick: Pick  # the parameters of the coordinates, and the values of the others
+    # prior_mean, prior_sd: Gaussian priors on the coordinates, shape (P,), dimensionless; sd is inf without one
     prior_mean: Float[AnyArray, " P"]
     prior_sd: Float[AnyArray, " P"]
 
@@ -115,19 +110,12 @@ def shown(
 
 
 class SimulatedRun(NamedTuple):
-    """A simulated batch.
+    """A simulated batch."""
 
-    Args:
-        throttle: the model.
-        path: its states and memories at the end of each step, shape (T, L) each.
-        steps: the simulated steps: with the rig's effects, late inputs, and the guide's lever.
-        resets: true initial states of its traces, which may differ from the logged ones by a rig effect.
-    """
-
-    throttle: Throttle
-    path: StatePath
-    steps: Step
-    resets: Reset
+    throttle: Throttle  # the model
+    path: StatePath  # its states and memories at the end of each step, shape (T, L) each
+    steps: Step  # the simulated steps: with the rig's effects, late inputs, and the guide's lever
+    resets: Reset  # true initial states of its traces, which may differ from the logged ones by a rig effect
 
 
 def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | WeightedData) -> SimulatedRun:
@@ -159,14 +147,10 @@ def prior_residual_here(x: Float[np.ndarray, "*K P"], weighted: WeightedData) ->
 
 
 class Compared(NamedTuple):
-    """A simulation and its residual, shape (T, L, M) each.
+    """A simulation and its residual, shape (T, L, M) each."""
 
-    Args:
-        seen: y_hat, the simulated value of each slot, SI.
-        r: whitened residual, dimensionless, 0 without a sample; standard normal if the model is right.
-    """
-
-    seen: Float[AnyArray, "*batch M"]
+    seen: Float[AnyArray, "*batch M"]  # y_hat, the simulated value of each slot, SI
+    # whitened residual, dimensionless, 0 without a sample; standard normal if the model is right
     r: Float[AnyArray, "*batch M"]
 
 

@@ -25,21 +25,13 @@ _UNIFORM = 1.0 / 12.0  # variance of an unknown share of the window
 
 @dataclass(frozen=True, eq=False)
 class Setpoint:
-    """The setpoint of a trace at its instants; linear in between, except where it jumps.
+    """The setpoint of a trace at its instants; linear in between, except where it jumps."""
 
-    Args:
-        instants: s, shape (n,).
-        value: rad, shape (n,).
-        jumps: intervals between instants in which it jumps, shape (k,).
-        share: place in its window at which the ECU read each jump, 0 to 1, shape (k,).
-        period: period of the ECU's clock, s.
-    """
-
-    instants: Float[np.ndarray, " n"]
-    value: Float[np.ndarray, " n"]
-    jumps: Int[np.ndarray, " k"]
-    share: Float[np.ndarray, " k"]
-    period: float
+    instants: Float[np.ndarray, " n"]  # s, shape (n,)
+    value: Float[np.ndarray, " n"]  # rad, shape (n,)
+    jumps: Int[np.ndarray, " k"]  # intervals between instants in which it jumps, shape (k,)
+    share: Float[np.ndarray, " k"]  # place in its window at which the ECU read each jump, 0 to 1, shape (k,)
+    period: float  # period of the ECU's clock, s
 
     @classmethod
     def of_measurement(cls, measurement: Measurement, period: float) -> Setpoint:

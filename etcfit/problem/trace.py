@@ -17,43 +17,27 @@ from .setpoint import Setpoint
 
 @dataclass(frozen=True, eq=False)
 class InitialState:
-    """State at the first instant and its uncertainty.
+    """State at the first instant and its uncertainty."""
 
-    Args:
-        state: current (A), angle (rad), speed (rad/s).
-        sd: their standard deviations, same units; 0 if known exactly, as on a stop.
-    """
-
-    state: tuple[float, float, float]
-    sd: tuple[float, float, float]
+    state: tuple[float, float, float]  # current (A), angle (rad), speed (rad/s)
+    sd: tuple[float, float, float]  # their standard deviations, same units; 0 if known exactly, as on a stop
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """One measurement, prepared for the model.
+    """One measurement, prepared for the model."""
 
-    Args:
-        measurement: the measurement as read.
-        test: its rig test.
-        instants: instants of its samples, s, shape (n,).
-        input: its input; None with open terminals.
-        channels: M names of observed channels.
-        data: samples, SI, shape (n, M); NaN where nothing was logged.
-        sigma: standard deviation of the noise of one sample, SI, shape (M,).
-        start: initial state.
-        release: instant of the held plate's release and its standard deviation, s; None: free from the start.
-        setpoint: setpoint of the ECU of rig.toml in the model; None if no such ECU drives the plate.
-    """
-
-    measurement: Measurement
-    test: AbstractRigTest
-    instants: Float[np.ndarray, " n"]
-    input: InputSignal | None
-    channels: tuple[str, ...]
-    data: Float[np.ndarray, "n M"]
-    sigma: Float[np.ndarray, " M"]
-    start: InitialState
+    measurement: Measurement  # the measurement as read
+    test: AbstractRigTest  # its rig test
+    instants: Float[np.ndarray, " n"]  # instants of its samples, s, shape (n,)
+    input: InputSignal | None  # its input; None with open terminals
+    channels: tuple[str, ...]  # M names of observed channels
+    data: Float[np.ndarray, "n M"]  # samples, SI, shape (n, M); NaN where nothing was logged
+    sigma: Float[np.ndarray, " M"]  # standard deviation of the noise of one sample, SI, shape (M,)
+    start: InitialState  # initial state
+    # instant of the held plate's release and its standard deviation, s; None: free from the start
     release: tuple[float, float] | None
+    # setpoint of the ECU of rig.toml in the model; None if no such ECU drives the plate
     setpoint: Setpoint | None = None
 
     @property
@@ -199,21 +183,13 @@ def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"]
 
 
 class _Begin(NamedTuple):
-    """Initial value and slope of a channel, in its SI unit (and per second).
+    """Initial value and slope of a channel, in its SI unit (and per second)."""
 
-    Args:
-        level: value at the first instant.
-        slope: slope there.
-        slope_sd: standard deviation of the slope.
-        top: coefficient of the fitted polynomial's highest power, in its standard deviations.
-        misfit: sum of squared residuals over their variance, per degree of freedom.
-    """
-
-    level: float
-    slope: float
-    slope_sd: float
-    top: float = 0.0
-    misfit: float = 0.0
+    level: float  # value at the first instant
+    slope: float  # slope there
+    slope_sd: float  # standard deviation of the slope
+    top: float = 0.0  # coefficient of the fitted polynomial's highest power, in its standard deviations
+    misfit: float = 0.0  # sum of squared residuals over their variance, per degree of freedom
 
     @property
     def moves(self) -> bool:

@@ -20,32 +20,20 @@ from ..kernels.lowering import lowered
 
 
 class Column(NamedTuple):
-    """One number of each entry.
+    """One number of each entry."""
 
-    Args:
-        leaf: leaf of the tree of entries, in JAX's order.
-        place: index in the array of one entry.
-    """
-
-    leaf: int
-    place: tuple[int, ...]
+    leaf: int  # leaf of the tree of entries, in JAX's order
+    place: tuple[int, ...]  # index in the array of one entry
 
 
 @dataclass(frozen=True)
 class Shape:
-    """The structure of a batch, without its numbers.
+    """The structure of a batch, without its numbers."""
 
-    Args:
-        tree: structure of its entries, with the shape of each leaf's array at one entry.
-        shapes: those shapes.
-        constant: columns that are 0 or 1 everywhere, with the value.
-        uniform: columns with another constant value.
-    """
-
-    tree: Any
-    shapes: tuple[tuple[int, ...], ...]
-    constant: tuple[tuple[Column, float], ...]
-    uniform: tuple[Column, ...]
+    tree: Any  # structure of its entries, with the shape of each leaf's array at one entry
+    shapes: tuple[tuple[int, ...], ...]  # those shapes
+    constant: tuple[tuple[Column, float], ...]  # columns that are 0 or 1 everywhere, with the value
+    uniform: tuple[Column, ...]  # columns with another constant value
 
     def __hash__(self) -> int:
         return self._hash

@@ -12,36 +12,25 @@ from ..feed_forward import Term
 
 
 class Limit(NamedTuple):
-    """A setting of an ECU in addition to its gains.
+    """A setting of an ECU in addition to its gains."""
 
-    Args:
-        name: its name in the ECU's own program.
-        unit: unit of its value.
-        value: function of the controller to be tuned and the plate's travel (rad): the setting with which the ECU is
-            that controller.
-    """
-
-    name: str
-    unit: str
+    name: str  # its name in the ECU's own program
+    unit: str  # unit of its value
+    # function of the controller to be tuned and the plate's travel (rad): the setting with which the ECU is that
+    # controller
     value: Callable[[Ecu, float], float]
 
 
 @dataclass(frozen=True)
 class BiasTable:
-    """Feed-forward as an ECU has it: % of duty over % of target position, linear between points.
+    """Feed-forward as an ECU has it: % of duty over % of target position, linear between points."""
 
-    Args:
-        bins, values: the ECU's names of the two rows.
-        points: number of points.
-        positions: number of positions that a bin can have, evenly spaced over the travel, with both ends.
-        decimals: number of decimals of a duty in %.
-    """
-
+    # bins, values: the ECU's names of the two rows
     bins: str
     values: str
-    points: int = 8
-    positions: int = 20_001
-    decimals: int = 2
+    points: int = 8  # number of points
+    positions: int = 20_001  # number of positions that a bin can have, evenly spaced over the travel, with both ends
+    decimals: int = 2  # number of decimals of a duty in %
 
 
 class Pasting(Enum):
@@ -71,38 +60,25 @@ class EcuProfile:
     left to the user: clock, delay and filter of a closed ECU come from the options and [ecu] of rig.toml, else they
         have
     their defaults. `assumed` states the assumptions in words, which the table and pid.json show.
-
-    Args:
-        name: name for `--ecu`.
-        title: name in tables.
-        source: source of this profile.
-        notation: how it writes gains; None if that is not published: gains are then multiples of the user's.
-        gains: its names of P, I and D.
-        fixes: values that the source fixes, by field of `Ecu`.
-        assumes: values assumed because the maker publishes nothing, by field of `Ecu`.
-        assumed: these and all other assumptions in words.
-        limits: its settings in addition to the gains.
-        bias: its table of feed-forward; None if it has none.
-        code: terms of feed-forward that its user can add to the output in code, in addition to that table.
-        scheduling: whether its gains can follow the supply, according to `source`.
-        pasting: how settings are entered into it.
-        jam: its names of error (%) and timeout (s) of its jam check; None if not known.
     """
 
-    name: str
-    title: str
-    source: str
+    name: str  # name for `--ecu`
+    title: str  # name in tables
+    source: str  # source of this profile
+    # how it writes gains; None if that is not published: gains are then multiples of the user's
     notation: Notation | None
-    gains: tuple[str, str, str]
-    fixes: Mapping[str, float]
+    gains: tuple[str, str, str]  # its names of P, I and D
+    fixes: Mapping[str, float]  # values that the source fixes, by field of `Ecu`
+    # values assumed because the maker publishes nothing, by field of `Ecu`
     assumes: Mapping[str, float] = field(default_factory=dict)
-    assumed: tuple[str, ...] = ()
-    limits: tuple[Limit, ...] = ()
-    bias: BiasTable | None = None
+    assumed: tuple[str, ...] = ()  # these and all other assumptions in words
+    limits: tuple[Limit, ...] = ()  # its settings in addition to the gains
+    bias: BiasTable | None = None  # its table of feed-forward; None if it has none
+    # terms of feed-forward that its user can add to the output in code, in addition to that table
     code: tuple[Term, ...] = ()
-    scheduling: Scheduling = Scheduling.UNKNOWN
-    pasting: Pasting = Pasting.BY_HAND
-    jam: tuple[str, str] | None = None
+    scheduling: Scheduling = Scheduling.UNKNOWN  # whether its gains can follow the supply, according to `source`
+    pasting: Pasting = Pasting.BY_HAND  # how settings are entered into it
+    jam: tuple[str, str] | None = None  # its names of error (%) and timeout (s) of its jam check; None if not known
 
     @property
     def terms(self) -> tuple[Term, ...]:

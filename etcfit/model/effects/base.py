@@ -22,18 +22,15 @@ class State(NamedTuple):
 
 
 class Besides(NamedTuple):
-    """A known contribution at one instant in addition to all effects; it does not depend on the state.
+    """A known contribution at one instant in addition to all effects; it does not depend on the state."""
 
-    Args:
-        torque, voltage, friction, position, current: as in `Contribution`; torque of motor and plate.
-        motor, external: the part of the torque that the gear carries, as in `Inputs`.
-    """
-
+    # torque, voltage, friction, position, current: as in `Contribution`; torque of motor and plate
     torque: Scalar
     voltage: Scalar
     friction: Scalar
     position: Scalar
     current: Scalar
+    # motor, external: the part of the torque that the gear carries, as in `Inputs`
     motor: Scalar
     external: Scalar
 
@@ -45,37 +42,26 @@ class Besides(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """Inputs of the throttle at one instant, and its boundary conditions in the rig test.
+    """Inputs of the throttle at one instant, and its boundary conditions in the rig test."""
 
-    Args:
-        voltage: voltage at the terminals, V.
-        torque: motor torque at the plate if there is no electrical side, N m.
-        time: since the trace began, s.
-        plate: 1 with the gear fitted, 0 if the motor runs alone.
-        series: extra circuit resistance of this test, ohm.
-        gear_ratio: N, motor angle over plate angle.
-        lower, upper: end stops, rad.
-        motor, external: load of the gear: torque of the motor at the plate, and smooth torque on the plate, N m;
-            given to `loaded` effects only, 0 for all others.
-        controlled: 1 if an ECU that is part of the model drives the throttle; None if the model has none.
-        setpoint: the last setpoint that this ECU read, rad.
-        ahead: its feed-forward for that setpoint, a share of its supply.
-        besides: a contribution in addition to all effects, which no effect sees; None if there is none.
-    """
-
-    voltage: Scalar
-    torque: Scalar
-    time: Scalar
-    plate: Scalar
-    series: Scalar
-    gear_ratio: Scalar
+    voltage: Scalar  # voltage at the terminals, V
+    torque: Scalar  # motor torque at the plate if there is no electrical side, N m
+    time: Scalar  # since the trace began, s
+    plate: Scalar  # 1 with the gear fitted, 0 if the motor runs alone
+    series: Scalar  # extra circuit resistance of this test, ohm
+    gear_ratio: Scalar  # N, motor angle over plate angle
+    # lower, upper: end stops, rad
     lower: Scalar
     upper: Scalar
+    # motor, external: load of the gear: torque of the motor at the plate, and smooth torque on the plate, N m; given to
+    # `loaded` effects only, 0 for all others
     motor: Scalar = 0.0
     external: Scalar = 0.0
+    # 1 if an ECU that is part of the model drives the throttle; None if the model has none
     controlled: Scalar | None = None
-    setpoint: Scalar | None = None
-    ahead: Scalar = 0.0
+    setpoint: Scalar | None = None  # the last setpoint that this ECU read, rad
+    ahead: Scalar = 0.0  # its feed-forward for that setpoint, a share of its supply
+    # a contribution in addition to all effects, which no effect sees; None if there is none
     besides: Besides | None = None
 
     @property

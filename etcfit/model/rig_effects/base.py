@@ -32,17 +32,13 @@ OBSERVED = ("current", "position", "emf", "motor_speed")  # channels that a mode
 class Place(NamedTuple):
     """The place of a rig effect.
 
-    Args:
-        test: name of the rig test; "" for all of them.
-        channel: "current", "position", ...; "" for no particular channel.
-        file: file of one trace, as in `response/3.csv`; "" for every trace of the test.
 
     A channel of one trace is written `response/3.csv.current`.
     """
 
-    test: str = ""
-    channel: str = ""
-    file: str = ""
+    test: str = ""  # name of the rig test; "" for all of them
+    channel: str = ""  # "current", "position", ...; "" for no particular channel
+    file: str = ""  # file of one trace, as in `response/3.csv`; "" for every trace of the test
 
     def __str__(self) -> str:
         where = self.file or self.test

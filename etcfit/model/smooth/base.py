@@ -21,21 +21,15 @@ K = 10  # number of knots of every axis
 
 @dataclass(frozen=True)
 class Axis:
-    """K knots of a curve, equally spaced in the value a, or in asinh(a / bend): then closer together about zero.
+    """K knots of a curve, equally spaced in the value a, or in asinh(a / bend): then closer together about zero."""
 
-    Args:
-        name: name of the quantity along it.
-        unit: unit of its values, SI.
-        value: a as a function of state and inputs.
-        low, high: first and last knot, in that unit.
-        bend: value at which the spacing turns from even to logarithmic, in that unit; None for even spacing.
-    """
-
-    name: str
-    unit: str
-    value: Callable[[State, Inputs], Scalar]
+    name: str  # name of the quantity along it
+    unit: str  # unit of its values, SI
+    value: Callable[[State, Inputs], Scalar]  # a as a function of state and inputs
+    # low, high: first and last knot, in that unit
     low: float
     high: float
+    # value at which the spacing turns from even to logarithmic, in that unit; None for even spacing
     bend: float | None = None
 
     @property
