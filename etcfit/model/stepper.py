@@ -46,7 +46,7 @@ class Command(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """Dependence of the steps between two samples on the instant of a jump of the input, at a share s of the interval."""
+    """Dependence of the steps between two samples on the instant of a jump of the input, a share s of the interval."""
 
     turn: Scalar  # 0 or 1: s = turn + phase of the rig test's edges (`rig_effects.edge_phase`)
     span: Scalar  # d dt / ds of the step, s: > 0 before the jump, < 0 after it, 0 without a jump
