@@ -74,7 +74,7 @@ class LimitCycle:
         other = "" if self.dither is None else (
             f" or dither of +-{self.dither:.2g} % of duty at {_DITHER:g} Hz or faster,"
         )  # fmt: skip
-        return (f"To stop it: a dead zone of {self.dead_zone:.2g} % of travel in which the integral stands still,"
+        return (f"To stop it: a dead zone of {self.dead_zone:.2g} % of travel in which the integral stops,"
                 f"{other} or less I (Armstrong-Helouvry, Dupont and Canudas de Wit 1994).")  # fmt: skip
 
 

@@ -26,7 +26,7 @@ NAME = "etcfit_plant"
 _LOG = "logStatusError"
 _NO_MODEL_EXCHANGE = (
     "Co-simulation only. Model exchange hands dx/dt to the importer's solver; with dry friction as a set-valued law "
-    "there is no dx/dt of a sticking plate, and a smoothed one would creep where the plate stands still."
+    "there is no dx/dt of a sticking plate, and a smoothed one would creep where the plate rests."
 )
 _NOT_HERE = (
     *(f"{verb}{kind}" for kind in ("Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64",

@@ -24,7 +24,7 @@ def _cannot_hold(source: Source) -> Iterator[str]:
     place = f"{100.0 * reduction.share:.0f} % of the travel ({reduction.theta:.4g} rad, {reduction.volts:.4g} V)"
     yield f"The transfer function holds near {place}: dry friction, preload and the stops have none."
     if bent := [effect.name for effect in source.beyond_the_paper if effect not in _KEPT]:
-        yield (f"Of {', '.join(bent)} only the slope at that place is in it, and what an effect remembers stands "
+        yield (f"Of {', '.join(bent)} only the slope at that place is in it, and the memory of an effect stays "
                "still. The formats c and fmu hold them.")  # fmt: skip
 
 

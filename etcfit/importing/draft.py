@@ -271,7 +271,7 @@ def _rig_toml(draft: Draft, name: str) -> str:
 def _story(draft: Draft, digests: Mapping[str, str]) -> list[str]:
     """Every guess with its reason, by file."""
     lines = [
-        f"Written by etcfit import {__version__}. What was guessed stands below, each with its reason.",
+        f"Written by etcfit import {__version__}. All guesses follow, each with its reason.",
         "Correct a unit or a sign in a CSV's header, a rig test by moving the CSV to that test's folder.",
     ]
     for file, digest in digests.items():

@@ -173,7 +173,7 @@ def rig_test_of(record: Record) -> Shown:
         if not record.unexplained or not lacks or "setpoint" in signals:
             return shown
         # the test follows from a signal that was not logged, and an unexplained column may be that signal
-        told = f"{shown.reason}; but nothing tells what '{record.unexplained[0]}' is, which moves"
+        told = f"{shown.reason}; but it is not known what '{record.unexplained[0]}' is, which moves"
         return shown._replace(reason=told, sure=False)
     if named == shown.test:
         return shown
@@ -219,7 +219,7 @@ def _by_signals(record: Record) -> Shown:
 def _without_plate(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Shown:
     drive = drive_of(signals, ("voltage", "duty"))
     if "current" not in signals or drive is None:
-        return Shown("", f"{', '.join(signals) or 'nothing'} alone: no rig test is told by that", False)
+        return Shown("", f"{', '.join(signals) or 'nothing'} alone: no rig test has only that", False)
     current = signals["current"]
     if "motor_speed" in signals:
         return Shown("viscous", "voltage, current and the motor's speed, and no plate: the motor runs alone", True)
@@ -232,7 +232,7 @@ def _without_plate(signals: Mapping[str, np.ndarray], time: np.ndarray) -> Shown
     still = shapes.span(volts) < max(4.0 * shapes.noise(drive), ONE_LEVEL * float(np.max(np.abs(volts))))
     if not still and shapes.explained(amperes, volts) < _HELD:
         return Shown("response", "no plate logged, and the current is not v/R: the plate moves", False)
-    return Shown("resistance", "no plate, and the current stands at v/R: the plate is held", True)
+    return Shown("resistance", "no plate, and the current is constant at v/R: the plate is held", True)
 
 
 def _released(plate: np.ndarray, signals: Mapping[str, np.ndarray], time: np.ndarray) -> Shown:

@@ -45,7 +45,7 @@ RECORD: dict[str, str] = {
     "inductance": "Hold the plate. Step from 0 to 1 V; sample at 20 kHz or more, 20 ms with 2 ms before the step.",
     "back_emf": "Open the terminals. Hold the plate open by hand, start the log, let go; 1 kHz, half a second.",
     "static_load": "Raise the voltage slowly from 0 until the plate is open, lower it again: 10 s each way, 250 Hz.",
-    "viscous": "Take the gear apart. Step the motor to 2 to 12 V, a file each, until its speed stands; 1 kHz.",
+    "viscous": "Take the gear apart. Step the motor to 2 to 12 V, a file each, until its speed is constant; 1 kHz.",
     "inertia": "Open the terminals. Hold the plate open by hand, start the log, let go; 1 kHz, half a second.",
     "response": "Drive the plate by steps, a chirp, a multisine: 5 s each at 1 kHz; keep one file for [holdout].",
     "closed_loop": "Let the ECU follow steps and ramps of a setpoint on the bench; 100 Hz or more, 10 s.",

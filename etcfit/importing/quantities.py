@@ -161,7 +161,7 @@ def _contradiction(sheet: Sheet, column: Column, quantity: str, how: str) -> Mea
     usage = " for a probe of 100 mV to one" if "V" in unit else " if it is ten"
     return MeasurementError(sheet.where, f"column '{column.label}' is {how} {quantity}, but {other}.",
                             f"Accepted: {quantity} in {EXAMPLES[quantity]}.",
-                            f"Give what one {unit} stands for: --column '{column.label}={probe}'{usage}, "
+                            f"Give the value of one {unit}: --column '{column.label}={probe}'{usage}, "
                             f"or '{column.label}=ignore'.")  # fmt: skip
 
 
@@ -190,7 +190,7 @@ def _by_relation(nameless: Sequence[Column], known: Sequence[Take], time: Take) 
     if "current" in by:
         taken = _beside_current(moving, by, plate, time)
         if not moving and not ({"voltage", "duty"} & set(by)) and len(constants) == 1:
-            taken = [_volts(constants[0], "voltage", "the only voltage beside a current", True)]
+            taken = [_volts(constants[0], "voltage", "the only voltage, with a current", True)]
     elif volts := [c for c in moving if not is_percent(c.unit)]:
         taken = _without_current(volts, by, plate, time)
     done = {id(take.column) for take in taken}
@@ -213,7 +213,7 @@ def _beside_current(
         rest = [c for c in rest if c is not drive]
     rest = [c for c in rest if not is_percent(c.unit)]
     if plate is None and (sensors := [c for c in rest if _like_a_sensor(c)]):
-        out.append(_volts(sensors[0], "tps", "it stays between 0 and 5 V, beside a current that does not follow it",
+        out.append(_volts(sensors[0], "tps", "it stays between 0 and 5 V, and a current does not follow it",
                           len(sensors) == 1 and len(rest) == 1))  # fmt: skip
     return out
 
@@ -228,7 +228,7 @@ def _what_current_follows(
         values = shapes.filled(only.values)
         moves = shapes.span(values) > 20.0 * shapes.noise(values) and shapes.explained(current, values) < shapes.FOLLOWS
         strange = is_percent(only.unit) or (moves and _like_a_sensor(only))
-        return only, not strange, "the only voltage beside a current" + ("; it does not follow it" if moves else "")
+        return only, not strange, "the only voltage, with a current" + ("; it does not follow it" if moves else "")
     scores = []
     for column in volts:
         own = shapes.filled(column.values)
@@ -252,11 +252,11 @@ def _without_current(
         is_emf = follows[id(best)] > shapes.FOLLOWS and shapes.comes_to_rest(speed)
         if is_emf and "emf" not in by and "voltage" not in by:
             return [_emf(best, follows[id(best)])]
-        return [_volts(best, "voltage", "the only voltage beside a position", False)] if len(volts) == 1 else []
+        return [_volts(best, "voltage", "the only voltage, with a position", False)] if len(volts) == 1 else []
     if len(volts) != 2:
         sensors = [c for c in volts if _like_a_sensor(c)]
         if len(sensors) == 1 and len(volts) == 1 and {"voltage", "duty", "emf"} & set(by):
-            return [_volts(sensors[0], "tps", "it stays between 0 and 5 V beside what drives the plate", True)]
+            return [_volts(sensors[0], "tps", "it stays between 0 and 5 V, and another column drives the plate", True)]
         return []
     tried = [(abs(shapes.correlation(shapes.filled(a.values), shapes.slope(shapes.filled(b.values), clock))), a, b)
              for a, b in (volts, volts[::-1])]  # fmt: skip
@@ -289,7 +289,7 @@ def _volts(column: Column, quantity: str, reason: str, sure: bool) -> Take:
 def _unexplained(column: Column, known_kind: bool) -> Take:
     """A column without a known meaning; if it could matter, it is in doubt."""
     if not column.varies:
-        return left_out(column, f"neither name nor unit tells what it is, and it stays at {column.values[0]:.4g}")
+        return left_out(column, f"neither name nor unit shows what it is, and it stays at {column.values[0]:.4g}")
     matters = not known_kind or is_percent(column.unit) or bool(set(quantities_in(column.unit)) & set(SI_UNIT))
     return left_out(column, UNEXPLAINED, not matters)
 

@@ -14,7 +14,7 @@ from .answers import Answers
 from .names import quantity_named
 from .sheet import TIME, Column, Sheet, fits, quantities_in, time_base
 
-UNEXPLAINED = "neither its name nor what it does tells what it is"
+UNEXPLAINED = "neither its name nor its values show what it is"
 LEFT_OUT = ""  # the quantity of a column that is left out
 _SLOWEST_LOG = 2.0  # longest time between rows of an engine computer's log, s
 _FINEST_IN_SECONDS, _COARSEST_IN_SECONDS = 1e-7, 0.5  # range of the time between samples in s
@@ -103,7 +103,7 @@ def signed(take: Take) -> Take:
     if bit is None:
         return take
     largest = np.array([np.nanmax(raw)])
-    why = f"the sign stands in bit {bit}: {largest[0]:.0f} is {without_sign_bit(largest, bit)[0]:.0f}"
+    why = f"the sign is in bit {bit}: {largest[0]:.0f} is {without_sign_bit(largest, bit)[0]:.0f}"
     column = replace(take.column, values=without_sign_bit(raw, bit))
     return replace(take, column=column, reason=f"{take.reason}; {why}")
 

@@ -232,7 +232,7 @@ def _saturation(logs: Sequence[Measurement], known: KnownEcu) -> LogCheck:
     duty = np.abs(np.concatenate(duties))
     share = float(np.mean(duty >= _AT_LIMIT * known.ecu.duty))
     says = f"the duty is at its limit in {_PERCENT * share:.1f} % of the rows"
-    cure = "At its limit a duty tells nothing of the gains: record smaller steps, or begin with smaller gains."
+    cure = "A duty at its limit does not show the gains: record smaller steps, or begin with smaller gains."
     return LogCheck("duty within its limit", share <= _SATURATED, share > _BLIND, says, cure)
 
 

@@ -44,7 +44,7 @@ def tune_table(told: Mapping[str, Any]) -> RenderableType:
         shown(checks),
         sentences("Model", says["model"]),
         *map(shown, tables_of_steps(told)),
-        sentences("What is asked of gains", [says["requirements"]] if says["requirements"] else []),
+        sentences("Requirements", [says["requirements"]] if says["requirements"] else []),
         sentences("Next", says["next"]),
     ]
     lacks = [f"{each['name']} ({each['found']:.3g} of {each['needed']:g} {each['unit']}): {each['record']}"

@@ -171,7 +171,7 @@ DIAGNOSIS = Record(
     removed=key("[text]", "A sentence for each effect that gave way to another, or was taken away again."),
     sets=key(list_of(SET), "Sets of effects refitted beside what the rounds found: the pairs that promise more "
         "together.", optional=True),
-    ties=key("[[text]]", "Groups of effects that these data cannot tell apart; the first of each stands in the model.",
+    ties=key("[[text]]", "Groups of effects that these data cannot tell apart; the first of each is in the model.",
         lambda found: [tie.effects for tie in found.ties], each={"description": "Names."}),
     ties_apart=key("[[number?]]", "For each tie, how far the fits with the others are from that with the first: rms "
         "over samples, in units of the noise.", lambda found: [tie.apart for tie in found.ties],
@@ -182,7 +182,7 @@ DIAGNOSIS = Record(
         "`added` too), then those that the records show before any fit.", _mistakes),
     statements=key(list_of(STATEMENT), "What is stated of each effect added, in the order found. Not written by every "
         "version.", optional=True),
-    questions=key(list_of(QUESTION), "What the data were asked: one question a round, and at last what is left. Not "
+    questions=key(list_of(QUESTION), "One question a round with its answers, and at last one on what is left. Not "
         "written by every version.", optional=True),
     probabilities=key("{number}", "Probability of each effect or rig mistake, of nothing, and of unexplained. Not "
         "written by every version.", optional=True, each={"description": "Probability.", "minimum": 0, "maximum": 1}),

@@ -63,7 +63,7 @@ FORETOLD = Record(
         "found.as_foretold"),
     says=key("text", "The same in words."),
     steps=key("whole", "How many steps of the log count.", "found.steps"),
-    better=key("flag?", "Whether the error is less than with the gains before; null where nobody knows that.",
+    better=key("flag?", "Whether the error is less than with the gains before; null where unknown.",
         "found.better"),
     figures=key(list_of(FORETOLD_FIGURE), "Overshoot, settling, error.", "found.figures"),
 )  # fmt: skip
@@ -73,6 +73,7 @@ DRIVE = Record(
     synthetic=SYNTHETIC.taken_from("config.synthetic"),
     logs=key(list_of(LOG), "One for each log, in the order studied."),
     record_next=key(list_of(record_of(Lack)), 
-        "What these logs lack for gains to be told from them, what wins most first.", optional=True),
-    foretold=key(FORETOLD, "The log beside what `etcfit tune` foretold; there with --foretold.", optional=True),
+        "What these logs lack to determine gains, the most useful first.", optional=True),
+    foretold=key(FORETOLD, "The log compared with the prediction of `etcfit tune`; present with --foretold.",
+        optional=True),
 )  # fmt: skip

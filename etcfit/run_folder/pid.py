@@ -275,7 +275,7 @@ ECU = Record(
         "still at the output's limit instead.", lambda ecu: ecu["integral"] or None, optional=True),
     slew_V_per_s=key("number?", "Largest change of its output; null for none.",
         lambda ecu: ecu["slew"] or None, optional=True),
-    dead_band_rad=key("number", "Error within which its integral stands still.", "dead_band", optional=True),
+    dead_band_rad=key("number", "Error within which its integral does not change.", "dead_band", optional=True),
     setpoint_weight=key("number", "b, its proportional part acts on b setpoint - position.", optional=True),
     derivative_weight=key("number", "c, its derivative is that of c setpoint - position; 0 for a derivative of the "
         "position alone.", optional=True),
@@ -511,7 +511,7 @@ PROFILE = Record(
     source=key("text", "What is known of this ECU is taken from."),
     assumed=key("[text]", "What is taken of it without a source, one sentence each."),
     code=key("[text]", "Lines that a user adds behind the PID in code of his own, at each tick, in %; empty where "
-        "nothing beside the table is put ahead.", optional=True),
+        "nothing but the table is fed forward.", optional=True),
     says=key("[text]", "What the gains mean, of an ECU whose unit is not published, one sentence each.", optional=True),
 )  # fmt: skip
 FUTURE = Record(
@@ -525,7 +525,7 @@ UNIT_VERDICT = Record(
     unit=key("text", "Its name."),
     requirement=key("text", "What it misses by most, or meets most narrowly; \"stable\" where its linear loop is not."),
     figure=key("number?", "What it reaches of it; null is infinite."),
-    limit=key("number", "What is asked for."),
+    limit=key("number", "The limit."),
     meets=key("flag", "Whether it meets everything all the same."),
 )  # fmt: skip
 FLEET = Record(
@@ -585,7 +585,7 @@ PID = Record(
     synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
     model=key(MODEL, "The model.", "fitted"),
     fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
-    anyway=key("flag", "The gains were asked for with --anyway: table and page give what is typed into an ECU even "
+    anyway=key("flag", "The gains were requested with --anyway: table and page give what is typed into an ECU even "
         "where the fit did not converge or is a compromise (`fit`). Absent in older files, then false.", optional=True),
     rule=key("text", "Whose gains are proposed.", "chosen.rule"),
     gains=key(GAINS, "v = Kp e + Ki integral of e + Kd de/dt, e in rad, v in V.", "chosen.gains"),
@@ -599,7 +599,7 @@ PID = Record(
         "chosen.nonlinear"),
     requirements=key(figures(LoopFigures, "", REQUIRED), "What each figure must stay below; null for no limit.",
         lambda design: design.task.requirements.limits()),
-    margins_asked=key(figures(LoopFigures, "", MARGINS), "At least; asked of the rule optimal only.",
+    margins_asked=key(figures(LoopFigures, "", MARGINS), "At least; required of the rule optimal only.",
         lambda design: design.task.requirements.limits(MARGINS)),
     met=key("{flag}", "By requirement, on the fitted nonlinear model in every scenario.", "chosen.met"),
     scenarios=key(

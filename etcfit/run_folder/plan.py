@@ -336,7 +336,7 @@ OPTION = Record(
         mean=key("number", "Geometric mean of `widths`."),
     ).within("option"),
     widths=key("{number}", "Width of each interval after it, as a share of what it is now."),
-    separates=key(SEPARATES, "The pair of parameters that it tells apart best.", "option.separates", null=True),
+    separates=key(SEPARATES, "The pair of parameters that it separates best.", "option.separates", null=True),
 )  # fmt: skip
 ADVICE = Record(
     "What one more trace of each rig test would tell: written by `etcfit check FOLDER --advise --out RUN`.",

@@ -215,7 +215,7 @@ LAG = Record(
 ORDER = Record(
     told=key("flag", "The frequencies can tell the order.", "is_certain"),
     says=key("text", "In words."),
-    order=key("whole?", "The order; null where it is not told.",
+    order=key("whole?", "The order; null where unknown.",
         lambda found: found.best.order if found.best is not None and found.is_certain else None),
     weights=key("{number?}", "By order: Akaike weight."),
     candidates=key(list_of(LAG), "Each lag that was fitted."),

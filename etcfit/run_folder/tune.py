@@ -41,7 +41,7 @@ BORNE = record_of(
     Borne,
     null=("missed", "hertz"),
     without=("rows",),
-    worst=key("number?", "|Delta T|, stable below 1, asked for is 0.5; null where the log has no motion there."),
+    worst=key("number?", "|Delta T|, stable below 1, required is 0.5; null where the log has no motion there."),
 )
 LARGE_STEPS = Record(
     low_pct=key("number", "Lower level, % of the travel.", "low", scale=100.0),
@@ -85,7 +85,7 @@ TUNE = Record(
     borne=key(list_of(BORNE), "What the loop of each new step bears of what the model misses, half way first; empty "
         "where the logs stop it before.", "found.borne"),
     supply_V=key("number", "Of the ECU's output, V.", "found.input.supply"),
-    present=key(_each("number"), "Gains that are in the ECU now, as it writes them; null where nobody said.",
+    present=key(_each("number"), "Gains that are in the ECU now, as it writes them; null where not given.",
         lambda at: at.found.request.gains and dict(zip("PID", at.found.request.gains, strict=True)), null=True),
     unit=key(_each("text"), "Unit of each gain."),
     large_steps=key(LARGE_STEPS, "The steps of which overshoot, settling and error of each set of gains are foretold, "

@@ -18,7 +18,7 @@ LINK = EcuProfile(
         "gains in % of duty over % of travel, per s and times s; the help names no unit: set the proportional gain "
         "alone first and see that an error of 1 % gives as many % of duty",
         "clock and derivative filter as the options and [ecu] of rig.toml say; the help names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stands still at the DC clamp",
+        "the PID of the textbook: a derivative of the error, an integral that stops at the DC clamp",
         "no feed-forward: none is described",
     ),
     limits=(Limit("DC clamp", "%", lambda ecu, travel: 100.0 * ecu.duty),),
@@ -77,7 +77,7 @@ MAXXECU = EcuProfile(
     assumes={"duty": 1.0, "compensated": 0.0},
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: the help of the throttle names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
+        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
         "a duty of up to 100 %",
         NOT_DIVIDED,
         "the gain multiplier stays what it is: shares of your gains hold with the same one only",
@@ -101,7 +101,7 @@ ECUMASTER = EcuProfile(
     assumes={"duty": 1.0, "compensated": 0.0},
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: what was found names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
+        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
         "a duty of up to 100 %",
         NOT_DIVIDED,
         "Rate max so large that it does not act: the gains are tried on steps of the target",
@@ -125,7 +125,7 @@ HALTECH = EcuProfile(
     assumes={"duty": 1.0, "compensated": 0.0},
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: the article names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
+        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
         "a duty of up to 100 %",
         NOT_DIVIDED,
         "no feed-forward: none is described",
@@ -149,7 +149,7 @@ MOTEC = EcuProfile(
     assumes={"duty": 1.0, "compensated": 0.0},
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: the thread names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
+        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
         "a duty of up to 100 %",
         NOT_DIVIDED,
         "the names of the gains; the thread does not name them",
@@ -172,7 +172,7 @@ SYVECS = EcuProfile(
     assumes={"duty": 1.0, "compensated": 0.0},
     assumed=(
         "clock and derivative filter as the options and [ecu] of rig.toml say: nothing that was found names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stands still at the duty's limit",
+        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
         "a duty of up to 100 %",
         NOT_DIVIDED,
         "no feed-forward: none is known of",

@@ -139,7 +139,7 @@ GENERIC = EcuProfile(
     name="generic",
     title="Generic",
     source="Astrom and Hagglund 2006, Advanced PID Control, ch. 3 and 13: parallel form, backward differences, a "
-    "low-pass on the derivative, an integral that stands still at the limit",
+    "low-pass on the derivative, an integral that stops at the limit",
     notation=Notation("%", "%"),
     gains=("P", "I", "D"),
     fixes={},

@@ -120,7 +120,8 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
     # the names in the file: a pedal taken for the plate shows here
     columns = [f"{log.name}: " + ", ".join(f"{quantity} '{header}'" for quantity, header in log.columns.items())
                for log in logs if log.columns]  # fmt: skip
-    to_record = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. It tells {lack.why}"
+    to_record = [f"{lack.name} ({lack.found:.3g} of {lack.needed:g} {lack.unit}): {lack.record}. "
+                 f"It determines {lack.why}"
                  for lack in record_next(logs)]  # fmt: skip
     return stacked(
         rig_title(config, "logs from the car"),

@@ -83,7 +83,7 @@ def _stretch(panel: Axes, log: DriveLog) -> None:
             seen = (series.time >= begin) & (series.time <= begin + _SHOWN)
             panel.plot(series.time[seen], series.value[seen], color=colour, lw=width, label=name)
     panel.set(xlabel="time [s]", ylabel="throttle [% of travel]", xlim=(begin, begin + _SHOWN))
-    panel.set_title(f"the {_SHOWN:g} s in which most is asked of it", loc="left", fontsize=10)
+    panel.set_title(f"the {_SHOWN:g} s with the fastest setpoint", loc="left", fontsize=10)
     panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.2)
 
 
@@ -170,7 +170,7 @@ def write_page(
     text = made.get_template("log.html").render(
         rig=config.name, synthetic=config.synthetic, logs=logs,
         changed=verdict(*studies) if len(studies) == 2 else "",
-        to_record=[f"{lack.record}. It tells {lack.why}." for lack in lacks],
+        to_record=[f"{lack.record}. It determines {lack.why}." for lack in lacks],
     )  # fmt: skip
     write_text(path, text)
 

@@ -100,7 +100,7 @@ def how_to_read(pid: Pid) -> Notes:
         habits = ", ".join(_habits(pid["ecu"]))
         said.append(f"ECU: {habits}" + ("; what the command does not give is [ecu]'s of rig.toml" if known else ""))
     if known:
-        said.append("as_found: the gains that the ECU of the logs has, as rig.toml or the fit tells them")
+        said.append("as_found: the gains in the ECU of the logs, from rig.toml or from the fit")
     return Notes("How to read it", said)
 
 
@@ -331,14 +331,14 @@ def against_effort(pid: Pid) -> Notes | None:
     said = [f"proposed: RMSE {rmse} % at a duty that moves {activity} %"]
     calm = dict.fromkeys(pair for pair, point in zip(others, points, strict=True) if point["met"])
     if calm:
-        said.append("within everything else that is required, on the nominal model: "
+        said.append("with gains that meet all other requirements on the nominal model: RMSE at the duty's movement: "
                     + "; ".join(f"{rmse} % at {activity} %" for rmse, activity in calm))  # fmt: skip
     return Notes("Tracking against effort", said)
 
 
 def binding(pid: Pid) -> Notes:
     """What prevents any gains from meeting everything."""
-    return Notes("Not met. What binds: eased alone, each of these would let the optimum meet everything",
+    return Notes("Not met. The limits in the way: with any one of these relaxed, the optimum would meet everything",
                  pid.get("limits") or ())  # fmt: skip
 
 
@@ -383,21 +383,22 @@ def _columns(shown: Mapping[str, str]) -> list[Column]:
 def _jam_words(safe: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str]:
     """The proposed pair, the reason, and its margins."""
     seen, check = safe["envelope"], safe["jam"]
-    tried = (f"{seen['models']} models, each under conditions of a car, in every scenario: error up to "
+    tried = (f"{seen['models']} models, each under conditions drawn for a car, in every scenario: largest error "
              f"{short(seen['largest_pct'])} %")  # fmt: skip
-    slowest = f"{settings['within']:g} s at {settings['reserve']:g} times in hand"
+    slowest = f"{settings['within']:g} s with a reserve of {settings['reserve']:g} times"
     if check is None:
-        return [tried, f"none proposed: no threshold up to {pct(settings['most'])} % is undercut within {slowest}"]
-    kept = "no error tried is kept up so long" if check["sustained_pct"] == 0.0 else (
-        f"the largest error kept up so long is {short(check['sustained_pct'])} %")  # fmt: skip
+        return [tried, f"none proposed: no threshold up to {pct(settings['most'])} % is enough within {slowest}"]
+    kept = "no smaller error lasts so long" if check["sustained_pct"] == 0.0 else (
+        f"the largest error that lasts so long is {short(check['sustained_pct'])} %")  # fmt: skip
     told = ", ".join(f"{name} {short(after)} s" for name, after in check["told_after_s"].items() if after is not None)
     return [
         tried,
-        f"proposed: an error above {short(check['error_pct'])} % for more than {check['timeout_s']:g} s; the least "
-        f"threshold that gets along with {slowest}",
-        f"no false trip: a sound throttle is further off for {short(check['longest_above_s'])} s at most, {kept}",
-        f"a plate held since the first change of a scenario is told after: {told or 'none'}; while no more is asked "
-        "of it than the threshold, never",
+        f"proposed: an error above {short(check['error_pct'])} % for more than {check['timeout_s']:g} s; the smallest "
+        f"threshold without a false trip within {slowest}",
+        f"no false trip: the error of a sound throttle exceeds it for {short(check['longest_above_s'])} s at most; "
+        f"{kept}",
+        f"a plate that jams at the first change of a scenario is detected after: {told or 'never'}; not while the "
+        "setpoint stays within the threshold",
     ]
 
 
@@ -408,8 +409,7 @@ def _holding_words(held: Mapping[str, Any], settings: Mapping[str, Any]) -> list
             f"{short(held['position_pct'][k])} % of the travel; full duty against a stop: "
             f"{short(held['full_duty_A'])} A, {short(held['full_duty_W'])} W"]  # fmt: skip
     if not held["heating_known"]:
-        return [*said, "how warm the winding becomes is not known: the model has no winding heating; power is all "
-                "there is"]  # fmt: skip
+        return [*said, "the model has no winding heating: only the power is known, not the temperature"]  # fmt: skip
     limit = f"{settings['safety']['insulation']:g} degrees Celsius"
     longest = held["full_duty_s"]
     lasts = f"never up to {limit}" if longest is None else f"{short(longest)} s to {limit}"
@@ -489,7 +489,7 @@ def _words(found: Mapping[str, Any], rule: str) -> list[str]:
     """Notes on the table, and the results of the proposed gains outside the bench."""
     chosen, there = found["rules"][rule], found["conditions"]
     corners, hardest = there["corners"], there["hardest"]
-    verdict = "met all the same" if hardest["meets"] else "missed"
+    verdict = "met nevertheless" if hardest["meets"] else "missed"
     return [
         "share that meets everything by a stable loop: of the measured units by their shrunk values, and of units "
         f"drawn from the population of {found['fleet']}; optimal is sought over the latter",
@@ -498,9 +498,9 @@ def _words(found: Mapping[str, Any], rule: str) -> list[str]:
         f"outside the bench: {round(corners['share_met'] * corners['of'])} of {corners['of']} units meet everything at "
         f"every corner of supply, winding and friction; {_percent(there['drawn'])} % of the drawn ones do, each under "
         "conditions of its own",
-        f"hardest: {hardest['unit']}: {_OF[hardest['requirement']].name} {_with_unit(hardest, 'figure')}, asked "
+        f"hardest: {hardest['unit']}: {_OF[hardest['requirement']].name} {_with_unit(hardest, 'figure')}, required "
         f"{_with_unit(hardest, 'limit')}: {verdict}",
-        f"not told by the fleet, taken from the run: {', '.join(found['of_run']) or 'nothing'}",
+        f"not determined by the fleet, taken from the run: {', '.join(found['of_run']) or 'nothing'}",
         *(f"not judged: {unit}, {why}" for unit, why in found["left_out"].items()),
     ]
 

@@ -402,15 +402,15 @@ def _faults(panel: Axes, design: Design) -> None:
             told = "" if column == 0 else ("\nnot detected" if after is None else f"\nafter {short(after, 2)} s")
             panel.text(column, k, f"opens to {100.0 * opens:.0f} %{told}", ha="center", va="center", fontsize=10)
     panel.set_xticks(range(3), ["no check", "jam check", "jam check and\ntwo sensors"], fontsize=10)
-    panel.set_yticks(range(len(every)), [f"{style.wrapped(each.fault, 3.2, 9)}\n(asked: {100.0 * each.setpoint:.0f} %)"
-                                         for each in every], fontsize=9)  # fmt: skip
+    faults = [f"{style.wrapped(each.fault, 3.2, 9)}\n(setpoint: {100.0 * each.setpoint:.0f} %)" for each in every]
+    panel.set_yticks(range(len(every)), faults, fontsize=9)
     panel.tick_params(length=0)
     panel.grid(visible=False)
     panel.set_xticks(np.arange(2) + 0.5, minor=True)
     panel.set_yticks(np.arange(len(every) - 1) + 0.5, minor=True)
     panel.grid(visible=True, which="minor", color="white", lw=2.5)
     panel.tick_params(which="minor", length=0)
-    _panel_title(panel, "The position sensor fails", "pale, for the plate stays near what is asked for [% of travel]")
+    _panel_title(panel, "The position sensor fails", "pale: the plate stays near the setpoint [% of travel]")
 
 
 def _back(panel: Axes, design: Design) -> None:

@@ -68,7 +68,7 @@ def caption(folder: str, stem: str) -> str:
         if stem.endswith("_answers"):
             return (f"{stem.removesuffix('_answers')}: answers to every step over the step, the error by parts of the "
                     "travel, and one sensor over the other, as far as the log has them.")  # fmt: skip
-        return f"{stem}: where the plate is and how fast it moves, and the seconds in which most is asked of it."
+        return f"{stem}: angle and speed of the plate, and the seconds with the fastest setpoint."
     name = "/".join(part.replace("_", " ") for part in stem.split("__"))
     return _EACH.get(folder, "{}.").format(name[:1].upper() + name[1:] if folder.endswith("traces") else name)
 

@@ -65,7 +65,7 @@ def stale(contents: Contents) -> list[str]:
 
 def to_record(logs: Mapping[str, Any]) -> list[str]:
     """A line for each log to record next; none for an older drive.json."""
-    return [f"Record next: {each['record']}. It tells {each['why']}." for each in logs.get("record_next") or ()]
+    return [f"Record next: {each['record']}. It determines {each['why']}." for each in logs.get("record_next") or ()]
 
 
 def render(contents: Contents, budget: int = BUDGET) -> str:
