@@ -531,7 +531,7 @@ def test_a_rig_test_that_is_told_by_what_is_not_logged_is_unsure_beside_a_column
     columns = driven()
     columns["Fred"] = ("kPa", 100.0 * columns.pop("ThrottlePos")[1])
     columns["MotorCurrent"] = ("A", columns["MotorVoltage"][1] / 1.9)
-    with pytest.raises(MeasurementError, match=r"taken as resistance, .* nothing tells what 'Fred' is"):
+    with pytest.raises(MeasurementError, match=r"taken as resistance, .* it is not known what 'Fred' is"):
         imported(foreign.picoscope(tmp_path / "a.csv", columns), tmp_path / "rig")
 
 
