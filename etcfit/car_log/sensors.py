@@ -148,9 +148,10 @@ def two_sensors(
         crossed = "the second one has the voltages that [tps] of rig.toml gives for the first. Exchange their inputs."
     shown = np.clip((two - low) / (high - low) if high != low else 0.0 * two, -0.5, 1.5) * (stops - late) + late
     # where the log holds per cent, the ECU's own positions are compared, without new end values
-    apart = (shown - np.clip(share, late, stops)) * 100.0 if unit == "V" else two - one
-    if unit != "V" and stops < 1.0:
-        apart = np.where(share <= stops, apart, 0.0)
+    if unit == "V":
+        apart = (shown - np.clip(share, late, stops)) * 100.0
+    else:
+        apart = np.where(share <= stops, two - one, 0.0) if stops < 1.0 else two - one
     if crossed and blind > _BLIND:
         ends, pair = pair, ends
     return Sensors(unit, ends, pair, 100.0 * stops, 100.0 * late, crossed, dwelt, _lasting(np.abs(apart), time),

@@ -74,6 +74,14 @@ class Signature:
         return replace(self, columns=np.empty((0, self.columns.shape[1])))
 
 
+def orthonormal(columns: np.ndarray) -> np.ndarray:
+    """An orthonormal basis of what columns, shape (n, k), span; dependent columns add nothing."""
+    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    keep = values > _TINY
+    return columns @ (vectors[:, keep] / np.sqrt(values[keep]))
+
+
 @dataclass(frozen=True, eq=False)
 class Background:
     """The residual of the fitted model and the space of changes that its parameters can make."""
@@ -94,12 +102,8 @@ class Background:
     @classmethod
     def spanned(cls, r: np.ndarray, jacobian: np.ndarray, errors: FormulaErrors = EXACT) -> Background:
         """The background of a residual, shape (n,), and its Jacobian, shape (n, P); dependent columns add nothing."""
-        r, columns = errors.whitened(r), errors.whitened(jacobian)
-        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        values, vectors = np.linalg.eigh(columns.T @ columns)
-        keep = values > _TINY
-        basis = columns @ (vectors[:, keep] / np.sqrt(values[keep]))
-        return cls(cls.free_of(basis, r), basis, jacobian, errors)
+        basis = orthonormal(errors.whitened(jacobian))
+        return cls(cls.free_of(basis, errors.whitened(r)), basis, jacobian, errors)
 
     @staticmethod
     def free_of(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from .loop import Round, ScoredCandidates, score_candidates
 from .refit import is_no_worse, refit_fully
 from .rounds import Progress, forward, reported
 from .score import Apart, Score, baseline, distance_to, holdout_worsened, score
-from .screen import Signature, bounded, lowest, ranked
+from .screen import Background, Signature, bounded, lowest, ranked
 from .settings import DiagnosisSettings
 from .trial import Cost, Trial, bic_change, judge_trial
 
@@ -116,7 +116,7 @@ def _without_bounds(blocks: Sequence[_Block], system: _System) -> list[tuple[flo
     out = []
     for a, first in enumerate(blocks):
         basis = np.linalg.qr(system.columns[:, first.own])[0]
-        rest, target = (m - basis @ (basis.T @ m) for m in (system.columns, system.target))
+        rest, target = (Background.free_of(basis, m) for m in (system.columns, system.target))
         alone = float(system.target @ system.target - target @ target)
         for b in range(a + 1, len(blocks)):
             second = blocks[b]

@@ -25,7 +25,7 @@ from .loop import screened
 from .random_curves import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
 from .refit import refit_fully, refit_worsened
 from .score import Score, score
-from .screen import Signature
+from .screen import Background, Signature, orthonormal
 from .settings import DiagnosisSettings
 from .tangents import fitted_samples, stretch_of_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judge_trial
@@ -106,23 +106,26 @@ ONE_SHAPE = 0.9  # share of the effect that the curve could be
 FORMULA_CORRECTION = 0.3  # largest size of a correction, relative to effect and curve
 
 
-def corrected_formulas(s: CandidateModel, curve: Smooth) -> tuple[str, ...]:
-    """Effects of a model with a curve whose formulas that curve corrects; none far from the data."""
+def corrected_formulas(s: CandidateModel, curve: Smooth, jacobian: np.ndarray) -> tuple[str, ...]:
+    """Effects of a model with a curve whose formulas that curve corrects; none far from the data.
+
+    Args:
+        jacobian: of the residual of the fitted samples, shape (n, P).
+    """
     if s.far:
         return ()
-    _, jacobian = fitted_samples(s.problem, s.x, s.weighted)
     jacobian = np.where(np.isfinite(jacobian), jacobian, 0.0)
-    layout, others = s.problem.layout, [e for e in s.added if e is not curve]
-    amplitudes = [symbol for e in s.added for symbol in e.off or ()]
-    rest = orthonormal(jacobian[:, ~np.isin(layout.free, amplitudes)])
+    amplitudes = {e: np.isin(s.problem.layout.free, list(e.off or ())) for e in s.added}
+    rest = orthonormal(jacobian[:, ~np.any([*amplitudes.values()], axis=0)])
 
-    def span(effect: Effect) -> np.ndarray:
-        return orthonormal(without(rest, jacobian[:, np.isin(layout.free, list(effect.off or ()))]))
+    def contribution(effect: Effect) -> tuple[np.ndarray, np.ndarray]:
+        """What the effect does to the residual, and a basis of what its amplitudes could do."""
+        doubled = Background.free_of(rest, jacobian @ step_that_doubles(s, effect))
+        return doubled, orthonormal(Background.free_of(rest, jacobian[:, amplitudes[effect]]))
 
-    def added(effect: Effect) -> np.ndarray:
-        return without(rest, jacobian @ step_that_doubles(s, effect))
-
-    return tuple(e.name for e in others if corrects(added(e), added(curve), span(e), span(curve)))
+    h, of_curve = contribution(curve)
+    named = ((e.name, *contribution(e)) for e in s.added if e is not curve)
+    return tuple(name for name, c, of_effect in named if corrects(c, h, of_effect, of_curve))
 
 
 def corrects(c: np.ndarray, h: np.ndarray, effect: np.ndarray, curve: np.ndarray) -> bool:
@@ -132,21 +135,10 @@ def corrects(c: np.ndarray, h: np.ndarray, effect: np.ndarray, curve: np.ndarray
         c, h: what the effect and the curve do to the residual, shape (n,) each.
         effect, curve: orthonormal bases of what their amplitudes do, shape (n, k) each.
     """
-    of_its_shape = np.sum(without(curve, c) ** 2) <= (1.0 - ONE_SHAPE) * np.sum(c**2)
+    of_its_shape = np.sum(Background.free_of(curve, c) ** 2) <= (1.0 - ONE_SHAPE) * np.sum(c**2)
     both = c + h
-    return bool(of_its_shape and np.linalg.norm(without(effect, both)) <= FORMULA_CORRECTION * np.linalg.norm(both))
-
-
-def orthonormal(columns: np.ndarray) -> np.ndarray:
-    """An orthonormal basis of what columns, shape (n, k), span; those that add nothing are left out."""
-    sizes = np.linalg.norm(columns, axis=0)
-    basis, weight, _ = np.linalg.svd(columns[:, sizes > 0.0] / sizes[sizes > 0.0], full_matrices=False)
-    return basis[:, weight > 1e-8 * weight.max(initial=0.0)]
-
-
-def without(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """The columns, shape (n,) or (n, k), without their part along an orthonormal basis."""
-    return columns - basis @ (basis.T @ columns)
+    left = np.linalg.norm(Background.free_of(effect, both))
+    return bool(of_its_shape and left <= FORMULA_CORRECTION * np.linalg.norm(both))
 
 
 # ---- decisions
@@ -243,12 +235,16 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     s, v, effect = best.model, best.verdict, best.verdict.effect
     assert issubclass(effect, AbstractSmooth)
     curve = effect(**{symbol: s.values[symbol] for symbol in effect.symbols})
+    r, jacobian = fitted_samples(s.problem, s.x, s.weighted)
+    covariance = covariance_of(r, jacobian, s.weighted.samples)
+    rows = [s.problem.layout.free.index(symbol) for symbol in effect.symbols]
+    scale = [s.problem.layout.parameter(symbol).domain.scale for symbol in effect.symbols]
     along = signals(s.problem, s.x, guide_stiffness_of(s.problem, s.x))
     where = np.linspace(*measured_range(effect, along, s.problem.config.travel), _POINTS)
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
     held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
-    corrects = () if doubts else corrected_formulas(s, effect)
+    corrects = () if doubts else corrected_formulas(s, effect, jacobian)
     correction = f" It corrects the formula of {listed(corrects)}, which is not exact." if corrects else ""
     doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
     sentence = (
@@ -262,7 +258,7 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
         axis_unit=effect.along.unit,
         axis=where,
         curve=shape,
-        sd=_sd(s, effect, where),
+        sd=curve_sd(effect, where, covariance[np.ix_(rows, rows)], np.array(scale)),
         size=size,
         fit_rms_ratio=v.fit_rms_ratio,
         holdout_rms_ratio=v.holdout_rms_ratio,
@@ -293,14 +289,6 @@ def measured_range(
     if effect.along.low >= 0.0:
         values = np.abs(values)
     return float(np.min(values)), float(np.max(values))
-
-
-def _sd(s: CandidateModel, effect: Smooth, where: np.ndarray) -> np.ndarray:
-    r, _, jacobian = s.problem.linearise(s.x, s.weighted)
-    covariance = covariance_of(r, jacobian, s.weighted.samples)
-    rows = [s.problem.layout.free.index(symbol) for symbol in effect.symbols]
-    scale = [s.problem.layout.parameter(symbol).domain.scale for symbol in effect.symbols]
-    return curve_sd(effect, where, covariance[np.ix_(rows, rows)], np.array(scale))
 
 
 def covariance_of(r: np.ndarray, jacobian: np.ndarray, samples: float) -> np.ndarray:

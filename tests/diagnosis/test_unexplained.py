@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from diagnoses import verdict
+from etcfit.diagnosis.screen import Background, orthonormal
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.unexplained import (
     best_curve,
@@ -20,9 +21,7 @@ from etcfit.diagnosis.unexplained import (
     measured_range,
     much_is_left,
     one_curve_does_more,
-    orthonormal,
     questioned,
-    without,
 )
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.parameters import parameters_of
@@ -217,4 +216,4 @@ def test_what_other_parameters_could_do_is_taken_off() -> None:
     """Of columns, also of those that are not independent."""
     basis = orthonormal(np.stack([BOW, 2.0 * BOW, ANGLE, np.zeros_like(BOW)], axis=1))
     assert basis.shape == (400, 2)
-    assert_allclose(without(basis, 3.0 * BOW - ANGLE), 0.0, atol=1e-12)
+    assert_allclose(Background.free_of(basis, 3.0 * BOW - ANGLE), 0.0, atol=1e-12)

@@ -105,8 +105,9 @@ def best_over_draws(task: Task, begins: np.ndarray, rng: np.random.Generator) ->
 def best_of_several(
     score: Score, begins: np.ndarray, rng: np.random.Generator, settings: OptimumSettings = OptimumSettings()
 ) -> np.ndarray:
-    """The best of several searches, each from one of the best starts, no start near another; of those that are not
-    near the best after half of their populations no more.
+    """The best of several searches, each from one of the best starts, no start near another.
+
+    A search whose cost is not near the least after half of its populations ends there.
 
     Args:
         begins: starts, logarithms of gains, shape (B, 3).
@@ -114,19 +115,15 @@ def best_of_several(
         logarithms of gains, shape (elite, 3), the best first.
     """
 
-    def begun(start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return elite_of(score, _about(start, rng, settings), half, rng, settings)
-
-    def continued(elite: tuple[np.ndarray, np.ndarray], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-        return improved(score, *elite, settings.last_rounds - half, rng, settings)
+    def first_half(start: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.random.Generator]:
+        return *elite_of(score, _about(start, rng, settings), half, rng, settings), rng
 
     half = settings.last_rounds // 2
     starts = _apart(begins[np.argsort(score(begins).cost)], settings)
-    generators = rng.spawn(len(starts))
-    found = concurrently(lambda each: begun(*each), list(zip(starts, generators, strict=True)))
-    least = min(cost[0] for _, cost in found)
-    near = [each for each in zip(found, generators, strict=True) if each[0][1][0] <= _NEAR * least]
-    found = concurrently(lambda each: continued(*each), near)
+    searches = concurrently(lambda each: first_half(*each), list(zip(starts, rng.spawn(len(starts)), strict=True)))
+    least = min(cost[0] for _, cost, _ in searches)
+    near = [search for search in searches if search[1][0] <= _NEAR * least]
+    found = concurrently(lambda search: improved(score, *search, settings.last_rounds - half, settings), near)
     leaders, cost = (np.concatenate(each) for each in zip(*found, strict=True))
     return leaders[np.argsort(cost)[: settings.elite]]
 
@@ -207,15 +204,15 @@ def elite_of(
     """
     cost = score(begin).cost
     order = np.argsort(cost)[: settings.elite]
-    return improved(score, begin[order], cost[order], rounds, rng, settings)
+    return improved(score, begin[order], cost[order], rng, rounds, settings)
 
 
 def improved(
     score: Score,
     leaders: np.ndarray,
     cost: np.ndarray,
-    rounds: int,
     rng: np.random.Generator,
+    rounds: int,
     settings: OptimumSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The elite after some more populations; arguments and result as of `elite_of`, whose result may be passed on."""

@@ -388,16 +388,18 @@ def _jam_words(safe: Mapping[str, Any], settings: Mapping[str, Any]) -> list[str
     slowest = f"{settings['within']:g} s with a reserve of {settings['reserve']:g} times"
     if check is None:
         return [tried, f"none proposed: no threshold up to {pct(settings['most'])} % is enough within {slowest}"]
-    kept = "no smaller error lasts so long" if check["sustained_pct"] == 0.0 else (
+    kept = "no error that was tried lasts so long" if check["sustained_pct"] == 0.0 else (
         f"the largest error that lasts so long is {short(check['sustained_pct'])} %")  # fmt: skip
-    told = ", ".join(f"{name} {short(after)} s" for name, after in check["told_after_s"].items() if after is not None)
+    detected = ", ".join(
+        f"{name} {short(after)} s" for name, after in check["told_after_s"].items() if after is not None
+    )
     return [
         tried,
         f"proposed: an error above {short(check['error_pct'])} % for more than {check['timeout_s']:g} s; the smallest "
         f"threshold without a false trip within {slowest}",
         f"no false trip: the error of a sound throttle exceeds it for {short(check['longest_above_s'])} s at most; "
         f"{kept}",
-        f"a plate that jams at the first change of a scenario is detected after: {told or 'never'}; not while the "
+        f"a plate that jams at the first change of a scenario is detected after: {detected or 'never'}; not while the "
         "setpoint stays within the threshold",
     ]
 
