@@ -410,7 +410,7 @@ def _faults(panel: Axes, design: Design) -> None:
     panel.set_yticks(np.arange(len(every) - 1) + 0.5, minor=True)
     panel.grid(visible=True, which="minor", color="white", lw=2.5)
     panel.tick_params(which="minor", length=0)
-    _panel_title(panel, "The position sensor fails", "pale: the plate stays near the setpoint [% of travel]")
+    _panel_title(panel, "The position sensor fails", "pale, where the plate stays near the setpoint [% of travel]")
 
 
 def _back(panel: Axes, design: Design) -> None:
