@@ -11,7 +11,8 @@ import pytest
 from docs.made import ROOT, made, pages, renewed
 from docs.made.notebooks import cells, page_of
 
-LINK = re.compile(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)")
+LINK = re.compile(r"\]\(([^)\s#]*)(?:#([^)\s]*))?\)")
+HEADING = re.compile(r"^#+ +(.+?) *(?:\{ *#([\w-]+) *\})?$", re.MULTILINE)
 FENCED = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
 PAGES = [*pages(), ROOT / "CHANGELOG.md", ROOT / "SECURITY.md"]
 
@@ -40,10 +41,22 @@ def test_every_registry_has_its_page() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=place)
-def test_every_link_to_a_file_leads_to_one(page: Path) -> None:
-    text = FENCED.sub("", page.read_text(encoding="utf-8"))
-    targets = [target for target in LINK.findall(text) if "://" not in target and not target.startswith("mailto:")]
-    assert [target for target in targets if not (page.parent / target).exists()] == []
+def test_every_link_leads_to_a_file_and_to_a_heading_of_it(page: Path) -> None:
+    links = [(page.parent / file if file else page, anchor) for file, anchor in LINK.findall(unfenced(page))
+             if "://" not in file and not file.startswith("mailto:")]  # fmt: skip
+    assert [file for file, _ in links if not file.exists()] == []
+    assert [(place(file.resolve()), anchor) for file, anchor in links if anchor and anchor not in anchors(file)] == []
+
+
+def unfenced(page: Path) -> str:
+    return FENCED.sub("", page.read_text(encoding="utf-8"))
+
+
+def anchors(page: Path) -> set[str]:
+    """What the site and the code host make of a page's headings."""
+    text = unfenced(page)
+    made = {name or re.sub(r"\s", "-", re.sub(r"[^\w\s-]", "", words).lower()) for words, name in HEADING.findall(text)}
+    return made | set(re.findall(r'id="([^"]+)"', text))
 
 
 @pytest.mark.parametrize("notebook", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda notebook: notebook.stem)

