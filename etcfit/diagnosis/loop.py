@@ -193,7 +193,7 @@ def _tried(
     if not deserves_second_trial(trial.verdict, before, s.far, settings):
         return trial
     report(f"refitting with {effect.name} in full", 0.8)
-    again = second_trial(trial.model, refit_fully(trial.model, report), before, effect)
+    again = second_trial(trial, refit_fully(trial.model, report), before)
     return again if is_accepted(again.verdict, settings) else trial
 
 

@@ -276,7 +276,7 @@ def probabilities(
                 named[effect] = 1.0 - (1.0 - named.get(effect, 0.0)) * (1.0 - p)
     # an effect that was taken away again, or is in doubt, counts as one that was never added
     named |= {effect: min(named.get(effect, 1.0), settings.missed) for effect in _withdrawn(rounds, added)}
-    silent = not (added or curve or doubts) and rounds[-1].evidence.white
+    silent = not (added or curve or doubts) and rounds[0].evidence.white
     return {
         **dict(sorted(named.items(), key=lambda item: -item[1])),
         NOTHING: 1.0 - settings.missed if silent else settings.lapse * math.prod(1.0 - p for p in named.values()),
@@ -317,7 +317,8 @@ def _probability_of_unnamed_rest(
     settings: DiagnosisSettings,
 ) -> float:
     """Probability that something without a name is left at the end; `curve`: one that corrects no formula."""
-    noise = rounds[-1].evidence.white and not doubts
+    last = rounds[-1] if added else rounds[0]  # where all were taken away again, the first model is the final one
+    noise = last.evidence.white and not doubts
     if curve or not (added or noise):
         return 1.0 - settings.lapse
     if noise:

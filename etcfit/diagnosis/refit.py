@@ -29,6 +29,7 @@ NEAR_CHI2_PER_DOF = 10.0
 WHITENING_ROUNDS = 10  # most rounds of whitening and refitting
 STILL = 0.2  # standard errors: a round of whitening that moves no parameter by more is the last
 REWEIGHINGS = 2  # times that the samples are weighed by their residuals, far from the data
+HELD_OUT_NOISE = 1.1  # whitened chi2 per held-out sample up to which nothing in it contradicts a model
 WORSE_CHI2 = 1.5  # chi2 per sample after a full refit over that before, from which on the refit is refused
 
 
@@ -159,4 +160,17 @@ def is_no_worse(new: CandidateModel, before: CandidateModel, was: Score) -> bool
     """
     if refit_worsened(new, before):
         return False
-    return not holdout_worsened(holdout_rms(new), was.holdout_rms, new.settings.rise_in_refit(new.far))
+    rise = new.settings.rise_in_refit(new.far)
+    return held_out_is_noise(new) or not holdout_worsened(holdout_rms(new), was.holdout_rms, rise)
+
+
+def held_out_is_noise(s: CandidateModel) -> bool:
+    """Whether each held-out sample, predicted from those before it, differs from the model by noise alone.
+
+    Then nothing in them contradicts the model, even where their free-run RMS rose: a free run adds up what the noise of
+    the input and small errors of the parameters do. False far from the data, and where nothing is held out.
+    """
+    if s.far or s.holdout is None:
+        return False
+    problem, weighted = s.holdout
+    return bool(problem.chi2(s.x, weighted) < HELD_OUT_NOISE * weighted.samples)

@@ -170,11 +170,18 @@ def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], be
     return judge_trial(effect, before, s.trying((effect,), values).optimised())
 
 
-def second_trial(s: CandidateModel, full: CandidateModel, before: Score, effect: Effect) -> Trial:
-    """The trial at the coordinates where a full refit ended, with the allowed rise of the held-out RMS of a full refit.
+def second_trial(first: Trial, full: CandidateModel, before: Score) -> Trial:
+    """The trial of the same effect, contradicted by the held-out traces, once more: at the coordinates where a full
+    refit ended, with the allowed rise of the held-out RMS of a full refit.
 
-    Args:
-        s: the model of the first trial, whose whitening stays.
+    What the effect explains is the larger of both: the whitening of the model before may hold it from either place.
     """
-    trial = judge_trial(effect, before, replace(s, x=full.x))
-    return replace(trial, verdict=replace(trial.verdict, slack=s.settings.refit_rise))
+    again = judge_trial(first.verdict.effect, before, replace(first.model, x=full.x))
+    best = min(first, again, key=lambda t: t.verdict.score.chi2)
+    verdict = replace(
+        best.verdict,
+        holdout_rms_ratio=again.verdict.holdout_rms_ratio,
+        holdout_chi2_change=again.verdict.holdout_chi2_change,
+        slack=full.settings.refit_rise,
+    )
+    return replace(best, verdict=verdict)

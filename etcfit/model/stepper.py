@@ -306,19 +306,31 @@ class _Contact(NamedTuple):
         return (self.on_lower & (omega < 0.0)) | (self.on_upper & (omega > 0.0))
 
     def clip(self, before: State, x: State) -> State:
-        """A new impact: angle to the stop, speed to zero, or to the share that the stop gives back, at the end of the
-        step: within it sensitivities would explode. A rebound that would end within a step comes to rest."""
-        below = above = -self.restitution * x.omega
+        """A new impact: angle to the stop, speed to zero at the end of the step: within it sensitivities would explode.
+        Where the stop gives back a share e of the speed, the plate is where that leads it in the rest of the step.
+        With dt' the time since the impact and g the change of speed during it, of the step's, in proportion:
+
+            omega' = -e (omega - g) + g,    theta' = stop + (-e (omega - g) + g/2) dt',    dt' = beyond/(omega - g/2)
+
+        A rebound that would end within a step comes to rest."""
+        low, high = (x.theta < self.lower) & (x.omega < 0.0), (x.theta > self.upper) & (x.omega > 0.0)
+        stop = jnp.clip(x.theta, self.lower, self.upper)
+        if self.play is None and isinstance(self.restitution, float):
+            return State(x.i, stop, jnp.where(low | high, 0.0, x.omega))
+        hit, change, beyond = low | high, x.omega - before.omega, x.theta - stop
+        after = change * beyond / jnp.where(hit, x.theta - before.theta, 1.0)
+        back = -self.restitution * (x.omega - after)
+        below = above = back + after
         if self.play is not None:
             below = jnp.where(self.play.there, self.play.closing(x.omega), below)
             above = jnp.where(self.play.alone, self.play.opening(x.omega), above)
-        below, above = (
-            jnp.where(rests | (jnp.abs(back) <= 2.0 * jnp.abs(x.omega - before.omega)), 0.0, back)
-            for back, rests in ((below, self.on_lower), (above, self.on_upper))
-        )
-        omega = jnp.where((x.theta < self.lower) & (x.omega < 0.0), below, x.omega)
-        omega = jnp.where((x.theta > self.upper) & (x.omega > 0.0), above, omega)
-        return State(x.i, jnp.clip(x.theta, self.lower, self.upper), omega)
+        omega = jnp.where(low, below, above)
+        rests = jnp.where(low, self.on_lower, self.on_upper) | (jnp.abs(omega) <= 2.0 * jnp.abs(change))
+        away = hit & ~rests
+        way = (back + 0.5 * after) * beyond / jnp.where(away, x.omega - 0.5 * after, 1.0)
+        if self.play is not None:  # of teeth: as if they met at the end of the step
+            way = jnp.where(jnp.where(low, self.play.there, self.play.alone), 0.0, way)
+        return State(x.i, stop + jnp.where(away, way, 0.0), jnp.where(away, omega, jnp.where(hit, 0.0, x.omega)))
 
 
 class _Stage(NamedTuple):

@@ -222,10 +222,13 @@ def impact(before: State, after: State, steps: Step) -> Float[AnyArray, "*batch"
     """Speed lost in an impact on a stop within each step, rad/s; 0 elsewhere."""
     stopped = (after.omega == 0.0) & (before.omega != 0.0)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
+    turned = after.omega * before.omega < 0.0
+    way = after.omega * steps.dt  # at most, since a rebound in this step
+    rebounded = turned & ((after.theta - steps.lower <= way) | (after.theta - steps.upper >= way))
     # a motor that rattles in the play of its gear, beyond the stop of the plate
-    rattled = (after.omega * before.omega < 0.0) & (jnp.minimum(after.theta, before.theta) < steps.lower)
+    rattled = turned & (jnp.minimum(after.theta, before.theta) < steps.lower)
     has_stops = (steps.mobile > 0.5) & (steps.plate > 0.5)  # a motor without its plate has no stops
-    return jnp.where(((stopped & on_stop) | rattled) & has_stops, jnp.abs(before.omega - after.omega), 0.0)
+    return jnp.where(((stopped & on_stop) | rebounded | rattled) & has_stops, jnp.abs(before.omega - after.omega), 0.0)
 
 
 def impacts_nearby(lost: Float[AnyArray, "T L"], weight: Float[AnyArray, "T L M"]) -> Float[Array, "T L"]:
