@@ -100,6 +100,13 @@ def test_an_effect_taken_away_again_is_not_believed() -> None:
     assert gone["a"] == pytest.approx(MISSED)
 
 
+def test_where_all_effects_were_taken_away_again_the_misfit_of_the_first_model_is_unexplained() -> None:
+    """The last round saw noise beside an effect that is no longer in the model."""
+    p = probabilities([replace(turn("a", a=-900.0), evidence=COLOURED), turn(None)], [], False, DEFAULT)
+    assert p[UNEXPLAINED] == 1.0 - LAPSE
+    assert p[NOTHING] <= LAPSE
+
+
 def test_two_rounds_are_two_reasons() -> None:
     first, second = turn("b", ("a",), a=-50.0, b=-60.0), turn("a", a=-3.0 * T)
     once, again = (probabilities([each], ["b", "a"], False, DEFAULT)["a"] for each in (first, second))

@@ -70,6 +70,9 @@ def test_an_engine_computer_adds_its_memories_and_an_instant_to_the_error_states
     ("theta", "omega", "mobile", "plate", "lost"),
     [
         pytest.param((0.1, 0.0), (-30.0, 0.0), 1.0, 1.0, 30.0, id="a plate that lands"),
+        pytest.param((0.01, 0.002), (-30.0, 12.0), 1.0, 1.0, 42.0, id="a plate that rebounds from the closed stop"),
+        pytest.param((98.99, 98.998), (30.0, -12.0), 1.0, 1.0, 42.0, id="a plate that rebounds from the open stop"),
+        pytest.param((0.1, 0.1), (-3.0, 12.0), 1.0, 1.0, 0.0, id="a plate that turns back far from a stop"),
         pytest.param((0.0, -0.01), (-30.0, 12.0), 1.0, 1.0, 42.0, id="a motor that rattles in its gear's play"),
         pytest.param((0.1, 0.1), (-3.0, 0.0), 1.0, 1.0, 0.0, id="a plate that sticks half open"),
         pytest.param((-9.0, -9.0), (-2.0, 1.0), 1.0, 0.0, 0.0, id="a motor without a plate that turns back"),
@@ -87,7 +90,7 @@ def test_an_impact_is_what_a_plate_or_its_gear_meets_and_five_samples_around_it_
     known: dict[str, Any] = {
         name: nothing for name, each in signature(Step).parameters.items() if each.default is each.empty
     }
-    known |= {"upper": nothing + 99.0, "mobile": nothing + mobile, "plate": nothing + plate}
+    known |= {"dt": nothing + 1e-3, "upper": nothing + 99.0, "mobile": nothing + mobile, "plate": nothing + plate}
     steps = Step(**known)
     lost_there = np.asarray(impact(before, after, steps))
     near = np.abs(np.arange(rows) - at_step) <= 5
