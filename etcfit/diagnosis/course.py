@@ -29,7 +29,7 @@ from .probabilities import (
     named_effects,
     with_effect_before_rounds,
 )
-from .refit import held_out_is_noise, start
+from .refit import held_out_shows_noise, start
 from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, reported
 from .score import score, tie_covariance
 from .sets import searched
@@ -169,7 +169,7 @@ def diagnose(
         left = unexplained(result, progress.model, worth, report)
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
-    contradicted = not held_out_is_noise(progress.model) and runs_free_worse(after, result, settings)
+    contradicted = not held_out_shows_noise(progress.model, first) and runs_free_worse(after, result, settings)
     if progress.model.added and contradicted:
         added = listed(e.name for e in progress.model.added)
         worse = f"Run free, the model with {added} is further from the data: all these effects are taken away again."

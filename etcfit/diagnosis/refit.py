@@ -22,6 +22,7 @@ from .candidate_model import CandidateModel
 from .composition import compose
 from .score import Score, holdout_rms, holdout_worsened
 from .settings import DiagnosisSettings
+from .trial import SPARED_GAIN
 
 REFIT_TOLERANCE = 1e-4  # relative change of chi2 that ends the descent before the first whitening
 # chi2 per degree of freedom below which a model that was far from the data counts as near them
@@ -161,16 +162,18 @@ def is_no_worse(new: CandidateModel, before: CandidateModel, was: Score) -> bool
     if refit_worsened(new, before):
         return False
     rise = new.settings.rise_in_refit(new.far)
-    return held_out_is_noise(new) or not holdout_worsened(holdout_rms(new), was.holdout_rms, rise)
+    return held_out_shows_noise(new, before) or not holdout_worsened(holdout_rms(new), was.holdout_rms, rise)
 
 
-def held_out_is_noise(s: CandidateModel) -> bool:
-    """Whether each held-out sample, predicted from those before it, differs from the model by noise alone.
+def held_out_shows_noise(new: CandidateModel, before: CandidateModel) -> bool:
+    """Whether each held-out sample, predicted from those before it, differs from the new model by noise alone, and
+    their chi2 rises little beside the fall of that of the fitted traces.
 
-    Then nothing in them contradicts the model, even where their free-run RMS rose: a free run adds up what the noise of
-    the input and small errors of the parameters do. False far from the data, and where nothing is held out.
+    Then nothing in them contradicts the new model, even where their free-run RMS rises: a free run adds up what the
+    noise of the input and small errors of the parameters do. False far from the data, and where nothing is held out.
     """
-    if s.far or s.holdout is None:
+    if new.far or before.far or new.holdout is None or before.holdout is None:
         return False
-    problem, weighted = s.holdout
-    return bool(problem.chi2(s.x, weighted) < HELD_OUT_NOISE * weighted.samples)
+    (after, data), (was, _) = ((problem.chi2(s.x, own), own) for s in (new, before) for problem, own in [s.holdout])
+    noise = after < HELD_OUT_NOISE * data.samples
+    return bool(noise and after - was < SPARED_GAIN * (before.chi2 - new.chi2))
