@@ -113,10 +113,17 @@ def _move(pictures: Path, to: Path) -> None:
 
 
 def clear_for_diagnosis(run: Path, diagnosis: Diagnosis) -> None:
-    """Move the pictures of the first fit to RUN/pictures/before if the final model is another. See `draw_others`."""
-    pictures = run / "pictures"
+    """Move the pictures of the first fit to RUN/pictures/before if the final model is another, and back if none is. See
+    `draw_others`."""
+    pictures, before, another = run / "pictures", run / "pictures" / "before", _is_another(diagnosis)
     _leave_others(run)
-    _set_aside(pictures, pictures / "before", _is_another(diagnosis))
+    if before.is_dir():
+        _clear(pictures)
+        if not another:
+            _move(before, pictures)
+            shutil.rmtree(before)
+    elif another:
+        _move(pictures, before)
     for folder in ("", "traces"):
         _delete(pictures / "diagnosis" / folder)
 
@@ -135,17 +142,6 @@ def draw_diagnosis(run: Path, diagnosis: Diagnosis, report: Report) -> None:
 def _is_another(diagnosis: Diagnosis) -> bool:
     """Whether the final model is another than the first fit's, or was fitted to fewer traces."""
     return diagnosis.final != diagnosis.start or bool(diagnosis.aside)
-
-
-def _set_aside(pictures: Path, before: Path, another: bool) -> None:
-    """Move pictures of the first fit to `before` if another model replaces them, and back if none does."""
-    if before.is_dir():
-        _clear(pictures)
-        if not another:
-            _move(before, pictures)
-            shutil.rmtree(before)
-    elif another:
-        _move(pictures, before)
 
 
 def draw_design(run: Path, design: Design, report: Report) -> None:

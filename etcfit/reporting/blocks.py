@@ -11,7 +11,7 @@ from rich.segment import Segment
 from rich.text import Text
 
 from ..errors import visible
-from .table import Part, Table, there
+from .table import Notes, Part, Table, there
 
 if TYPE_CHECKING:  # a console does not need these modules
     from ..estimation.fitted_model import FitState
@@ -167,16 +167,15 @@ def headline(text: str, synthetic: bool) -> Text:
     return head
 
 
-def sentences(title: str, texts: Sequence[str]) -> Padding | None:
-    """One line with a dash for each sentence; None without sentences."""
-    if not texts:
-        return None
-    return headed(title, Group(*dashed(texts)))
-
-
-def stacked(*parts: RenderableType | None) -> Group:
-    """Parts one below the other, without those that are None."""
-    return Group(*(part for part in parts if part is not None))
+def stacked(*parts: RenderableType | Part | None) -> Group:
+    """Parts one below the other, tables and notes as `shown`; without those that are None or empty."""
+    blocks = []
+    for part in parts:
+        if isinstance(part, Table | Notes):
+            blocks += map(shown, there(part))
+        elif part is not None:
+            blocks.append(part)
+    return Group(*blocks)
 
 
 def shown(part: Part) -> Padding:
@@ -185,11 +184,6 @@ def shown(part: Part) -> Padding:
         return headed(part.title, Group(PlainTable(part), *dashed(part.notes)))
     code = (Text(line, no_wrap=True, overflow="ignore") for line in part.texts)
     return headed(part.title, Group(*(code if part.code else dashed(part.texts))))
-
-
-def all_shown(*parts: Part | None) -> Group:
-    """Blocks one below the other, without empty ones."""
-    return Group(*map(shown, there(*parts)))
 
 
 def outcome(converged: bool, words: tuple[str, str], rest: str) -> Text:
@@ -227,7 +221,7 @@ def cautioned(part: RenderableType, state: FitState) -> RenderableType:
     """A table, with the cautions of its fit above."""
     if not state.cautions:
         return part
-    return Group(sentences("Caution", state.cautions) or "", "", part)
+    return Group(shown(Notes("Caution", state.cautions)), "", part)
 
 
 class _Visible:

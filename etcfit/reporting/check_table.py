@@ -13,21 +13,21 @@ from rich.text import Text
 from ..experiment.advice import Advice
 from ..experiment.check import ChannelCheck, CheckResult, TraceCheck
 from ..rig.base import Finding
-from .blocks import PlainTable, dashed, headed, rig_title, sentences, shown, spaced, stacked
+from .blocks import PlainTable, dashed, headed, rig_title, shown, spaced, stacked
 from .car_log import good_enough
 from .numbers import short
-from .table import Cell, Column, Kind, Table, of_texts, role
+from .table import Cell, Column, Kind, Notes, Table, of_texts, role
 
 
 def check_table(result: CheckResult) -> RenderableType:
     """A check for stdout: every trace and channel, anomalies, and the parameters that these data identify."""
     return stacked(
         rig_title(result.rig.config, result.rig.folder),
-        shown(traces_table(result.traces)),
-        shown(_channels(result.traces)),
-        *(shown(good_enough(each)) for each in result.follows),
+        traces_table(result.traces),
+        _channels(result.traces),
+        *map(good_enough, result.follows),
         findings_table(result.rig.findings),
-        sentences(
+        Notes(
             "What looks odd in the records",
             [*_oddities(result), *(w for w in result.warnings if w not in map(str, result.rig.findings))],
         ),
@@ -101,7 +101,7 @@ def _oddities(result: CheckResult) -> list[str]:
 def _identifiability(result: CheckResult) -> RenderableType:
     verdict = result.identifiability
     if verdict is None:
-        return sentences("Nothing can be fitted", [result.why_not]) or Text("Nothing can be fitted")
+        return shown(Notes("Nothing can be fitted", [result.why_not]))
     head = Text("What these traces can identify (model of Eqs. 1-2, at values read off the graphs)", style="bold")
     values = "  ".join(short(s, 2) for s in verdict.singular_values)
     lost = ", ".join(verdict.lost)
@@ -120,9 +120,9 @@ def advice_table(advice: Advice) -> RenderableType:
     """Advice for stdout."""
     return stacked(
         rig_title(advice.rig.config, "what one more trace would tell"),
-        shown(options_table(advice)),
-        shown(_shares(advice)),
-        sentences("Not judged", [f"{test}: {why}." for test, why in advice.not_judged]),
+        options_table(advice),
+        _shares(advice),
+        Notes("Not judged", [f"{test}: {why}." for test, why in advice.not_judged]),
     )
 
 

@@ -19,7 +19,7 @@ from ..estimation.joint_fit import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError, pooled
 from ..run_folder.fit import fit_json
-from .blocks import all_shown, outcome, rig_title, sentences, spaced, stacked
+from .blocks import outcome, rig_title, spaced, stacked
 from .numbers import Digits, short
 from .table import Cell, Column, Notes, Part, Table, Tone, role, there
 
@@ -46,8 +46,8 @@ def fit_table(result: FitResult) -> RenderableType:
         Column("after", "chi2_after", digits=4), Column("steps", "steps", spare=1)),
         [asdict(start) for start in result.starts], file=_FILE)  # fmt: skip
     parts = parameters_table(fit["parameters"], fit["lumped"]), errors, *knowledge_parts(fit), starts
-    at_last = spaced(Group(ended, Text(said)) if said else ended), sentences("Warnings", result.warnings)
-    return stacked(rig_title(rig.config, model), all_shown(*parts), *at_last)
+    at_last = spaced(Group(ended, Text(said)) if said else ended), Notes("Warnings", result.warnings)
+    return stacked(rig_title(rig.config, model), *parts, *at_last)
 
 
 def knowledge_parts(fit: Mapping[str, Any]) -> list[Part]:

@@ -13,10 +13,10 @@ from rich.text import Text
 from ..estimation.identifiability import listed
 from ..model.ecus import named
 from ..run_folder.pid import design_json
-from .blocks import sentences, shown, spaced, stacked
+from .blocks import spaced, stacked
 from .control.sentence import missed_in_corner, missed_on_nominal, place_of_corner
 from .numbers import between, short
-from .table import Table, of_texts
+from .table import Notes, Table, of_texts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,20 +37,19 @@ def tune_table(told: Mapping[str, Any]) -> RenderableType:
     rows = [(c["name"], "ok" if c["passed"] else "STOPS" if c["stops"] else "doubtful",
              c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in told["checks"]]  # fmt: skip
     checks = of_texts("The logs", ("check", "", "found"), rows, 2, {"found": "prose"})
-    parts: list[RenderableType | None] = [
+    lacks = [f"{each['name']} ({each['found']:.3g} of {each['needed']:g} {each['unit']}): {each['record']}"
+             for each in told["record_next"]]  # fmt: skip
+    return stacked(
         Text(f"{named(told['ecu']).title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {withheld}", style="bold red"))] if withheld else []),
         *([spaced(Text(" ".join(doubts), style="bold red"))] if doubts else []),
-        shown(checks),
-        sentences("Model", says["model"]),
-        *map(shown, tables_of_steps(told)),
-        sentences("Requirements", [says["requirements"]] if says["requirements"] else []),
-        sentences("Next", says["next"]),
-    ]
-    lacks = [f"{each['name']} ({each['found']:.3g} of {each['needed']:g} {each['unit']}): {each['record']}"
-             for each in told["record_next"]]  # fmt: skip
-    parts.append(sentences("To record next, for surer gains", lacks))
-    return stacked(*parts)
+        checks,
+        Notes("Model", says["model"]),
+        *tables_of_steps(told),
+        Notes("Requirements", [says["requirements"]] if says["requirements"] else []),
+        Notes("Next", says["next"]),
+        Notes("To record next, for surer gains", lacks),
+    )
 
 
 def tables_of_steps(told: Mapping[str, Any]) -> tuple[Table, ...]:

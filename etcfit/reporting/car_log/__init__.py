@@ -19,9 +19,9 @@ from ...car_log.foretold import Comparison, Figure
 from ...car_log.study import verdict
 from ...car_log.usage import SHARE
 from ...rig.base import RigConfig
-from ..blocks import dashed, rig_title, sentences, shown, spaced, stacked
+from ..blocks import dashed, rig_title, shown, spaced, stacked
 from ..numbers import between, or_never, short
-from ..table import Cell, Column, Kind, Table, of_texts
+from ..table import Cell, Column, Kind, Notes, Table, of_texts
 
 _MOST = 20  # largest number of steps in a table, the worst ones
 _NAMES = {"good": "good", "not good": "NOT GOOD", "cannot be said": "not known"}
@@ -125,12 +125,12 @@ def drive_table(config: RigConfig, studies: Sequence[Study]) -> RenderableType:
                  for lack in record_next(logs)]  # fmt: skip
     return stacked(
         rig_title(config, "logs from the car"),
-        shown(logs_table(studies)),
-        sentences("Columns that were taken", columns),
-        sentences("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
+        logs_table(studies),
+        Notes("Columns that were taken", columns),
+        Notes("What to look at", [f"{log.name}: {log.hint}" for log in logs if log.hint]),
         *(part for each in studies for part in _answer(each)),
         spaced(Text(f"{logs[0].name} -> {logs[1].name}: {verdict(*studies)}")) if len(studies) == 2 else None,
-        sentences("To record next, on the bench as closed_loop/ or from the car", to_record),
+        Notes("To record next, on the bench as closed_loop/ or from the car", to_record),
     )  # fmt: skip
 
 
@@ -151,9 +151,9 @@ def compared_table(config: RigConfig, before: Study, after: Study) -> Renderable
     return stacked(
         rig_title(config, "two logs from the car"),
         spaced(Text(f"{before.log.name} -> {after.log.name}: {verdict(before, after)}")),
-        shown(of_texts("What changed", heads, rows, 1, _CHANGES, file=_FILE)),
-        sentences("At rest, and both sensors",
-                  [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
+        of_texts("What changed", heads, rows, 1, _CHANGES, file=_FILE),
+        Notes("At rest, and both sensors",
+              [f"{each.log.name}: {said}" for each in (before, after) for said in says_of(each)]),
     )  # fmt: skip
 
 

@@ -36,16 +36,12 @@ def draw(each: Study, synthetic: bool) -> Figure:
     _histogram(left, each)
     _tones(right, each)
     _stretch(panel, each.log)
-    style.title(fig, f"{each.log.name}  ·  {_says(each)}")
+    said, follows = "no setpoint logged", each.tracking
+    if follows is not None:
+        lag = "" if follows.lag is None else f", {1e3 * follows.lag:.0f} ms behind"
+        said = f"RMSE {follows.rmse:.2f} % of travel{lag}"
+    style.title(fig, f"{each.log.name}  ·  {said}")
     return fig
-
-
-def _says(each: Study) -> str:
-    follows = each.tracking
-    if follows is None:
-        return "no setpoint logged"
-    lag = "" if follows.lag is None else f", {1e3 * follows.lag:.0f} ms behind"
-    return f"RMSE {follows.rmse:.2f} % of travel{lag}"
 
 
 def _histogram(panel: Axes, each: Study) -> None:
@@ -184,17 +180,12 @@ def write_drive(
     found = {"config": config, "logs": studies, "record_next": lacks, "foretold": beside}
     with held(run), style.drawing():
         write_json(run / "drive.json", "drive", DRIVE.written(found))
-        drawn = []
+        drawn: list[list[Path]] = []
         for k, each in enumerate(studies):
             report(f"drawing {each.log.name}", k / len(studies))
-            drawn.append(_written(run / "pictures" / "drive", each, config.synthetic))
+            drawn.append([])
+            for suffix, drawing in (("_answers", draw_answers), ("", draw)):
+                if (figure := drawing(each, config.synthetic)) is not None:
+                    drawn[-1].append(run / "pictures" / "drive" / f"{Path(each.log.name).stem}{suffix}.png")
+                    style.save(figure, drawn[-1][-1])
         write_page(run / "drive.html", config, studies, lacks, drawn)
-
-
-def _written(folder: Path, each: Study, synthetic: bool) -> list[Path]:
-    stem, answers = Path(each.log.name).stem, draw_answers(each, synthetic)
-    style.save(draw(each, synthetic), folder / f"{stem}.png")
-    if answers is None:
-        return [folder / f"{stem}.png"]
-    style.save(answers, folder / f"{stem}_answers.png")
-    return [folder / f"{stem}_answers.png", folder / f"{stem}.png"]

@@ -14,7 +14,7 @@ from ...control.loop_figures import EFFORT, FIGURES, MARGINS, REQUIRED, TRACKING
 from ...control.on_units import STABLE
 from ...errors import first_names
 from ...model.ecus import ECUS, Pasting, Scheduling, named
-from ..blocks import all_shown, cautioned, rig_title, stacked
+from ..blocks import cautioned, rig_title, stacked
 from ..numbers import or_never, short
 from ..table import Cell, Column, Notes, Part, Table, there
 from .sentence import CURE, GAINS, doubt, state_of, withheld
@@ -522,7 +522,7 @@ def design_table(design: Design) -> RenderableType:
         parts.append(part)
         if typed is not None and part.title == typed.title:
             parts.append(_curve(design))
-    return cautioned(stacked(rig_title(design.fitted.config, "PID gains"), all_shown(*parts)), design.fitted.state)
+    return cautioned(stacked(rig_title(design.fitted.config, "PID gains"), *parts), design.fitted.state)
 
 
 def _curve(design: Design) -> Table:

@@ -260,7 +260,10 @@ def draw_front(design: Design) -> Figure:
     if best:
         panel.plot([p.activity for p in best], [p.error for p in best], "o-", color=style.SIMULATED, ms=5, lw=1.6,
                    label="least error found that meets everything else")  # fmt: skip
-    near = _near(best, rules, design.chosen.rule)
+    # rules that are near enough for the scale of the picture
+    scale = [*best, *(point for point in rules if point.name == design.chosen.rule.replace("_", " "))]
+    activity, error = (_FAR * max(getattr(point, name) for point in scale) for name in ("activity", "error"))
+    near = [point for point in rules if point.activity <= activity and point.error <= error]
     _draw_rules(panel, near, design)
     _limit(panel, design)
     panel.set(xlabel="restlessness: standard deviation of the duty while the setpoint rests [% of the supply]",
@@ -286,13 +289,6 @@ def _least(points: Sequence[_Point]) -> list[_Point]:
         if not least or point.error < least[-1].error:
             least.append(point)
     return least
-
-
-def _near(best: Sequence[_Point], rules: Sequence[_Point], proposed: str) -> list[_Point]:
-    """Rules that are near enough for the scale of the picture."""
-    shown = [*best, *(point for point in rules if point.name == proposed.replace("_", " "))]
-    activity, error = (_FAR * max(getattr(point, name) for point in shown) for name in ("activity", "error"))
-    return [point for point in rules if point.activity <= activity and point.error <= error]
 
 
 def _draw_rules(panel: Axes, rules: Sequence[_Point], design: Design) -> None:
@@ -327,24 +323,18 @@ def _name_rules(panel: Axes, rules: Sequence[_Point]) -> None:
     """A name beside each point, with the missed requirements; labels do not overlap each other or a point."""
     dots = 72.0 / panel.figure.dpi
     places = {point: dots * panel.transData.transform((point.activity, point.error)) for point in rules}
+    # left, right, bottom and top of what is drawn, points
     taken = [(x - 9.0, x + 9.0, y - 9.0, y + 9.0) for x, y in places.values()]
     for point in sorted(rules, key=lambda point: -point.error):
         x, y = places[point]
         said = f"{point.name}: {point.missed[0]}" if point.missed else point.name
         heights = (y - 4.0 + sign * step for step in range(200) for sign in (1.0, -1.0))  # the nearest first
-        low = next(low for low in heights if not any(_overlap(_box(x, low, said), other) for other in taken))
-        taken.append(_box(x, low, said))
+        left, right = x + _BESIDE, x + _BESIDE + _LETTER * len(said)
+        beside = [other for other in taken if left < other[1] and other[0] < right]
+        low = next(low for low in heights if not any(low < end and start < low + _TALL for *_, start, end in beside))
+        taken.append((left, right, low, low + _TALL))
         panel.annotate(said, (point.activity, point.error), textcoords="offset points", xytext=(_BESIDE, low - y),
                        fontsize=9, color=style.FAILED if point.missed else "black")  # fmt: skip
-
-
-def _overlap(one: tuple[float, float, float, float], other: tuple[float, float, float, float]) -> bool:
-    return one[0] < other[1] and other[0] < one[1] and one[2] < other[3] and other[2] < one[3]
-
-
-def _box(x: float, low: float, said: str) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of a label, points."""
-    return x + _BESIDE, x + _BESIDE + _LETTER * len(said), low, low + _TALL
 
 
 def draw_safety(design: Design) -> Figure:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from ..blocks import all_shown, cautioned, rig_title, stacked
+from ..blocks import cautioned, rig_title, stacked
 from ..numbers import Digits, short
 from ..table import Column, Notes, Part, Table, there
 from .sentence import state_of
@@ -165,11 +165,11 @@ def reduction_table(fitted: Fitted, reduction: Reduction, pade_order: int) -> Re
     from ...run_folder.plant import reduction_json
 
     parts = plant_tables(reduction_json(fitted, reduction, pade_order))
-    return cautioned(stacked(rig_title(fitted.config, "transfer function"), all_shown(*parts)), fitted.state)
+    return cautioned(stacked(rig_title(fitted.config, "transfer function"), *parts), fitted.state)
 
 
 def sine_table(fitted: Fitted, response: FrequencyResponse) -> RenderableType:
     """One row per sine trace: the measured loop, then the measured plant and those of the models."""
     from ...run_folder.plant import frequency_json
 
-    return all_shown(*sine_parts(frequency_json(fitted, response)))
+    return stacked(*sine_parts(frequency_json(fitted, response)))

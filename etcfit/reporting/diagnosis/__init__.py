@@ -12,7 +12,7 @@ from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
 from ...run_folder.diagnosis import diagnosis_json
-from ..blocks import all_shown, outcome, rig_title, sentences, shown, spaced, stacked
+from ..blocks import outcome, rig_title, spaced, stacked
 from ..numbers import Digits, short
 from ..table import Column, Kind, Notes, Part, Table, of_texts, there
 from ..tables import LOST, errors_table, status_cell
@@ -31,11 +31,13 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     ended = "The final fit converged", "THE FINAL FIT DID NOT CONVERGE"
     return stacked(
         rig_title(after.rig.config, " + ".join(["Eqs. 1-2", *diagnosis.final])),
-        sentences("Verdict", diagnosis.verdict),
-        all_shown(how_sure(found), errors_table(ledger(diagnosis), True, _FILE), *diagnosis_parts(found)),
+        Notes("Verdict", diagnosis.verdict),
+        how_sure(found),
+        errors_table(ledger(diagnosis), True, _FILE),
+        *diagnosis_parts(found),
         _parameters(diagnosis.before, after),
         spaced(outcome(after.converged, ended, f"{after.reason}; chi2/dof {short(after.chi2_per_dof, 4)}")),
-        sentences("Warnings", after.warnings),
+        Notes("Warnings", after.warnings),
     )
 
 
@@ -108,7 +110,7 @@ def _candidates(k: int, each: Mapping[str, Any]) -> Table:
         every[:_SHOWN], keys=2, file=_FILE)  # fmt: skip
 
 
-def _parameters(before: FitResult, after: FitResult) -> RenderableType:
+def _parameters(before: FitResult, after: FitResult) -> Table:
     """Parameters without the gear ratio, which does not change."""
     was, now = intervals(before), intervals(after)
     units = {p.symbol: p.unit for fit in (before, after) for p in fit.free_parameters.layout.parameters}
@@ -122,7 +124,7 @@ def _parameters(before: FitResult, after: FitResult) -> RenderableType:
     columns = (Column("parameter", 0, "symbol"), Column("before", 1, spare=2),
                Column("95 % interval before", 2, spare=1), Column("after", 3), Column("95 % interval after", 4),
                Column("unit", 5, "unit"), Column("status", 6, "prose"))  # fmt: skip
-    return shown(Table("Parameters before and after", columns, rows, file="RUN/fit.json"))
+    return Table("Parameters before and after", columns, rows, file="RUN/fit.json")
 
 
 def _figures(i: Interval | None) -> tuple[str, str]:

@@ -14,7 +14,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from ...errors import first_names
-from ..blocks import all_shown, headline, stacked
+from ..blocks import headline, stacked
 from ..numbers import Digits, counted, mean_digits, short
 from ..table import Cell, Column, Kind, Notes, Table, of_texts
 
@@ -132,18 +132,16 @@ def fleet_table(content: Content) -> RenderableType:
     return stacked(
         headline(title(content), bool(content.get("synthetic"))),
         *(Text(f"- {each.text}", style="bold red" if each.bad else "") for each in verdict(content)),
-        all_shown(
-            population_table(content),
-            capability_table(content),
-            _odd(content),
-            _drift(content),
-            effects_table(content),
-            figures_table(content),
-            gauge_table(content),
-            predictions_table(content),
-            _without("Not converged", content.get("not_converged") or ()),
-            _without("Failed, and in nothing above", content.get("failed") or ()),
-        ),
+        population_table(content),
+        capability_table(content),
+        _odd(content),
+        _drift(content),
+        effects_table(content),
+        figures_table(content),
+        gauge_table(content),
+        predictions_table(content),
+        _without("Not converged", content.get("not_converged") or ()),
+        _without("Failed, and in nothing above", content.get("failed") or ()),
     )
 
 

@@ -18,12 +18,12 @@ from ...files import write_text
 from ...rig import TEST_BY_NAME
 from ...rig.base import Channel
 from .. import style
-from ..blocks import rig_title, sentences, shown, stacked
+from ..blocks import rig_title, stacked
 from ..check_table import with_remark
 from ..html import environment
 from ..numbers import short
 from ..page.pictures import Picture, carried
-from ..table import Column, Table, of_texts
+from ..table import Column, Notes, Table, of_texts
 from ..traces import headed as panels_headed
 from ..traces import stack
 
@@ -33,10 +33,10 @@ def plan_table(campaign: Campaign) -> RenderableType:
     why = list(dict.fromkeys(why for _, why in campaign.left_out))
     return stacked(
         rig_title(campaign.rig.config, f"the next {len(campaign.tests)} tests, {campaign.seconds:.0f} s of log"),
-        shown(tests_table(campaign)),
-        shown(_stderr(campaign.symbols, campaign.now, campaign.expected, _EXPECTED)),
-        sentences("Cautions", campaign.cautions),
-        sentences(f"Left out: {len(campaign.left_out)} candidates would exceed a limit, for example", why[:3]),
+        tests_table(campaign),
+        _stderr(campaign.symbols, campaign.now, campaign.expected, _EXPECTED),
+        Notes("Cautions", campaign.cautions),
+        Notes(f"Left out: {len(campaign.left_out)} candidates would exceed a limit, for example", why[:3]),
     )
 
 

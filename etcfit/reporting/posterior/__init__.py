@@ -10,9 +10,9 @@ from rich.console import RenderableType
 from ...posterior.profile import Profile
 from ...posterior.sampling import Posterior
 from ...run_folder.posterior import narrower, parameters_json
-from ..blocks import all_shown, outcome, rig_title, sentences, spaced, stacked
+from ..blocks import outcome, rig_title, spaced, stacked
 from ..numbers import mean_digits, short
-from ..table import Cell, Column, Part, Table, there
+from ..table import Cell, Column, Notes, Part, Table, there
 from ..tables import LOST, status_cell
 
 
@@ -25,9 +25,9 @@ def posterior_table(posterior: Posterior, profiles: Mapping[str, Profile]) -> Re
     parts = posterior_parts({"parameters": parameters_json(posterior, profiles), "exact": posterior.exact})
     return stacked(
         rig_title(posterior.fit.rig.config, sampled),
-        all_shown(*parts),
+        *parts,
         spaced(outcome(here.converged, ("Converged", "NO POSTERIOR YET"), end)),
-        sentences("Warnings", narrower(posterior)),
+        Notes("Warnings", narrower(posterior)),
     )
 
 
