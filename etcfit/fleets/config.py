@@ -14,7 +14,7 @@ from typing import Any
 from ..errors import MeasurementError, first_names
 from ..rig.config import RIG_KEYS, TABLES, TPS_KEYS, config_of
 from ..rig.table import decode
-from ..rig.toml import Toml, closest, parse, shown
+from ..rig.toml import Toml, closest, parse
 from ..rig.units import UnitError, to_si
 from .folder import is_url, text_of, units_of
 
@@ -106,16 +106,15 @@ def _name(toml: Toml, fleet: Mapping[str, Any], base: str) -> str:
 def _shared(toml: Toml, fleet: Mapping[str, Any]) -> tuple[str, ...]:
     values = fleet.get("shared", [])
     if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise toml.wrong("fleet.shared", f"found {shown(values)}.", "It must be a list of symbols.",
-                         'Write shared = ["K_b"].')  # fmt: skip
+        raise toml.refused("fleet.shared", values, "It must be a list of symbols.", 'Write shared = ["K_b"].')
     return tuple(dict.fromkeys(values))
 
 
 def _limit(toml: Toml, name: str, value: Any) -> Limit:
     key = f"limits.{name}"
     if not isinstance(value, dict) or "unit" not in value or not {"low", "high"} & set(value):
-        raise toml.wrong(key, f"found {shown(value)}.", "It must name a unit, and low or high or both.",
-                         f'Write {name} = {{ low = 0.1, high = 0.2, unit = "N*m" }}.')  # fmt: skip
+        raise toml.refused(key, value, "It must name a unit, and low or high or both.",
+                           f'Write {name} = {{ low = 0.1, high = 0.2, unit = "N*m" }}.')  # fmt: skip
     toml.only(value, LIMIT_KEYS, f"{key}.")
     given = toml.string(f"{key}.unit", value["unit"])
     try:
@@ -152,8 +151,8 @@ def _common(toml: Toml) -> Toml:
     them."""
     rig = toml.table("rig", RIG_KEYS)
     if "name" in rig:
-        raise toml.wrong("rig.name", f"found {shown(rig['name'])}.", "In fleet.toml every unit would have this name.",
-                         "Write [fleet] name for the fleet's, and [rig] name in a unit's own rig.toml.")  # fmt: skip
+        raise toml.refused("rig.name", rig["name"], "In fleet.toml every unit would have this name.",
+                           "Write [fleet] name for the fleet's, and [rig] name in a unit's own rig.toml.")  # fmt: skip
     common = Toml(toml.path, toml.source, {name: toml.tables[name] for name in TABLES if name in toml.tables}, (toml,))
     whole = set(TPS_KEYS) <= set(common.table("tps", TPS_KEYS)) or "tps" not in common.tables
     alone = common.tables if whole else {name: common.tables[name] for name in common.tables if name not in _OF_TPS}

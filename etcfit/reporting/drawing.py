@@ -131,13 +131,10 @@ def _serve(line: Connection[Any, Any]) -> None:
     with suppress(EOFError, OSError):  # the parent process has ended
         line.send(None)
         while True:
-            line.send(_outcome(*line.recv()))
-
-
-def _outcome(path: Path, draw: Callable[[], Figure]) -> Exception | None:
-    try:
-        draw_one(path, draw)
-    except Exception as error:
-        error.add_note("".join(traceback.format_exception(error)))
-        return error
-    return None
+            job, outcome = line.recv(), None
+            try:
+                draw_one(*job)
+            except Exception as error:
+                error.add_note("".join(traceback.format_exception(error)))
+                outcome = error
+            line.send(outcome)

@@ -8,6 +8,7 @@ A step is the span of the values over 65 000, far below a pixel. Instants have 3
 from __future__ import annotations
 
 from base64 import b64encode
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -42,9 +43,14 @@ def numbers(value: np.ndarray) -> dict[str, Any]:
     return {"from": 0.0, "f32": _text(np.where(np.isfinite(value), value, np.nan).astype("<f4"))}
 
 
-def codes(value: np.ndarray) -> dict[str, Any]:
+def with_nan(value: Sequence[float | None]) -> np.ndarray:
+    """Numbers with NaN for each None, shape (n,)."""
+    return np.array([np.nan if each is None else each for each in value], dtype=float)
+
+
+def codes(value: Sequence[int] | np.ndarray) -> dict[str, Any]:
     """Whole numbers of 0 to 2^31 - 1, such as indices; shape (n,)."""
-    return {"i32": _text(value.astype("<i4"))}
+    return {"i32": _text(np.asarray(value, dtype="<i4"))}
 
 
 def _text(array: np.ndarray) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 
 from .base import Accuracy, TpsCalibration
 from .rows import NUMBER
-from .toml import Toml, shown
+from .toml import Toml
 from .units import EXAMPLES, UnitError, conversion, is_percent, to_channel
 
 CHANNELS = ("voltage", "current", "position", "emf", "motor_speed", "torque")
@@ -45,13 +45,13 @@ def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: T
     if isinstance(value, dict) and set(value) == {"sd"}:
         text, distribution = value["sd"], "normal"
     if not isinstance(text, str):
-        raise toml.wrong(where, f"found {shown(value)}.", f"It must be a text as {EXAMPLE}, or {{ sd = {EXAMPLE} }}.",
-                         f"Write {key} = {_example(key)}.")  # fmt: skip
+        raise toml.refused(where, value, f"It must be a text as {EXAMPLE}, or {{ sd = {EXAMPLE} }}.",
+                           f"Write {key} = {_example(key)}.")  # fmt: skip
     bare = re.sub(r"^\s*(±|\+\s*/?\s*-)\s*", "", text)  # a plus-minus sign before it is allowed
     terms = list(_TERM.finditer(bare))
     if not terms or "".join(term[0] for term in terms) != bare or bare.rstrip().endswith("+"):
-        raise toml.wrong(where, f"found {shown(text)}.", "It must be numbers with units, joined by +.",
-                         f"Write {key} = {_example(key)}.")  # fmt: skip
+        raise toml.refused(where, text, "It must be numbers with units, joined by +.",
+                           f"Write {key} = {_example(key)}.")  # fmt: skip
     relative = absolute = 0.0
     for number, unit in ((float(term[1]), term[2].strip()) for term in terms):
         if (share := SHARES.get("%" if is_percent(unit) else unit)) is not None:
@@ -59,9 +59,9 @@ def _entry(toml: Toml, key: str, value: Any, travel: tuple[float, float], tps: T
         else:
             absolute += number * _scale(toml, where, key, unit, travel, tps)
     if not 0.0 <= relative <= MOST or not 0.0 < relative + absolute < math.inf:
-        raise toml.wrong(where, f"found {shown(text)}.", "It must be above 0 and at most 100 % of the value.",
-                         "Correct it, or delete the line: a calibration that is not stated counts as exact."
-                         )  # fmt: skip
+        raise toml.refused(where, text, "It must be above 0 and at most 100 % of the value.",
+                           "Correct it, or delete the line: a calibration that is not stated counts as exact."
+                           )  # fmt: skip
     return Accuracy(relative, absolute, "normal" if distribution == "normal" else "rectangular")
 
 

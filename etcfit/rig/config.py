@@ -69,7 +69,7 @@ def config_of(toml: Toml, name: str) -> RigConfig:
     if found := unseen(name):
         raise toml.wrong("rig.name", f"{found} in it.", VISIBLE, "Type it anew; a line break becomes a space.")
     if not isinstance(synthetic, bool):
-        raise toml.wrong("rig.synthetic", f"found {shown(synthetic)}.", "It must be true or false.", "Correct it.")
+        raise toml.refused("rig.synthetic", synthetic, "It must be true or false.", "Correct it.")
     return RigConfig(
         name=name,
         synthetic=synthetic,
@@ -100,9 +100,8 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
         value = parameters["N"]
         inner = value["fixed"] if isinstance(value, dict) and set(value) == {"fixed"} else value
         if isinstance(inner, (dict, str)):
-            raise toml.wrong("parameters.N", f"found {shown(value)}.",
-                             "The gear ratio is counted in teeth, never fitted.",
-                             "Write [rig] gear_ratio = 20.68.")  # fmt: skip
+            raise toml.refused("parameters.N", value, "The gear ratio is counted in teeth, never fitted.",
+                               "Write [rig] gear_ratio = 20.68.")  # fmt: skip
         given["parameters.N"] = toml.within("parameters.N", inner, GEAR_RATIO)
     if len(set(given.values())) > 1:
         raise toml.wrong("parameters.N", f"found {given['parameters.N']:g}, but [rig] gear_ratio is "
@@ -113,19 +112,18 @@ def _gear_ratio(toml: Toml, rig: Mapping[str, Any]) -> float | None:
 def _travel(toml: Toml, rig: Mapping[str, Any]) -> tuple[float, float]:
     value = rig.get("travel_deg", [0.0, 90.0])
     if not isinstance(value, list) or len(value) != 2:
-        raise toml.wrong("rig.travel_deg", f"found {shown(value)}.",
-                         "It must be two numbers, closed stop and open stop.",
-                         "Write travel_deg = [0.0, 90.0]; inf and -inf mean no stop.")  # fmt: skip
+        raise toml.refused("rig.travel_deg", value, "It must be two numbers, closed stop and open stop.",
+                           "Write travel_deg = [0.0, 90.0]; inf and -inf mean no stop.")  # fmt: skip
     closed, opened = (toml.number("rig.travel_deg", v) for v in value)
     if not closed < opened or math.inf in (closed, -opened):
-        raise toml.wrong("rig.travel_deg", f"found {shown(value)}.", "The closed stop must lie below the open stop.",
-                         "Swap them, or correct them.")  # fmt: skip
+        raise toml.refused("rig.travel_deg", value, "The closed stop must lie below the open stop.",
+                           "Swap them, or correct them.")  # fmt: skip
     for stop in (closed, opened):
         if math.isfinite(stop):
             toml.within("rig.travel_deg", stop, STOP)
     if opened - closed < LEAST_TRAVEL:
-        raise toml.wrong("rig.travel_deg", f"found {shown(value)}.",
-                         f"The stops must lie {LEAST_TRAVEL:g} degrees apart, or more.", STOP.mend)  # fmt: skip
+        raise toml.refused("rig.travel_deg", value, f"The stops must lie {LEAST_TRAVEL:g} degrees apart, or more.",
+                           STOP.mend)  # fmt: skip
     return math.radians(closed), math.radians(opened)
 
 
@@ -189,8 +187,8 @@ def _noise(toml: Toml, travel: tuple[float, float], tps: TpsCalibration | None) 
                              "Delete one.")  # fmt: skip
         noise[channel] = toml.positive(f"noise.{key}", value) * abs(conversion.scale)
         if not POSSIBLE_NOISE[0] <= noise[channel] <= POSSIBLE_NOISE[1]:
-            raise toml.wrong(f"noise.{key}", f"found {shown(value)}.", "No channel has such a noise.",
-                             "Correct it, or delete the line and have it estimated.")  # fmt: skip
+            raise toml.refused(f"noise.{key}", value, "No channel has such a noise.",
+                               "Correct it, or delete the line and have it estimated.")  # fmt: skip
     return noise
 
 
@@ -199,15 +197,14 @@ def _series_ohm(toml: Toml) -> dict[str, float | None]:
     series: dict[str, float | None] = {}
     for test, table in toml.table("tests").items():
         if not isinstance(table, dict):
-            raise toml.wrong(f"tests.{test}", f"found {shown(table)}.", "It must be a table.", f"Write [tests.{test}].")
+            raise toml.refused(f"tests.{test}", table, "It must be a table.", f"Write [tests.{test}].")
         toml.only(table, ("series_ohm",), f"tests.{test}.")
         if table.get("series_ohm") == "free":
             series[test] = None
         elif "series_ohm" in table:
             key, value = f"tests.{test}.series_ohm", table["series_ohm"]
             if isinstance(value, str) or (number := toml.finite(key, value)) < 0:
-                raise toml.wrong(key, f"found {shown(value)}.", 'It must be "free" or a number of ohms, 0 or more.',
-                                 "Correct it.")  # fmt: skip
+                raise toml.refused(key, value, 'It must be "free" or a number of ohms, 0 or more.', "Correct it.")
             series[test] = toml.within(key, number, SERIES)
     return series
 
@@ -227,13 +224,12 @@ def _knowledge(toml: Toml, symbol: str, value: Any) -> Knowledge:
         if form := forms.get(frozenset(value)):
             return form(**value)
         if len(value) == 1 and not closest(next(iter(value)), ("fixed", "value", "sd"), ""):
-            raise toml.wrong(key, f"found {shown(value)}.", "A symbol with points in it must stand in quotes.",
-                             f'Write "{_whole(symbol, value)}" = and then its value.')  # fmt: skip
+            raise toml.refused(key, value, "A symbol with points in it must stand in quotes.",
+                               f'Write "{_whole(symbol, value)}" = and then its value.')  # fmt: skip
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
         return Start(toml.finite(key, value))
-    raise toml.wrong(key, f"found {shown(value)}.",
-                     'It must be a number, "OTHER", {fixed = 0.0} or {value = 1.0, sd = 0.1}.',
-                     "Write it in one of these forms.")  # fmt: skip
+    raise toml.refused(key, value, 'It must be a number, "OTHER", {fixed = 0.0} or {value = 1.0, sd = 0.1}.',
+                       "Write it in one of these forms.")  # fmt: skip
 
 
 def _whole(symbol: str, value: Any) -> str:

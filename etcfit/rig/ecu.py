@@ -81,12 +81,11 @@ def _bias(toml: Toml, value: Any, travel: tuple[float, float]) -> BiasPoints:
              isinstance(x, (int, float)) and not isinstance(x, bool) and abs(x) <= 100.0 for x in row)]  # fmt: skip
     rising = all(a[0] < b[0] for a, b in pairwise(pairs))
     if len(pairs) < len(rows) or not rising:
-        raise toml.wrong("ecu.bias_percent", f"found {shown(value)}.", "It must be a list of pairs, % of the travel, "
-                         "rising, and % of duty.",
-                         "Write bias_percent = [[0, -20], [10, 0], [20, 18], [100, 25]].")  # fmt: skip
+        raise toml.refused("ecu.bias_percent", value,
+                           "It must be a list of pairs, % of the travel, rising, and % of duty.",
+                           "Write bias_percent = [[0, -20], [10, 0], [20, 18], [100, 25]].")  # fmt: skip
     if pairs and not math.isfinite(travel[1] - travel[0]):
-        raise toml.wrong("ecu.bias_percent", f"found {shown(value)}.", "A % of the travel needs end stops.",
-                         "Give [rig] travel_deg.")  # fmt: skip
+        raise toml.refused("ecu.bias_percent", value, "A % of the travel needs end stops.", "Give [rig] travel_deg.")
     return tuple((travel[0] + 0.01 * at * (travel[1] - travel[0]), 0.01 * duty) for at, duty in pairs)
 
 
@@ -106,8 +105,9 @@ def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float])
     """The notation of the gains; volts, radians and seconds by default."""
     unit, form = table.get("unit"), toml.string("ecu.form", table.get("form", "seconds"))
     if form not in FORMS:
-        raise toml.wrong("ecu.form", f"found {shown(form)}.", 'It must be "seconds" (I per s, D in s) or "ticks" '
-                         "(I per tick, D in ticks).", "Correct it, or leave it out for seconds.")  # fmt: skip
+        raise toml.refused("ecu.form", form,
+                           'It must be "seconds" (I per s, D in s) or "ticks" (I per tick, D in ticks).',
+                           "Correct it, or leave it out for seconds.")  # fmt: skip
     free = unit is None and all(table[key] == "free" for key in GAINS)
     # "%/deg" is % of duty for a degree
     output, slash, error = ("V/rad" if free else unit if isinstance(unit, str) else "").partition("/")
@@ -118,8 +118,8 @@ def _notation(toml: Toml, table: Mapping[str, Any], travel: tuple[float, float])
                          f"Output for an error of one, of: {listed} (output % is duty, error % is travel).",
                          'Write unit = "%/%", say, or all gains as "free".')  # fmt: skip
     if "%" in error and not math.isfinite(travel[1] - travel[0]):
-        raise toml.wrong("ecu.unit", f"found {shown(unit)}.", "A % of the travel needs end stops.",
-                         "Give [rig] travel_deg, or the unit in deg.")  # fmt: skip
+        raise toml.refused("ecu.unit", unit, "A % of the travel needs end stops.",
+                           "Give [rig] travel_deg, or the unit in deg.")  # fmt: skip
     return Notation(output, error, form)
 
 

@@ -53,12 +53,15 @@ class Toml:
         """The error for `table.key`, with its line if it can be found."""
         return MeasurementError(self.place(key), f"{key}: {found}", required, mend)
 
+    def refused(self, key: str, value: Any, required: str, mend: str) -> MeasurementError:
+        """The error for the value of `table.key`."""
+        return self.wrong(key, f"found {shown(value)}.", required, mend)
+
     def table(self, name: str, keys: Iterable[str] | None = None) -> Mapping[str, Any]:
         """The table of that name, {} where absent; keys other than the given ones are refused."""
         value = self.tables.get(name, {})
         if not isinstance(value, dict):
-            raise self.wrong(name, f"found {shown(value)}.", "It must be a table.",
-                             f"Write [{name}] on a line of its own.")  # fmt: skip
+            raise self.refused(name, value, "It must be a table.", f"Write [{name}] on a line of its own.")
         if keys is not None:
             self.only(value, tuple(keys), f"{name}.")
         return value
@@ -73,8 +76,7 @@ class Toml:
     def number(self, key: str, value: Any) -> float:
         """A number, infinity allowed."""
         if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
-            raise self.wrong(key, f"found {shown(value)}.", "It must be a number.",
-                             f"Write {key.split('.')[-1]} = 1.0.")  # fmt: skip
+            raise self.refused(key, value, "It must be a number.", f"Write {key.split('.')[-1]} = 1.0.")
         try:
             return float(value)
         except OverflowError:
@@ -84,37 +86,36 @@ class Toml:
         """A finite number."""
         number = self.number(key, value)
         if math.isinf(number):
-            raise self.wrong(key, f"found {shown(value)}.", "It must be finite.", "Correct it, or leave the key out.")
+            raise self.refused(key, value, "It must be finite.", "Correct it, or leave the key out.")
         return number
 
     def positive(self, key: str, value: Any) -> float:
         """A finite number above 0."""
         number = self.finite(key, value)
         if number <= 0:
-            raise self.wrong(key, f"found {shown(value)}.", "It must be above 0.", "Correct it, or leave the key out.")
+            raise self.refused(key, value, "It must be above 0.", "Correct it, or leave the key out.")
         return number
 
     def within(self, key: str, value: Any, limits: Limits) -> float:
         """A number that a rig can have."""
         number = self.positive(key, value) if limits.low > 0.0 else self.finite(key, value)
         if not limits.low <= number <= limits.high:
-            raise self.wrong(key, f"found {shown(value)}.",
-                             f"It must lie between {limits.low:g} and {limits.high:g}{limits.unit}.",
-                             limits.mend)  # fmt: skip
+            raise self.refused(key, value, f"It must lie between {limits.low:g} and {limits.high:g}{limits.unit}.",
+                               limits.mend)  # fmt: skip
         return number
 
     def string(self, key: str, value: Any) -> str:
         """A text."""
         if not isinstance(value, str):
-            raise self.wrong(key, f"found {shown(value)}.", "It must be a text.", 'Put it in quotes, as "bench".')
+            raise self.refused(key, value, "It must be a text.", 'Put it in quotes, as "bench".')
         return value
 
     def strings(self, table: str, key: str) -> tuple[str, ...]:
         """A list of texts; empty where absent."""
         values = self.table(table, (key,)).get(key, [])
         if not isinstance(values, list) or not all(isinstance(v, str) for v in values):
-            raise self.wrong(f"{table}.{key}", f"found {shown(values)}.", "It must be a list of texts.",
-                             f'Write {key} = ["first", "second"].')  # fmt: skip
+            raise self.refused(f"{table}.{key}", values, "It must be a list of texts.",
+                               f'Write {key} = ["first", "second"].')  # fmt: skip
         return tuple(values)
 
 

@@ -104,8 +104,13 @@ def _with(state: FitState, run: Path, further: str) -> str:
 def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     """The half-way gains if the present ones are known, else the proposed ones; or why there are none."""
     look, said = (run / "pictures" / "tune.png",), tune_answer(found)
+    if found.why_not and found.input.stopped_by:
+        return Closing(said, found.input.stopped_by[0].cure, look)
     if found.why_not:
-        return Closing(said, _mended(found, run, files), look)
+        sets = found.request.of_logs or (() if found.request.gains is None else (found.request.gains,))
+        present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
+        again = _tune(map(str, files), replace(found.request, anyway=True).options(of_files=True), present, run)
+        return Closing(said, f"look at {command('report', run)}; the gains all the same: {again}", look)
     if len(found.steps) == 1:
         again = _tune(map(str, files), found.request.options(of_files=True), ["P,I,D"], run)
         return Closing(said, f"say which gains are in the ECU now, for a half-way step: {again}", look)
@@ -151,17 +156,6 @@ def next_run(run: Path) -> Path:
     base = re.sub(r"_\d+$", "", run.name)
     every = (run.with_name(f"{base}_{k}") for k in itertools.count(2))
     return next(each for each in every if not each.exists() and each != run)
-
-
-def _mended(found: Any, run: Path, files: Sequence[Path]) -> str:
-    stopped = found.input.stopped_by
-    if stopped:
-        return stopped[0].cure
-    request = found.request
-    sets = request.of_logs or (() if request.gains is None else (request.gains,))
-    present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
-    again = _tune(map(str, files), replace(request, anyway=True).options(of_files=True), present, run)
-    return f"look at {command('report', run)}; the gains all the same: {again}"
 
 
 def of_fleet(content: Content, run: Path) -> Closing:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -78,23 +78,20 @@ def _stated(contents: Contents) -> Sequence[Mapping[str, Any]]:
     return contents.get("diagnosis").get("statements") or ()
 
 
-def _found(contents: Contents) -> Iterator[str]:
-    """The statements of the diagnosis, name by name."""
+def _found(contents: Contents) -> list[str]:
+    """The statements of the diagnosis, name by name; or that nothing was added."""
     found = contents.get("diagnosis")
     if not found:
-        return
+        return []
     stated = [each["sentence"] for each in _stated(contents)]
-    yield from stated or (_nothing_added(contents),)
-
-
-def _nothing_added(contents: Contents) -> str:
-    found = contents.get("diagnosis")
+    if stated:
+        return stated
     if _is_sound(contents) and left_unexplained(contents) is None:
-        return "No effect of the catalogue is missing, as far as these data show."
+        return ["No effect of the catalogue is missing, as far as these data show."]
     names = [f"{name} (P {p:.2f})" for name, p in likely_hypotheses(found.get("probabilities") or {})
              if name not in ("nothing", "unexplained") and p >= WORTH_NAMING][:_GUESSES]  # fmt: skip
     guess = f"; it may be {' or '.join(names)}, not proven" if names else ""
-    return f"Something is missing, and no known effect explains it{guess}."
+    return [f"Something is missing, and no known effect explains it{guess}."]
 
 
 def _known(contents: Contents) -> str:

@@ -163,7 +163,9 @@ def draw(picture: MissingPicture) -> Figure:
     grid = fig.subplots(2, len(axes), sharex="col", sharey=True, squeeze=False)
     for column, axis in enumerate(axes):
         _column(grid[0, column], grid[1, column], picture, axis, (factor, unit))
-        grid[0, column].set_title(_share(picture, axis), loc="left", fontsize=11)
+        share = next((s.share for s in picture.shares if s.axis == axis), None)
+        words = "" if share is None else f"{100.0 * share:.0f} % of it is a curve over the {axis}"
+        grid[0, column].set_title(words, loc="left", fontsize=11)
     grid[0, 0].set_ylim(limits[0] * factor, limits[1] * factor)
     grid[0, 0].set_ylabel(f"missing {picture.enters}, BEFORE [{unit}]")
     grid[1, 0].set_ylabel(f"missing {picture.enters}, AFTER [{unit}]")
@@ -209,11 +211,6 @@ def _taken(left: float) -> str:
     return "part of it away" if left < 0.9 else "nothing of it away"
 
 
-def _share(picture: MissingPicture, axis: str) -> str:
-    share = next((s.share for s in picture.shares if s.axis == axis), None)
-    return "" if share is None else f"{100.0 * share:.0f} % of it is a curve over the {axis}"
-
-
 def _limits(samples: Samples) -> tuple[float, float]:
     """Limits of the panels, SI: nearly all samples, zero, and the effects are inside."""
     out = 0.5 * (1.0 - _SHOWN)
@@ -232,8 +229,14 @@ def _column(above: Axes, below: Axes, picture: MissingPicture, axis: str, shown:
     for panel, y in ((above, samples.before), (below, samples.after)):
         panel.axhline(0.0, color="black", lw=0.8)
         for way in drawn:
-            _cloud(panel, samples.axes[axis] * scale, y * factor, way)
-            _median(panel, bins, y * factor, scale, way)
+            rows = np.flatnonzero(way.rows)
+            if rows.size > _POINTS // 2:
+                rows = rows[np.random.default_rng(0).permutation(rows.size)[: _POINTS // 2]]
+            at = samples.axes[axis][rows] * scale
+            panel.plot(at, y[rows] * factor, ".", ms=3.5, color=way.points, alpha=0.7, mew=0, zorder=1)
+            low, middle, high = bins.quartiles(y * factor, way.rows)
+            panel.fill_between(bins.centres * scale, low, high, color=way.line, alpha=0.18, lw=0, zorder=2)
+            panel.plot(bins.centres * scale, middle, color=way.line, lw=2.2, label=way.label, zorder=3)
         text = f"median curve: {short(factor * curve_rms(bins, y, curves), 2)} {unit} rms"
         panel.text(0.98, 0.03, text, transform=panel.transAxes, ha="right", va="bottom", fontsize=10,
                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5, "alpha": 0.85})  # fmt: skip
@@ -259,20 +262,6 @@ _TWO = (
     ("#a9c9e2", style.OPENING, "-", "opening: median, quartiles"),
     ("#f3d9a6", style.CLOSING, "--", "closing: median, quartiles"),
 )
-
-
-def _cloud(panel: Axes, x: np.ndarray, y: np.ndarray, way: Way) -> None:
-    rows = np.flatnonzero(way.rows)
-    if rows.size > _POINTS // 2:
-        rows = rows[np.random.default_rng(0).permutation(rows.size)[: _POINTS // 2]]
-    panel.plot(x[rows], y[rows], ".", ms=3.5, color=way.points, alpha=0.7, mew=0, zorder=1)
-
-
-def _median(panel: Axes, bins: Bins, y: np.ndarray, stretch: float, way: Way) -> None:
-    low, middle, high = bins.quartiles(y, way.rows)
-    x = bins.centres * stretch
-    panel.fill_between(x, low, high, color=way.line, alpha=0.18, lw=0, zorder=2)
-    panel.plot(x, middle, color=way.line, lw=2.2, label=way.label, zorder=3)
 
 
 def _effects(panel: Axes, picture: MissingPicture, bins: Bins, axis: str, factor: float, drawn: Sequence[Way]) -> None:

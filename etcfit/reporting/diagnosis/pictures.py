@@ -64,7 +64,10 @@ class Overlay:
             _rows_of(d, [row for row in (*result.score_fit, *result.score_holdout) if row.file == file])
             for result in (d.before, d.after)
         )
-        models = f"before: {briefly(d.before)}", _after(d)
+        # the final model's further effects, as far as a legend has space
+        names = listed(d.added) if d.added else ""
+        after_words = names if len(names) <= _ROOM else counted(len(d.added), "effect")
+        models = f"before: {briefly(d.before)}", f"after: + {after_words}" if d.added else "after"
         return cls(trace, before, after, was, now, synthetic, models, role(trace.measurement.held_out))
 
     @property
@@ -72,14 +75,6 @@ class Overlay:
         """Columns that are drawn."""
         ranked = sorted(self.trace.channels, key=lambda c: _CHANNELS.index(c) if c in _CHANNELS else len(_CHANNELS))
         return tuple(self.trace.channels.index(name) for name in ranked[:2])
-
-
-def _after(d: Diagnosis) -> str:
-    """The final model's further effects, as far as a legend has space."""
-    if not d.added:
-        return "after"
-    names = listed(d.added)
-    return f"after: + {names if len(names) <= _ROOM else counted(len(d.added), 'effect')}"
 
 
 def _rows_of(d: Diagnosis, errors: Sequence[PredictionError]) -> tuple[PredictionError, ...]:

@@ -103,7 +103,7 @@ def _group(values: Sequence[Any]) -> dict[str, Any] | None:
     """The different names, and for each unit an index into them, -1 for none; None if no unit has any."""
     names = sorted({str(each) for each in values if each is not None})
     where = {name: k for k, name in enumerate(names)}
-    codes = np.array([-1 if each is None else where[str(each)] for each in values], dtype=int)
+    codes = [-1 if each is None else where[str(each)] for each in values]
     return {"names": names, "of": packed.codes(codes)} if names else None
 
 
@@ -113,7 +113,7 @@ def _own(values: Sequence[Any]) -> Any:
         return None
     if any(isinstance(each, str) for each in values):
         return ["" if each is None else str(each) for each in values]
-    return packed.numbers(np.array([np.nan if each is None else each for each in values], dtype=float))
+    return packed.numbers(packed.with_nan(values))
 
 
 def limits_of(content: Content, name: str) -> tuple[float | None, float | None]:
@@ -146,8 +146,8 @@ def _effect(name: str, each: Mapping[str, Any], place: Mapping[str, int]) -> dic
     return {
         "name": name,
         **{key: each.get(key) for key in ("of", "median", "unit", "symbol")},
-        "at": packed.codes(np.array([place[unit] for unit in units], dtype=int)),
-        "strength": packed.numbers(np.array([np.nan if s is None else s for s in strength], dtype=float)),
+        "at": packed.codes([place[unit] for unit in units]),
+        "strength": packed.numbers(packed.with_nan(strength)),
     }
 
 
@@ -155,7 +155,7 @@ def _charts(content: Content, place: Mapping[str, int]) -> dict[str, Any]:
     """Charts, and their orders of units, each once: most charts have the same order."""
     orders: dict[tuple[str, ...], int] = {}
     charts = [_chart(content, symbol, each, place, orders) for symbol, each in (content.get("charts") or {}).items()]
-    known = [packed.codes(np.array([place[unit] for unit in order if unit in place], dtype=int)) for order in orders]
+    known = [packed.codes([place[unit] for unit in order if unit in place]) for order in orders]
     return {"charts": charts, "orders": known}
 
 
@@ -172,7 +172,7 @@ def _chart(
     drift = [d for d in content.get("drift") or () if d["symbol"] == symbol]
 
     def column(key: str) -> np.ndarray:
-        return np.array([np.nan if v is None else v for v in each[key]], dtype=float)[kept]
+        return packed.with_nan(each[key])[kept]
 
     return {
         "symbol": symbol,
@@ -187,12 +187,12 @@ def _chart(
 
 
 def _figure(content: Content, name: str, each: Mapping[str, Any], place: Mapping[str, int]) -> dict[str, Any]:
-    value = [(each.get("value") or {}).get(unit) for unit in place]
+    value = packed.with_nan([(each.get("value") or {}).get(unit) for unit in place])
     return {
         "name": name,
         **{key: each.get(key) for key in ("meaning", "unit", "mean", "sd", "low", "high")},
         "limits": limits_of(content, name),
-        "value": packed.numbers(np.array([np.nan if v is None else v for v in value], dtype=float)),
+        "value": packed.numbers(value),
     }
 
 

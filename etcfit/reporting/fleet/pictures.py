@@ -21,6 +21,7 @@ from matplotlib.ticker import FuncFormatter
 
 from .. import style
 from ..numbers import SUPERSCRIPT, counted, with_error
+from ..packed import with_nan
 from . import Content, title
 from .page import Columns, SymbolColumns, limits_of
 
@@ -84,7 +85,7 @@ def draw_chart(content: Content, symbol: str) -> Figure:
 
 
 def _values(panel: Axes, symbol: str, chart: dict[str, Any], content: Content) -> None:
-    value, stderr = _column(chart, "value"), _column(chart, "stderr")
+    value, stderr = with_nan(chart["value"]), with_nan(chart["stderr"])
     at, power = np.arange(1, value.size + 1), power_of(value)
     if value.size <= _FEW_IN_CHART:
         panel.vlines(at, value - 1.96 * stderr, value + 1.96 * stderr, color="#b9cadb", lw=1)
@@ -103,7 +104,7 @@ def _values(panel: Axes, symbol: str, chart: dict[str, Any], content: Content) -
 
 
 def _sums(panel: Axes, chart: dict[str, Any]) -> None:
-    high, low = _column(chart, "cusum_high"), _column(chart, "cusum_low")
+    high, low = with_nan(chart["cusum_high"]), with_nan(chart["cusum_low"])
     at = np.arange(1, high.size + 1)
     panel.plot(at, high, color=UNITS, label="sum above")
     panel.plot(at, low, color=UNITS, ls=":", label="sum below")
@@ -113,18 +114,13 @@ def _sums(panel: Axes, chart: dict[str, Any]) -> None:
     panel.margins(x=0.01)
 
 
-def _column(chart: dict[str, Any], key: str) -> np.ndarray:
-    return np.array([np.nan if value is None else value for value in chart[key]], dtype=float)
-
-
 _WRITTEN = 16  # largest number of symbols for which the cells show numbers
 
 
 def draw_correlation(content: Content) -> Figure:
     """Blue for positive, red for negative correlation; the cell of an unknown correlation is empty."""
     names = content["correlation"]["symbols"]
-    rows = content["correlation"]["matrix"]
-    matrix = np.array([[np.nan if r is None else r for r in row] for row in rows], dtype=float)
+    matrix = np.array([with_nan(row) for row in content["correlation"]["matrix"]])
     side = max(4.2, 1.6 + 0.62 * len(names))
     fig, (panel,) = frame(content, "correlation between units", (max(6.5, side + 1.2), side + 0.4), (1, 1))
     image = panel.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu")
@@ -203,8 +199,10 @@ def _symbol(content: Content, name: str, each: SymbolColumns, odd: np.ndarray, p
     right.hist(
         finite, bins=np.linspace(low, high, 31).tolist(), orientation="horizontal", color="#9ebbd4", density=True
     )
-    if known.get("sd") and not known.get("shared"):
-        _curve(right, known["mean"], known["sd"], low, high)
+    if (sd := known.get("sd")) and not known.get("shared"):
+        x = np.linspace(low, high, 300)
+        density = np.exp(-0.5 * ((x - known["mean"]) / sd) ** 2) / (sd * np.sqrt(2.0 * np.pi))
+        right.plot(density, x, color="black", label="population")
     for panel in panels:
         for limit in lines:
             panel.axhline(limit, color=LIMIT, ls="--", label="specification limit")
@@ -239,12 +237,6 @@ def _reach(value: np.ndarray, lines: list[float]) -> tuple[float, float]:
     low, high = float(ends.min()), float(ends.max())
     pad = 0.05 * (high - low) or 0.05 * abs(high) or 1.0
     return low - pad, high + pad
-
-
-def _curve(panel: Axes, mean: float, sd: float, low: float, high: float) -> None:
-    x = np.linspace(low, high, 300)
-    density = np.exp(-0.5 * ((x - mean) / sd) ** 2) / (sd * np.sqrt(2.0 * np.pi))
-    panel.plot(density, x, color="black", label="population")
 
 
 def _words(known: dict[str, float]) -> str:

@@ -8,13 +8,13 @@ sensors' noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...diagnosis.findings import Diagnosis, Motion, RigMistake
+from ...diagnosis.findings import Diagnosis, Motion
 from ...estimation.agreement import in_words
 from ...estimation.goodness import Goodness, Left, goodness_of, worst
 from ...estimation.result import FitResult
@@ -118,17 +118,12 @@ def _of_the_rig(trace: Trace, final: FitResult, diagnosis: Diagnosis | None) -> 
     """Mistakes of the rig in this trace, each with the line of rig.toml that mends it or a measurement that decides."""
     mistakes: Sequence[Any] = (*(diagnosis.rig if diagnosis is not None else ()), *final.rig.findings)
     for each in mistakes:
-        if each.kind not in ALLOWED_FOR and _lies_in(each, trace):
+        here = each.test in (None, trace.test.name) if each.file is None else each.file == trace.measurement.file
+        if each.kind not in ALLOWED_FOR and here:
             if isinstance(each, Finding):
                 yield f"{each.kind.replace('_', ' ')}: {each.found} Mend: {each.mend}"
             else:
                 yield each.sentence
-
-
-def _lies_in(mistake: RigMistake | Finding, trace: Trace) -> bool:
-    if mistake.file is not None:
-        return mistake.file == trace.measurement.file
-    return mistake.test is None or mistake.test == trace.test.name
 
 
 def _of_the_model(trace: Trace, diagnosis: Diagnosis) -> Iterator[str]:
@@ -298,8 +293,17 @@ def _missing(trace: Trace, motion: Motion | None, bins: Bins) -> Iterator[dict[s
 
 
 def _sim(trace: Trace, excitation: Excitation, final: FitResult) -> dict[str, Any]:
-    release = excitation.release
-    boundary: Mapping[str, float] = excitation.boundary
+    """The input of the page's simulation, and the ranges of current, angle and speed (SI) that judge its steps."""
+    release, boundary = excitation.release, excitation.boundary
+    predicted = np.asarray(final.predicted[trace.measurement.file])
+    to_state = {"current": ("i", 1.0), "position": ("theta", 1.0),
+                "motor_speed": ("omega", 1.0 / boundary["gear_ratio"])}  # fmt: skip
+    span = dict(_LEAST_SPAN)
+    for m, name in enumerate(trace.channels):
+        if name in to_state:
+            state, factor = to_state[name]
+            seen = predicted[np.isfinite(predicted[:, m]), m]
+            span[state] = max(span[state], factor * float(np.ptp(seen)) if seen.size else 0.0)
     return {
         "t": packed.instants(excitation.time),
         "v": packed.floats(excitation.level),
@@ -309,17 +313,5 @@ def _sim(trace: Trace, excitation: Excitation, final: FitResult) -> dict[str, An
         "release": release if np.isfinite(release) else None,
         "readings": {name: list(line) for name, line in excitation.readings.items()},
         "lacks": list(excitation.lacks),
-        "span": _span(trace, np.asarray(final.predicted[trace.measurement.file]), boundary["gear_ratio"]),
+        "span": span,
     }
-
-
-def _span(trace: Trace, predicted: np.ndarray, gear: float) -> dict[str, float]:
-    """Ranges of current, angle and speed in the trace, SI, by which the page's steps are judged."""
-    to_state = {"current": ("i", 1.0), "position": ("theta", 1.0), "motor_speed": ("omega", 1.0 / gear)}
-    span = dict(_LEAST_SPAN)
-    for m, name in enumerate(trace.channels):
-        if name in to_state:
-            state, factor = to_state[name]
-            seen = predicted[np.isfinite(predicted[:, m]), m]
-            span[state] = max(span[state], factor * float(np.ptp(seen)) if seen.size else 0.0)
-    return span

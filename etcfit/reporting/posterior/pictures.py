@@ -228,24 +228,16 @@ def _row(panel: Axes, row: int, spread: Spread) -> None:
 def jobs(posterior: Posterior, profiles: Mapping[str, Profile], bands: Sequence[Band]) -> list[Job]:
     """Every picture: path below RUN/pictures/posterior, and the call that draws it."""
     config = posterior.fit.rig.config
+    name, synthetic = config.name, config.synthetic
     units = {s: unit for s, (unit, _) in posterior.described.items()}
     draws = {s: posterior.draws[s].ravel() for s in posterior.chain.symbols}
-    profiled: Job = (
-        Path("profiles.png"),
-        partial(draw_profiles, config.name, [*profiles.values()], units, config.synthetic),
-    )
-    return [
-        (
-            Path("intervals.png"),
-            partial(draw_spreads, config.name, _spreads(posterior, profiles), config.synthetic),
-        ),
-        (
-            Path("corner.png"),
-            partial(draw_corner, config.name, draws, units, truths(posterior.fit.rig), config.synthetic),
-        ),
-        *([profiled] if profiles else []),
-        *((Path("bands") / file_name(b.trace), partial(draw_band, b, config.synthetic)) for b in bands),
+    every: list[Job] = [
+        (Path("intervals.png"), partial(draw_spreads, name, _spreads(posterior, profiles), synthetic)),
+        (Path("corner.png"), partial(draw_corner, name, draws, units, truths(posterior.fit.rig), synthetic)),
     ]
+    if profiles:
+        every.append((Path("profiles.png"), partial(draw_profiles, name, [*profiles.values()], units, synthetic)))
+    return [*every, *((Path("bands") / file_name(b.trace), partial(draw_band, b, synthetic)) for b in bands)]
 
 
 def _spreads(posterior: Posterior, profiles: Mapping[str, Profile]) -> list[Spread]:
