@@ -161,13 +161,6 @@ def test_the_cure_of_a_log_without_time_is_a_command_that_has_it(tmp_path: Path)
         read_logs(tmp_path)
 
 
-def test_of_two_positions_the_makers_own_for_the_plate_goes_before_the_general_one(tmp_path: Path) -> None:
-    names = {"time": "Time", "pedal": "Throttle Position", "position": "Drive By Wire Throttle 1 Position",
-             "setpoint": "Drive By Wire Throttle 1 Target Position"}  # fmt: skip
-    log = {**LOG, "pedal": 0.8 * LOG["setpoint"] + 5.0}
-    check(written(tmp_path, a__csv=car_logs.csv(log, names)), 1e-4)
-
-
 def test_an_empty_folder_says_what_it_may_hold(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match=r"\.csv, .*\.msl, .*\.mlg"):
         read_logs(tmp_path)
@@ -219,22 +212,24 @@ def test_a_message_names_the_line_of_the_file(tmp_path: Path) -> None:
         read_logs(written(tmp_path, a__csv=text))
 
 
-def test_the_plate_goes_before_the_pedal_that_is_called_tps(tmp_path: Path) -> None:
-    log = LOG | {"pedal": np.full(LOG["time"].size, 3.0)}
-    headers = {"time": "Time", "pedal": "TPS", "position": "E-Throttle Position", "setpoint": "E-Throttle Target"}
-    check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
+STUCK = np.full(LOG["time"].size, 3.0)
 
 
-def test_a_name_of_the_plates_own_goes_before_tps_though_no_maker_writes_it(tmp_path: Path) -> None:
-    log = LOG | {"pedal": 0.8 * LOG["setpoint"]}
-    headers = {"time": "Time", "pedal": "TPS", "position": "ETB pos actual", "setpoint": "ETB target"}
-    check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
-
-
-def test_what_does_not_move_with_the_setpoint_is_no_plate(tmp_path: Path) -> None:
-    log = LOG | {"stuck": np.full(LOG["time"].size, 3.0)}
-    headers = {"time": "Time", "stuck": "E-Throttle Position", "position": "TPS", "setpoint": "E-Throttle Target"}
-    check(written(tmp_path, a__csv=car_logs.csv(log, headers)), 1e-4)
+@pytest.mark.parametrize(
+    ("other", "values", "position", "setpoint"),
+    [
+        ("Throttle Position", 0.8 * LOG["setpoint"] + 5.0, "Drive By Wire Throttle 1 Position",
+         "Drive By Wire Throttle 1 Target Position"),
+        ("TPS", STUCK, "E-Throttle Position", "E-Throttle Target"),  # the pedal's
+        ("TPS", 0.8 * LOG["setpoint"], "ETB pos actual", "ETB target"),  # a name that no maker writes
+        ("E-Throttle Position", STUCK, "TPS", "E-Throttle Target"),  # what does not move with the setpoint is no plate
+    ],
+)  # fmt: skip
+def test_of_two_positions_the_plates_own_is_taken(
+    tmp_path: Path, other: str, values: np.ndarray, position: str, setpoint: str
+) -> None:
+    headers = {"time": "Time", "other": other, "position": position, "setpoint": setpoint}
+    check(written(tmp_path, a__csv=car_logs.csv(LOG | {"other": values}, headers)), 1e-4)
 
 
 def test_a_target_is_no_other_plate(tmp_path: Path) -> None:

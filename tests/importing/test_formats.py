@@ -187,11 +187,12 @@ def test_time_series_of_equal_times_that_were_saved_as_structures_are_one_sheet(
     assert sheet.columns[2].values == pytest.approx(AMPERES)
 
 
-def test_mdf_with_two_rates_has_gaps_where_nothing_was_sampled(tmp_path: Path) -> None:
-    (sheet,) = read(foreign.mdf4(tmp_path / "a.mf4", COLUMNS, slower=5))
+@pytest.mark.parametrize(("write", "name", "start"), [(foreign.mdf4, "a.mf4", 0.0), (foreign.mcap, "a.mcap", TIME[0])])
+def test_two_rates_leave_gaps_where_nothing_was_sampled(tmp_path: Path, write, name: str, start: float) -> None:
+    (sheet,) = read(write(tmp_path / name, COLUMNS, slower=5))
     clock, volts, amperes = sheet.columns
-    assert (volts.unit, amperes.unit) == ("V", "A")
-    assert clock.values == pytest.approx(TIME, abs=1e-6)
+    assert (clock.unit, volts.unit, amperes.unit) == ("s", "V", "A")
+    assert clock.values == pytest.approx(TIME - start, abs=1e-6)
     assert volts.values == pytest.approx(VOLTS)
     assert amperes.values[::5] == pytest.approx(AMPERES[::5])
     assert np.isnan(np.delete(amperes.values, np.arange(0, 60, 5))).all()
@@ -208,25 +209,10 @@ def test_a_bus_log_is_decoded_by_its_dbc(tmp_path: Path) -> None:
     assert np.diff(sheet.columns[0].values) == pytest.approx(0.001, abs=2e-6)
 
 
-def test_tdms(tmp_path: Path) -> None:
-    (sheet,) = read(foreign.tdms(tmp_path / "a.tdms", COLUMNS))
+@pytest.mark.parametrize(("write", "name"), [(foreign.tdms, "a.tdms"), (foreign.parquet, "a.parquet")])
+def test_tables_of_columns(tmp_path: Path, write, name: str) -> None:
+    (sheet,) = read(write(tmp_path / name, COLUMNS))
     check(sheet)
-
-
-def test_parquet(tmp_path: Path) -> None:
-    (sheet,) = read(foreign.parquet(tmp_path / "a.parquet", COLUMNS))
-    check(sheet)
-
-
-def test_mcap_with_two_rates_has_gaps_where_nothing_was_logged(tmp_path: Path) -> None:
-    (sheet,) = read(foreign.mcap(tmp_path / "a.mcap", COLUMNS, slower=5))
-    clock, volts, amperes = sheet.columns
-    assert [column.label for column in sheet.columns] == ["time", "/bench/0.probe.CH1", "/bench/1.probe.CH2"]
-    assert (clock.unit, volts.unit, amperes.unit) == ("s", "V", "A")
-    assert clock.values == pytest.approx(TIME - TIME[0], abs=1e-6)
-    assert volts.values == pytest.approx(VOLTS)
-    assert amperes.values[::5] == pytest.approx(AMPERES[::5])
-    assert np.isnan(np.delete(amperes.values, np.arange(0, 60, 5))).all()
 
 
 def messages(path: Path, topic: str, rows: list[tuple[int, int, bytes]], unit: str = "") -> Path:

@@ -105,6 +105,7 @@ def compare(found: Contribution, expected: Contribution) -> None:
 
 
 def test_every_effect_has_a_closed_form() -> None:
+    """By the names of docs/reference/effects.md, which users and other programs write and read."""
     assert set(CLOSED) == set(EFFECT_BY_NAME)
 
 

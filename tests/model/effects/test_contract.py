@@ -25,16 +25,6 @@ every_amplitude = pytest.mark.parametrize(
     ("effect", "symbol"), [pytest.param(e, s, id=f"{e.name}-{s}") for e in BEYOND for s in e.off or {}]
 )
 
-# the names of docs/reference/effects.md: what users and other programs write in rig.toml and read in diagnosis.json
-PROMISED = [
-    *("brush_voltage_drop", "winding_heating", "driver_dead_zone", "actuation_delay", "torque_saturation"),
-    "coasting_bridge",
-    *("limp_home_spring", "stiffening_spring", "stribeck_friction", "asymmetric_friction", "load_dependent_friction"),
-    *("motor_coulomb_friction", "presliding_friction", "backlash", "cogging_torque", "quadratic_drag"),
-    *("airflow_torque", "stop_bounce", "gravity_load"),
-    *("position_sensor_lag", "position_sensor_nonlinearity", "current_sensor_offset", "channel_delay"),
-]
-
 
 def off(effect: type[AbstractEffect]) -> dict[str, float]:
     return dict(effect.off or {})
@@ -51,11 +41,6 @@ def loudest(effect: type[AbstractEffect], at: np.ndarray) -> float:
 
 
 # ---- declarations
-
-
-@pytest.mark.parametrize("name", PROMISED)
-def test_a_promised_effect_is_registered(name: str) -> None:
-    assert EFFECT_BY_NAME[name] in BEYOND
 
 
 @every_effect
