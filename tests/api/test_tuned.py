@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 import etcfit
@@ -35,8 +33,8 @@ from etcfit.reporting.page import write_page
 from etcfit.reporting.tune import of_requirements
 from etcfit.run_folder.folder import RunFolder
 from independent.cars import draw_car, log_of, tracking_errors, write_log
+from schemas import read_valid, validator
 
-SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "tune.schema.json"
 BRIEF = DesignSettings(
     draws=4, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
 )
@@ -44,7 +42,7 @@ ASKED = TuneRequest("rusefi", (1.0, 5.0, 0.01))
 
 
 def validated(written: dict[str, Any]) -> dict[str, Any]:
-    Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8"))).validate(written)
+    validator("tune").validate(written)
     return written
 
 
@@ -168,7 +166,7 @@ def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> No
     keep_fit(run, tuned.result)
     keep_design(run, tuned.result, tuned.design, {})
     keep_tuned(tmp_path, tuned)
-    told = validated(json.loads((tmp_path / "tune.json").read_text(encoding="utf-8")))
+    told = read_valid(tmp_path / "tune.json")
     shown = " ".join(tuned.summary(1000).split())
     page = html.unescape(write_page(tmp_path).path.read_text(encoding="utf-8"))
     said = told["says"]
@@ -316,7 +314,7 @@ def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path)
     )
     assert done.exit_code == 1
     assert "Next:   Log position, duty and battery at 400 Hz or faster" in done.stdout
-    written = validated(json.loads((tmp_path / "a" / "tune.json").read_text(encoding="utf-8")))
+    written = read_valid(tmp_path / "a" / "tune.json")
     assert (written["verdict"], written["steps"], written["fit"]) == ("not from this log", [], None)
     assert not (tmp_path / "a" / "fit.json").exists()
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 from typer.testing import CliRunner
 
 import etcfit
@@ -18,6 +17,7 @@ from etcfit.car_log.study import Study, study
 from etcfit.cli import app
 from etcfit.errors import MeasurementError
 from independent.second_order import answer, overshoot, settled
+from schemas import read_valid
 from second_order import log
 
 UP_AND_BACK = [30.0, 10.0, 70.0, 10.0, 70.0, 10.0, 40.0]
@@ -97,9 +97,6 @@ def test_a_log_without_such_steps_is_refused_with_what_to_record(levels: list[fl
         held_against(studied(0.6, 50.0, levels), told_of(0.6, 50.0))
 
 
-SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "drive.schema.json"
-
-
 def ran(folder: Path, zeta: float, wn: float, why_not: str | None = None) -> Path:
     """A run of `etcfit tune`, as far as it matters here."""
     told = told_of(zeta, wn)
@@ -133,8 +130,7 @@ def test_the_command_leads_on_or_back_and_writes_it_down(tmp_path: Path) -> None
     assert done.exit_code == 0, done.output
     assert "Answer: As foretold for the half-way gains" in done.stdout
     assert f"etcfit drive NEXT_LOG --foretold {run} --made-with proposed" in done.stdout
-    told = json.loads((tmp_path / "out" / "drive.json").read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8"))).validate(told)
+    told = read_valid(tmp_path / "out" / "drive.json")
     assert (told["foretold"]["as_foretold"], told["foretold"]["steps"]) == (True, 4)
     done = CliRunner().invoke(app, ["drive", str(bad), "--foretold", str(run), "-q"])
     assert done.exit_code == 0  # an answer is no error

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import jsonschema
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -19,6 +17,7 @@ from etcfit.cli import app
 from etcfit.control.loop_figures import Requirements
 from etcfit.reporting.car_log import in_a_word
 from independent import hunting
+from schemas import read_valid
 from second_order import log as second_order
 
 
@@ -136,9 +135,7 @@ def test_command_page_json_and_notebook_say_the_same(tmp_path: Path) -> None:
     logs, run = written(tmp_path / "car"), tmp_path / "run"
     done = CliRunner().invoke(app, ["drive", str(logs / "a.csv"), "--out", str(run), "--quiet"])
     assert done.exit_code == 0, done.output
-    content = json.loads((run / "drive.json").read_text(encoding="utf-8"))
-    schema = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "drive.schema.json"
-    jsonschema.validate(content, json.loads(schema.read_text(encoding="utf-8")))
+    content = read_valid(run / "drive.json")
     (found,) = content["logs"]
     assert found["cycle"]["kind"] == "stick-slip"
     page = (run / "drive.html").read_text(encoding="utf-8")

@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
-from jsonschema import Draft202012Validator
 
-import etcfit
 import results
 from effect_samples import every_effect, made, rows, seen, typical
 from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
@@ -23,7 +21,6 @@ from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
-from etcfit.files import write_json
 from etcfit.model.ecus import ECUS, FOME, RUSEFI, EcuProfile
 from etcfit.model.effects import AbstractEffect
 from etcfit.model.feed_forward import TermNames
@@ -41,6 +38,7 @@ from etcfit.run_folder.plant import reduction_json
 from etcfit.run_folder.reading import read_draws
 from etcfit.run_folder.state import load_final, save_fit
 from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
+from schemas import validator, written_valid
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +47,6 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
     return results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
 
 
-SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 QUICK = ("manual", "damping_optimum", "amigo")
 BRIEF = replace(results.BRIEF, draws=200)
 
@@ -93,9 +90,7 @@ def test_to_control_is_the_same_plant(fitted: Fitted, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Path) -> None:
-    write_json(tmp_path / "pid.json", "pid", design_json(designed))
-    found = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8"))).validate(found)
+    found = written_valid(tmp_path, "pid", design_json(designed))
     assert from_json(DesignSettings, found["settings"]) == BRIEF
     gains, ecu = found["gains"], found["ecu"]
     assert set(gains) == {"Kp", "Ki", "Kd", "unit"}
@@ -187,8 +182,7 @@ def test_rusefi_gains_drive_the_same_duty(fitted: Fitted) -> None:
     friction = 100.0 * per_torque * v["T_f"] / ecu.supply
     assert his["duty_opening"] - his["etbBiasValues"] == pytest.approx(np.full(8, friction), abs=0.02)
     assert his["etbBiasValues"] - his["duty_closing"] == pytest.approx(np.full(8, friction), abs=0.02)
-    validator = Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8")))
-    validator.validate({"schema": "etcfit.pid/1"} | json.loads(json.dumps(design_json(made))))
+    validator("pid").validate({"schema": "etcfit.pid/1"} | json.loads(json.dumps(design_json(made))))
     pasted = render(design_table(made))
     for name in ("pFactor", "iFactor", "dFactor"):
         assert f'name="etb_{name}">{his[name]:.8g}</constant>' in pasted
@@ -326,8 +320,7 @@ def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
 def test_every_make_of_ecu_has_settings_that_give_the_same_controller(fitted: Fitted, profile: EcuProfile) -> None:
     made = made_for(fitted, profile, feed_forward=False)
     found = json.loads(json.dumps(design_json(made), allow_nan=False))
-    validator = Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8")))
-    validator.validate({"schema": "etcfit.pid/1"} | found)
+    validator("pid").validate({"schema": "etcfit.pid/1"} | found)
     written, ecu = found["profile"], made.task.ecu
     assert (written["name"], written["source"]) == (profile.name, profile.source)
     assert {field: getattr(ecu, field) for field in profile.fixes} == dict(profile.fixes)

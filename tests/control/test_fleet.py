@@ -3,17 +3,14 @@ by plants that share no code."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 from scipy.stats import beta, binomtest, fisher_exact
 
-import etcfit
 import fleets
 import results
 from benchmarks.parts import on_plant
@@ -26,12 +23,12 @@ from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.settings import DesignSettings, FleetDesignSettings, FrontSettings, OptimumSettings
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
-from etcfit.files import write_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
 from etcfit.run_folder.pid import design_json
 from independent.truth import CONSISTENT, Truth
+from schemas import written_valid
 
 NOISE = 1e-4  # rad
 SPREAD = 0.22  # so wide that no gains please all units: a promise of 100 % would be easy to keep
@@ -152,10 +149,7 @@ def test_the_share_promised_is_met_by_fresh_units_of_an_independent_simulation(d
 @pytest.mark.slow
 def test_the_files_and_the_table_say_how_the_fleet_fares(designed: Design, tmp_path: Path) -> None:
     assert designed.fleet is not None
-    write_json(tmp_path / "pid.json", "pid", design_json(designed))
-    written = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
-    schema = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "pid.schema.json"
-    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(written)
+    written = written_valid(tmp_path, "pid", design_json(designed))
     fleet = written["fleet"]
     assert fleet["units"] == 60
     assert fleet["share_met"] == designed.fleet.share.value
@@ -323,10 +317,7 @@ def test_gains_sought_over_the_parts_hold_on_more_fresh_units_and_as_many_as_pro
 def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_path: Path) -> None:
     design, found = compared.design, compared.design.parts
     assert found is not None
-    write_json(tmp_path / "pid.json", "pid", design_json(design))
-    written = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
-    schema = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "pid.schema.json"
-    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(written)
+    written = written_valid(tmp_path, "pid", design_json(design))
     parts, each = written["parts"], found.rules["optimal"]
     assert (parts["fleet"], parts["name"]) == ("runs/line", "line 4")
     assert parts["left_out"] == {"u100": "odd: a stiff spring"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,16 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
-import etcfit
 import results
 from etcfit.control.linearise import SYMBOLS, MotorConstants, linear_plant, motor_constants, reduce
 from etcfit.estimation.fitted_model import Fitted
-from etcfit.files import write_json
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.plant import constants_table, reduction_table
 from etcfit.run_folder.plant import reduction_json
+from schemas import written_valid
 
 N = 20.68
 
@@ -59,10 +56,7 @@ def test_their_errors_are_those_of_many_draws(fitted: Fitted, found: MotorConsta
 def test_terminal_file_and_page_have_them(fitted: Fitted, found: MotorConstants, tmp_path: Path) -> None:
     reduction = replace(reduce(fitted), constants=found)
     made = reduction_json(fitted, reduction, 0)
-    write_json(tmp_path / "transfer_function.json", "transfer_function", made)
-    schema = Path(etcfit.__file__).parent / "run_folder/schemas/transfer_function.schema.json"
-    written = json.loads((tmp_path / "transfer_function.json").read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(written)
+    written = written_valid(tmp_path, "transfer_function", made)
     assert [written["feedforward"][name] for name in SYMBOLS] == found.values.tolist()
     text = render(reduction_table(fitted, reduction, 0), 120)
     assert all(name in text for name in SYMBOLS)

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
-import etcfit
 import results
 from etcfit.api.work import design_of
 from etcfit.control.design import Design, ecu_of, task_of
@@ -19,7 +17,6 @@ from etcfit.control.request import DesignRequest
 from etcfit.estimation.agreement import Compromise
 from etcfit.estimation.intervals import Z_95, intervals
 from etcfit.estimation.joint_fit import FitResult, quiet
-from etcfit.files import write_json
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control import bode
@@ -36,9 +33,9 @@ from etcfit.reporting.control.plant import reduction_table
 from etcfit.reporting.control.sentence import cautions, sentence
 from etcfit.run_folder.pid import design_json
 from etcfit.run_folder.plant import reduction_json
+from schemas import written_valid
 
 FAR = "the model is far from the data (chi2/dof 17)"
-SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
 BRIEF = replace(results.BRIEF, draws=40)
 
 
@@ -104,9 +101,7 @@ def designed(sound: FitResult) -> Design:
 @pytest.mark.slow
 def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> None:
     made = design_json(designed)
-    write_json(tmp_path / "pid.json", "pid", made)
-    found = json.loads((tmp_path / "pid.json").read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads((SCHEMAS / "pid.schema.json").read_text(encoding="utf-8"))).validate(found)
+    found = written_valid(tmp_path, "pid", made)
     assert found["fit"]["compromise"] == FAR
     shown = " ".join(render(design_table(designed)).split())
     assert shown.startswith(f"Caution - The parameters behind this are a compromise, not estimates: {FAR}")

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
-import etcfit
 import results
 import rigs
 from etcfit.control.design import ecu_of, gains_as_found, task_of
@@ -20,7 +17,6 @@ from etcfit.control.pid import Gains, Refusal, Requirements, Task
 from etcfit.control.pid.linear_loop import closed, sampled
 from etcfit.errors import UsageError
 from etcfit.estimation.fitted_model import Fitted
-from etcfit.files import write_json
 from etcfit.model.ecu import Ecu, Terms
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.blocks import render
@@ -28,6 +24,7 @@ from etcfit.reporting.control.gains import design_table, gains_table, pasted, se
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.table import Notes
 from etcfit.run_folder.pid import design_json
+from schemas import written_valid
 
 PROPOSED = Gains(60.0, 300.0, 0.6)
 NOT_KNOWN = Refusal("not known")
@@ -118,9 +115,7 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
                     feed_forward=True, present={"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0})  # fmt: skip
     found = results.proposed(fitted, replace(given, as_found=Gains(100.0, 200.0, 1.0)), "manual")
     pid = design_json(found)
-    write_json(tmp_path / "pid.json", "pid", pid)
-    schema = json.loads((Path(etcfit.__file__).parent / "run_folder/schemas/pid.schema.json").read_text())
-    Draft202012Validator(schema).validate(json.loads((tmp_path / "pid.json").read_text()))
+    written_valid(tmp_path, "pid", pid)
     gain = pid["profile"]["gains"]["P gain"]
     assert gain["value"] == pytest.approx(0.6 * found.proposed.Kp)
     assert pid["profile"]["gains"]["I gain"]["value"] == pytest.approx(80.0 * found.proposed.Ki / 200.0)

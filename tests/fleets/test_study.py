@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
 import etcfit
 from etcfit.api.fleet import Fleet
@@ -24,6 +23,7 @@ from etcfit.fleets.unit import FailedUnit, TraceMisfit, UnitEstimate, UnitParame
 from etcfit.rig.config import config_of
 from etcfit.run_folder.fleet import UNITS, parts_of, read_fleet_files, save_fleet
 from etcfit.run_folder.manifest import FLEET
+from schemas import read_valid
 
 N = 20.68
 DESIGN = {"R_a": 1.5, "L_a": 1.5e-3, "K_b": 0.016, "J_eq": 1.7e-3, "B_eq": 9.0e-3, "K_s": 0.13, "T_PL": 0.35,
@@ -42,7 +42,6 @@ synthetic = true
 K_s = {{ low = 100, high = 160, unit = "mN*m/rad" }}
 opening_time = {{ high = 500, unit = "ms" }}
 """
-SCHEMA = Path(etcfit.__file__).parent / "run_folder" / "schemas" / "fleet.schema.json"
 
 
 def fleet_folder(path: Path, toml: str = FLEET_TOML) -> FleetConfig:
@@ -95,8 +94,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
 
 
 def test_what_is_written_fits_the_schema(kept: Kept) -> None:
-    written = json.loads((kept.run / FLEET).read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads(SCHEMA.read_text(encoding="utf-8"))).validate(written)
+    written = read_valid(kept.run / FLEET)
     assert written["units"] == [f"u{k:02d}" for k in range(UNITS_MADE)]
     assert written["synthetic"] is True
     assert [each["unit"] for each in written["failed"]] == ["wrong"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 import warnings
 from dataclasses import replace
@@ -12,11 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray
-from jsonschema import Draft202012Validator
 
-import etcfit
 import results
-from etcfit.files import write_json
 from etcfit.posterior.chain import Convergence
 from etcfit.posterior.profile import Profile
 from etcfit.posterior.sampling import Band, Posterior, apart
@@ -26,8 +22,7 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.pictures import file_name
 from etcfit.reporting.posterior import pictures, posterior_table
 from etcfit.run_folder.posterior import disagree, posterior_json, write_netcdf
-
-SCHEMAS = Path(etcfit.__file__).parent / "run_folder" / "schemas"
+from schemas import written_valid
 
 
 @pytest.fixture(scope="module")
@@ -50,9 +45,7 @@ def band(posterior: Posterior) -> Band:
 def test_the_json_has_every_parameter_that_moves(
     posterior: Posterior, profiles: dict[str, Profile], band: Band, tmp_path: Path
 ) -> None:
-    write_json(tmp_path / "posterior.json", "posterior", posterior_json(posterior, profiles, [band]))
-    found = json.loads((tmp_path / "posterior.json").read_text(encoding="utf-8"))
-    Draft202012Validator(json.loads((SCHEMAS / "posterior.schema.json").read_text(encoding="utf-8"))).validate(found)
+    found = written_valid(tmp_path, "posterior", posterior_json(posterior, profiles, [band]))
     assert from_json(SamplingSettings, found["settings"]) == posterior.settings
     assert found["schema"] == "etcfit.posterior/1"
     assert found["synthetic"] is True

@@ -5,12 +5,10 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
 
 import diagnoses
 import results
@@ -21,6 +19,7 @@ from etcfit.rig.base import Finding
 from etcfit.run_folder.diagnosis import diagnosis_json
 from etcfit.run_folder.fit import fit_json, readings_of
 from golden import check_view
+from schemas import validator
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +81,7 @@ def test_each_key_of_a_file_is_as_it_was_by_the_schema(
     result = results.compromised(fitted)
     write_json(tmp_path / "it.json", kind, fit_json(result) if kind == "fit" else diagnosis_json(both))
     written = strict(tmp_path / "it.json")
-    schema = files("etcfit.run_folder") / "schemas" / f"{kind}.schema.json"
-    Draft202012Validator(json.loads(schema.read_text(encoding="utf-8"))).validate(written)
+    validator(kind).validate(written)
     short = json.loads(json.dumps(written), parse_float=lambda text: float(f"{float(text):.6g}"))
     lines = [f"{key}: {json.dumps(value, ensure_ascii=False)}" for key, value in short.items()
              if key not in ("versions", "files", "settings")]  # fmt: skip
