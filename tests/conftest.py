@@ -7,8 +7,13 @@ import importlib.util
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from etcfit.diagnosis.findings import Diagnosis
+    from etcfit.rig.base import Rig
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a worker a core: threads of small products only wait
@@ -59,3 +64,19 @@ def measured() -> Path:
     if not (folder / "kassel_throttle").is_dir():
         pytest.skip("no copy of the measured data here (ETCFIT_DATA names none): real data sets are left out")
     return folder
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """One trace of each test, its results invented."""
+    import results
+
+    return results.rig(tmp_path_factory.mktemp("rig"))
+
+
+@pytest.fixture(scope="module")
+def found(rig: Rig) -> Diagnosis:
+    """Of that rig, invented too."""
+    import diagnoses
+
+    return diagnoses.diagnosis(rig)

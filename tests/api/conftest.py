@@ -23,11 +23,6 @@ def _no_window() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    return results.rig(tmp_path_factory.mktemp("rig"))
-
-
-@pytest.fixture(scope="module")
 def fitted(rig: Rig) -> Fit:
     """J_L is not identifiable."""
     return Fit(results.result(rig, lost=("J_L",)))

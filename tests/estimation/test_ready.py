@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-import results
 from etcfit.diagnosis.composition import by_file
 from etcfit.errors import MeasurementError
 from etcfit.estimation.ready import ready
@@ -19,11 +18,6 @@ from etcfit.rig.base import Fixed, Rig
 from etcfit.rig.config import parse_config
 
 DOCS = Path(__file__).parents[2] / "docs"
-
-
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    return results.rig(tmp_path_factory.mktemp("rig"))
 
 
 def naming(rig: Rig, *effects: str) -> Rig:

@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import campaigns
-import results
 from benchmarks.plan import one
 from etcfit.errors import UsageError
 from etcfit.experiment.campaign import (
@@ -32,11 +31,6 @@ from etcfit.rig.base import Rig
 SETTINGS = CampaignSettings()
 TIME = np.arange(6000) / 1000.0
 WAVES = {shape.name: shape.wave for shape in SHAPES}
-
-
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    return results.rig(tmp_path_factory.mktemp("rig"))
 
 
 @pytest.fixture(scope="module")

@@ -119,11 +119,6 @@ def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:
     assert_refused("fit", odd, unpulled, written | {"converged": "yes"}, {"schema": "x"})
 
 
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    return results.rig(tmp_path_factory.mktemp("rig"))
-
-
 def advice(rig: Rig, settings: AdviceSettings) -> dict[str, Any]:
     again = Option("viscous", "once more", "noise assumed", np.array([0.5, 1.0]), Pair(("a", "b"), 0.9, 0.1), None)
     apart = Option("response", "a sweep", "", np.array([0.9, 1.0]), None, None)

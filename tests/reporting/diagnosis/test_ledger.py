@@ -16,11 +16,6 @@ from etcfit.reporting.diagnosis import diagnosis_table
 from etcfit.reporting.diagnosis.ledger import Entry, headline, ledger
 
 
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
-    return diagnoses.diagnosis(results.rig(tmp_path_factory.mktemp("rig")))
-
-
 def entry(d: Diagnosis, test: str, channel: str, held_out: bool) -> Entry:
     (one,) = (e for e in ledger(d) if (e.test, e.channel, e.held_out) == (test, channel, held_out))
     return one

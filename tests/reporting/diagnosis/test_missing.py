@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 
 import diagnoses
-import results
 from etcfit.diagnosis.findings import Diagnosis, Motion, Share
 from etcfit.reporting.diagnosis import missing
 from etcfit.reporting.diagnosis.missing import Bins, MissingPicture, Samples, curve_rms, ways
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
-    return diagnoses.diagnosis(results.rig(tmp_path_factory.mktemp("rig")))
 
 
 def torque(d: Diagnosis) -> MissingPicture:

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-import diagnoses
-import results
 from etcfit.api.progress import silent
 from etcfit.api.work import keep_diagnosis, keep_fit
 from etcfit.diagnosis.findings import Diagnosis, SetAside
@@ -21,11 +19,6 @@ from etcfit.reporting.diagnosis.ledger import headline, ledger
 from etcfit.reporting.pictures import all_traces
 from etcfit.reporting.pictures import jobs as jobs_of_model
 from etcfit.run_folder.folder import RunFolder
-
-
-@pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> Diagnosis:
-    return diagnoses.diagnosis(results.rig(tmp_path_factory.mktemp("rig")))
 
 
 @pytest.fixture(scope="module")
