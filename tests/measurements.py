@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Channel, Measurement, RigConfig
 from independent import CONSISTENT, NONE
 from independent import simulate as independent
@@ -26,6 +27,13 @@ def measurement(test: str, time: np.ndarray, values: Mapping[str, np.ndarray], n
     """Values as logged, with the noise of `SIGMA` declared but not added."""
     channels = {q: channel(time, v, SIGMA[q]) for q, v in values.items()}
     return Measurement(f"{test}/{name}.csv", test, time, channels)
+
+
+def prepared(m: Measurement, config: RigConfig = CONFIG) -> Trace:
+    """Made ready; there is something in it to predict."""
+    trace = prepare(m, config)
+    assert trace is not None
+    return trace
 
 
 def noisy(clean: Measurement, seed: int) -> Measurement:

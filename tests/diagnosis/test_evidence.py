@@ -40,9 +40,9 @@ from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.input_signal import InputSignal
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import Trace, prepare
+from etcfit.problem.trace import Trace
 from etcfit.rig.base import Fixed
-from measurements import CONFIG, measurement
+from measurements import CONFIG, measurement, prepared
 
 COUNT = 6000
 SETTINGS = DiagnosisSettings()
@@ -198,9 +198,7 @@ def long() -> Trace:
     """A plate that rests, as long as the noise that stands for its residual."""
     time = np.arange(COUNT) * 1e-3
     still = {"voltage": np.zeros(COUNT), "current": np.zeros(COUNT), "position": np.zeros(COUNT)}
-    trace = prepare(measurement("response", time, still), CONFIG)
-    assert trace is not None
-    return trace
+    return prepared(measurement("response", time, still))
 
 
 @pytest.mark.parametrize("begin", [0, 333, COUNT - COUNT // 12])
@@ -317,8 +315,7 @@ def measured(series: float) -> Trace:
     at_rest = (float(v[0]) / (1.513 + series), 0.0, 0.0)
     x = path(truth, *batch(np.full(SAMPLES - 1, DT), v[:-1], v[1:], at_rest, series=series))
     m = measurement("response", t, {"voltage": v, "current": x[:, 0] + OFFSET, "position": x[:, 1]})
-    trace = prepare(m, CONFIG)
-    assert trace is not None
+    trace = prepared(m)
     exact = InputSignal(v, np.full(SAMPLES, 0.01), np.zeros(SAMPLES), np.zeros(SAMPLES - 1, dtype=bool))
     return replace(trace, input=exact, start=replace(trace.start, state=at_rest))
 

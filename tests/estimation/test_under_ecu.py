@@ -37,7 +37,7 @@ from independent.strengths import MEDIUM
 from independent.truth import OPEN
 from independent.under_ecu import Log
 from independent.under_ecu import setpoint as ecu_setpoint
-from measurements import channel
+from measurements import channel, prepared
 from rigs import loop, one
 
 ECU = Ecu()
@@ -58,16 +58,14 @@ def logged(test: str = "closed_loop", n: int = 40, **more: np.ndarray) -> Measur
 
 @pytest.mark.parametrize("test", ["closed_loop", "sine", "drive"])
 def test_a_setpoint_makes_a_trace_that_the_ecu_drives(test: str) -> None:
-    trace = prepare(logged(test), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(test), CONFIG)
     assert trace.controlled
     assert trace.circuit
     assert trace.channels == ("position",)
 
 
 def test_a_logged_voltage_is_believed_before_the_ecu() -> None:
-    trace = prepare(logged(voltage=np.full(40, 3.0)), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(voltage=np.full(40, 3.0)), CONFIG)
     assert not trace.controlled
 
 
@@ -88,8 +86,7 @@ def test_an_ecu_that_no_trace_needs_is_named() -> None:
 
 
 def test_every_tick_begins_a_step_and_carries_the_setpoint_that_was_read() -> None:
-    trace = prepare(logged(), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(), CONFIG)
     steps = batch_of([trace], CONFIG, [np.ones(39, int)]).steps
     assert steps.command is not None
     begins, ticks = np.asarray(steps.time - steps.dt)[:, 0], np.asarray(steps.command.tick)[:, 0] > 0.5
@@ -102,8 +99,7 @@ def test_every_tick_begins_a_step_and_carries_the_setpoint_that_was_read() -> No
 def jumping(at: float, **more: Any) -> Setpoint:
     """The setpoint of a log at 500 Hz that jumps between two samples, as an ECU saw it at a share of the window."""
     time = 2e-3 * np.arange(40)
-    trace = prepare(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5), **more), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5), **more), CONFIG)
     assert trace.setpoint is not None
     assert_array_equal(trace.setpoint.jumps, [15])
     return trace.setpoint.with_jumps_at(at)
@@ -127,8 +123,7 @@ def test_a_jump_seen_later_is_laid_out_as_in_a_new_batch(period: float, delay: f
     config = replace(CONFIG, ecu=ECU._replace(period=period, delay=delay))
     time = 2e-3 * np.arange(40)
     asked = np.where(time > 0.0301, 0.9, 0.5) - 0.3 * (time > 0.0321)
-    first = prepare(logged(setpoint=asked), config)
-    assert first is not None
+    first = prepared(logged(setpoint=asked), config)
     batch = batch_of([first], config, [np.ones(39, int)])
     for share in np.linspace(0.0, 1.0, 23):
         trace = first.with_jumps_at(float(share))
@@ -142,8 +137,7 @@ def test_a_jump_seen_later_is_laid_out_as_in_a_new_batch(period: float, delay: f
 def test_steps_follow_the_instant_of_a_jump_as_their_columns_say() -> None:
     """Lengths of all steps for two instants 10 us apart, both laid out anew."""
     time = 2e-3 * np.arange(40)
-    trace = prepare(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5)), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(setpoint=np.where(time > 0.0301, 0.9, 0.5)), CONFIG)
     by = 1e-5
     early, late = (trace.with_jumps_at((0.0012 + shift) / 0.003) for shift in (0.0, by))
     first, then = (batch_of([t], CONFIG, [np.full(39, 2)]) for t in (early, late))
@@ -163,8 +157,7 @@ def test_steps_follow_the_instant_of_a_jump_as_their_columns_say() -> None:
 
 
 def test_a_ramp_has_no_jump() -> None:
-    trace = prepare(logged(), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(), CONFIG)
     assert trace.setpoint is not None
     assert trace.setpoint.jumps.size == 0
 
@@ -187,8 +180,7 @@ def test_a_jump_is_placed_where_the_plate_answered() -> None:
 def test_a_rig_without_an_ecu_has_nothing_of_it_on_its_tape_or_in_its_model() -> None:
     """So that its compiled programs are those they always were."""
     plain = replace(CONFIG, ecu=None, parameters={})
-    trace = prepare(logged(voltage=np.full(40, 3.0)), plain)
-    assert trace is not None
+    trace = prepared(logged(voltage=np.full(40, 3.0)), plain)
     steps = batch_of([trace], plain, [np.ones(39, int)]).steps
     assert steps.command is None
     assert steps.inputs(0.5).controlled is None
@@ -218,8 +210,7 @@ def test_gains_are_fixed_sought_or_believed_as_rig_toml_says() -> None:
 
 
 def test_the_model_of_all_effects_carries_the_controller_along() -> None:
-    trace = prepare(logged(), CONFIG)
-    assert trace is not None
+    trace = prepared(logged(), CONFIG)
     composition = compose(Rig("bench", CONFIG, (logged(),)), (trace,))
     assert set(COMMANDING) <= set(composition.known)
     assert not set(COMMANDING) & set(composition.candidates)

@@ -14,9 +14,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from etcfit.model.rig_effects import number_of, rig_effect
 from etcfit.problem.batch import KINDS, TraceBatch, batch_of, pack, rounded
 from etcfit.problem.prediction_error import columns
-from etcfit.problem.trace import Trace, prepare
+from etcfit.problem.trace import Trace
 from etcfit.rig.base import Measurement, RigConfig
-from measurements import CONFIG, N, channel, measurement, released
+from measurements import CONFIG, N, channel, measurement, prepared, released
 
 RNG = np.random.default_rng(0)
 
@@ -25,15 +25,12 @@ def trace(test: str, n: int, channels: tuple[str, ...], seed: int = 0) -> Trace:
     """A trace of noise on uneven instants."""
     rng = np.random.default_rng(seed)
     time = 0.2 + np.cumsum(rng.uniform(0.5e-3, 1.5e-3, n))
-    ready = prepare(measurement(test, time, {c: 0.5 + 0.1 * rng.standard_normal(n) for c in channels}), CONFIG)
-    assert ready is not None
-    return ready
+    return prepared(measurement(test, time, {c: 0.5 + 0.1 * rng.standard_normal(n) for c in channels}))
 
 
 def mixed() -> list[Trace]:
     motion = released(0.0503)
-    release = prepare(measurement("back_emf", motion.time, {"emf": N * 0.0189 * motion.speed}), CONFIG)
-    assert release is not None
+    release = prepared(measurement("back_emf", motion.time, {"emf": N * 0.0189 * motion.speed}))
     assert release.release is not None
     return [
         trace("response", 40, ("voltage", "current", "position"), 1),
@@ -120,8 +117,7 @@ def test_a_gap_has_no_weight() -> None:
         time,
         {"voltage": channel(time, 0 * time, 1e-2), "position": channel(time[kept], 0.1 + 0 * time[kept], 1e-3)},
     )
-    gappy = prepare(m, CONFIG)
-    assert gappy is not None
+    gappy = prepared(m)
     batch, _ = laid([gappy])
     lane, _, marks = batch.places[0]
     assert_array_equal(np.flatnonzero(batch.slots.weight[marks, lane, 0] == 0.0), [3, 4])
@@ -172,8 +168,7 @@ def test_a_duty_is_held() -> None:
         time,
         {"duty": channel(time, duty, 1e-3), "position": channel(time, 0 * time, 1e-3)},
     )
-    t = prepare(m, CONFIG)
-    assert t is not None
+    t = prepared(m)
     batch, _ = laid([t], most=1)
     lane, _, marks = batch.places[0]
     assert_allclose(batch.steps.voltage0[marks[1:], lane], 12.0 * duty[:-1])
@@ -205,8 +200,7 @@ def test_a_torque_enters_at_the_plate() -> None:
     time = np.arange(10) * 1e-3
     torque = channel(time, np.linspace(0.1, 1.0, 10), 1e-6)
     m = Measurement("drive/a.csv", "drive", time, {"torque": torque, "position": channel(time, 0 * time, 1e-3)})
-    t = prepare(m, CONFIG)
-    assert t is not None
+    t = prepared(m)
     batch, _ = laid([t], most=1)
     lane, _, marks = batch.places[0]
     assert_allclose(batch.steps.torque1[marks, lane], torque.value, atol=1e-5)
@@ -229,8 +223,7 @@ def test_a_supply_that_nobody_logged_sags_by_the_square_of_the_duty(batch: Trace
     drive = {"duty": channel(time, np.full(10, -0.5), 1e-3), "position": channel(time, 0 * time, 1e-3)}
     supply = {"supply": channel(time, np.full(10, 12.0), 1e-3)}
     for channels, ohm in ((drive, 0.1), (drive | supply, 0.0)):
-        t = prepare(Measurement("drive/a.csv", "drive", time, channels), CONFIG)
-        assert t is not None
+        t = prepared(Measurement("drive/a.csv", "drive", time, channels))
         driven, _ = laid([t], most=1)
         lane, _, marks = driven.places[0]
         series = np.broadcast_to(sag(**{"supply_ohm": 0.4}).driven(driven.steps, 0.0).series, driven.steps.dt.shape)

@@ -14,6 +14,7 @@ from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import Trace, prepare
 from etcfit.rig.base import Channel, Fixed, Measurement, RigConfig
+from measurements import prepared
 
 R, L, DT, ROWS, JUMP = 2.0, 1e-3, 2e-4, 60, 20  # ohm, H, s; the first sample that shows the jump
 TEST = "inductance"
@@ -35,8 +36,7 @@ def held_plate(turn: float | None = None) -> Measurement:
 
 def simulated(phase: float, turn: float | None = None, config: RigConfig = CONFIG) -> np.ndarray:
     """The model's current, A."""
-    trace = prepare(held_plate(turn), config)
-    assert trace is not None
+    trace = trace_of(turn, config)
     known = free_parameters(config)
     x = known.layout.coordinates({s: known.layout.parameter(s).nominal for s in known.layout.free})
     x = np.where([s.startswith("edge_phase") for s in known.layout.free], phase, x)
@@ -60,23 +60,21 @@ def in_steps(trace: Trace, count: int = 5) -> tuple[np.ndarray, np.ndarray]:
     return ends, np.concatenate(([0], np.repeat(np.arange(ROWS - 1), count)))
 
 
-def prepared(turn: float | None, config: RigConfig = CONFIG) -> Trace:
-    trace = prepare(held_plate(turn), config)
-    assert trace is not None
-    return trace
+def trace_of(turn: float | None, config: RigConfig = CONFIG) -> Trace:
+    return prepared(held_plate(turn), config)
 
 
 def test_only_intervals_with_an_edge_in_step_get_an_even_number_of_steps() -> None:
     odd = np.full(ROWS - 1, 5)
-    halved = edges.halved(prepared(0.0), odd)
+    halved = edges.halved(trace_of(0.0), odd)
     assert halved[JUMP - 1] == 6
     assert np.all(np.delete(halved, JUMP - 1) == 5)
-    assert edges.halved(prepared(None, replace(CONFIG, effects=())), odd) is odd
+    assert edges.halved(trace_of(None, replace(CONFIG, effects=())), odd) is odd
 
 
 def test_an_edge_in_step_is_a_jump_at_half_its_interval_and_another_one_a_ramp() -> None:
     for turn, config, sharp in ((0.0, CONFIG, True), (None, replace(CONFIG, effects=()), False)):
-        trace = prepared(turn, config)
+        trace = trace_of(turn, config)
         ends, interval = in_steps(trace, 6)
         early, late = edges.levels(trace, ends, interval)
         inside = interval == JUMP - 1
@@ -89,7 +87,7 @@ def test_an_edge_in_step_is_a_jump_at_half_its_interval_and_another_one_a_ramp()
 
 
 def test_steps_follow_the_phase_and_their_interval_keeps_its_length() -> None:
-    trace = prepared(1.0)
+    trace = trace_of(1.0)
     ends, interval = in_steps(trace, 6)
     columns = edges.in_step(trace, ends, interval)
     inside = interval == JUMP - 1
@@ -99,18 +97,18 @@ def test_steps_follow_the_phase_and_their_interval_keeps_its_length() -> None:
     # d time / ds is the sum of what came before, the whole interval at the jump itself, and 0 at the interval's end
     assert_allclose(columns["moves"][inside], np.cumsum(columns["span"][inside]), atol=1e-15)
     assert_allclose(columns["moves"][inside][2], DT)
-    assert edges.in_step(prepared(None, replace(CONFIG, effects=())), ends, interval) == {}
+    assert edges.in_step(trace_of(None, replace(CONFIG, effects=())), ends, interval) == {}
 
 
 def test_a_jump_at_an_unknown_instant_stands_at_the_last_entry_of_its_interval() -> None:
-    trace, marks = prepared(None, replace(CONFIG, effects=())), 5 * np.arange(ROWS)
+    trace, marks = trace_of(None, replace(CONFIG, effects=())), 5 * np.arange(ROWS)
     columns = edges.unplaced(trace, marks, int(marks[-1]) + 1)
     (at,) = np.flatnonzero(columns["edge"])
     assert at == marks[JUMP]
     assert columns["edge"][at] == 5.0
     assert (columns["edge_from"][at], columns["edge_to"][at]) == (pytest.approx(1.0), pytest.approx(3.0))
     assert columns["edge_span"][at] == pytest.approx(DT)
-    assert not np.any(edges.unplaced(prepared(0.0), marks, int(marks[-1]) + 1)["edge"])
+    assert not np.any(edges.unplaced(trace_of(0.0), marks, int(marks[-1]) + 1)["edge"])
 
 
 # ---- what comes of them
@@ -150,8 +148,7 @@ def test_an_edge_on_its_sample_gets_the_steps_after_it_that_one_just_before_it_g
     held = held_plate(1.0)
     still = Channel(held.time, np.zeros(ROWS), 1e-4, True, "position", "rad", 1.0)
     pressed = replace(held, file="response/1.csv", test="response", channels={**held.channels, "position": still})
-    trace = prepare(pressed, config)
-    assert trace is not None
+    trace = prepared(pressed, config)
     known = free_parameters(config)
     x = known.layout.coordinates({s: known.layout.parameter(s).nominal for s in known.layout.free})
     at = known.layout.free.index("edge_phase.response")

@@ -23,7 +23,7 @@ from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.trace import InitialState, Trace, prepare
 from etcfit.problem.weights import farthest, free_running
 from etcfit.rig.base import Fixed
-from measurements import CONFIG, N, measurement, noisy, released
+from measurements import CONFIG, N, measurement, noisy, prepared, released
 
 VALUES = bodies.values(B_L=1e-3)
 DT = 1e-3
@@ -81,8 +81,7 @@ def held_trace(seed: int, memory: float, n: int = 250, sd: float = 0.02) -> Trac
     current = held(volts_at(t), coloured(rng, n - 1, sd, memory), first + spread * rng.standard_normal())
     m = measurement("resistance", t, {"voltage": volts_at(t), "current": current})
     m = noisy(m, seed + 1000)
-    trace = prepare(m, CONFIG)
-    assert trace is not None
+    trace = prepared(m)
     signal = InputSignal(volts_at(t), np.full(n, sd), np.full(n, memory), np.zeros(n - 1, dtype=bool))
     return replace(trace, input=signal, start=InitialState((first, 0.0, 0.0), (spread, 0.0, 0.0)))
 
@@ -214,8 +213,7 @@ def sliding(memory: float) -> Trace:
     rng = np.random.default_rng(4)
     t = np.arange(n) * DT
     values = {"voltage": 2.6 + 0 * t, "current": 1.2 + 0.1 * rng.standard_normal(n), "position": 0.3 + 3.0 * t}
-    trace = prepare(measurement("response", t, values), CONFIG)
-    assert trace is not None
+    trace = prepared(measurement("response", t, values))
     data = trace.data.copy()
     data[20:30, 1], data[::7, 0] = np.nan, np.nan
     signal = InputSignal(
@@ -296,9 +294,7 @@ def stepped(seed: int, rise: float = 2.0) -> Trace:
         step = rise * (-1.0) ** k * (since > 0.0)
         volts += step
         current += step / VALUES["R_a"] * (1.0 - np.exp(-np.maximum(since, 0.0) / tau))
-    trace = prepare(noisy(measurement("resistance", t, {"voltage": volts, "current": current}), seed + 500), CONFIG)
-    assert trace is not None
-    return trace
+    return prepared(noisy(measurement("resistance", t, {"voltage": volts, "current": current}), seed + 500))
 
 
 def test_a_jump_at_an_unknown_instant_is_neither_believed_nor_thrown_away() -> None:
@@ -325,8 +321,7 @@ def releases() -> tuple[EstimationProblem, np.ndarray, np.ndarray]:
     for seed in range(40):
         motion = released(0.05 + 5e-4 * rng.standard_normal(), duration=0.25)
         values = {"emf": N * VALUES["K_b"] * motion.speed, "position": motion.angle}
-        trace = prepare(noisy(measurement("back_emf", motion.time, values), seed), CONFIG)
-        assert trace is not None
+        trace = prepared(noisy(measurement("back_emf", motion.time, values), seed))
         traces.append(trace.released_at(0.05, 5e-4))
         hits.append(np.flatnonzero((motion.speed[1:] == 0.0) & (motion.speed[:-1] < -1.0))[0] + 1)
     problem, x = problem_of(traces, ("K_b", "B_L", "T_PL"))

@@ -12,11 +12,10 @@ from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.innovations import shifted_samples_jax
 from etcfit.problem.lateness import moved_samples
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Channel, Fixed, Measurement
 from independent import CONSISTENT
 from independent.drives import steps
-from measurements import CONFIG, driven, measurement, noisy
+from measurements import CONFIG, driven, measurement, noisy, prepared
 
 EFFECTS = ("trace_late[response/a.csv]", "channel_late[response.current]")
 SYMBOLS = ("late.response/a.csv", "late.response.current")
@@ -50,8 +49,7 @@ def problem_of(log: Measurement, *seconds: float) -> EstimationProblem:
     }
     held = {symbol: Fixed(by) for symbol, by in zip(SYMBOLS, seconds, strict=True)}
     config = replace(CONFIG, effects=EFFECTS, parameters=known | held)
-    trace = prepare(log, config)
-    assert trace is not None
+    trace = prepared(log, config)
     return EstimationProblem.of_traces(config, free_parameters(config), (trace,))
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from etcfit.problem.prediction_error import PredictionError, pooled, rows
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Channel, Measurement
-from measurements import CONFIG, channel
+from measurements import channel, prepared
 
 T = np.arange(6) * 1e-3
 
@@ -17,8 +16,7 @@ def test_a_channel_is_scored_in_its_logged_unit_over_the_samples_it_has() -> Non
     degree = np.pi / 180.0
     angle = Channel(T[:4], 0 * T[:4] + 0.3, 0.2 * degree, False, "position", "deg", degree)
     logged = {"voltage": channel(T, 0 * T, 1e-2), "position": angle}
-    trace = prepare(Measurement("response/a.csv", "response", T, logged), CONFIG)
-    assert trace is not None
+    trace = prepared(Measurement("response/a.csv", "response", T, logged))
     (row,) = rows([trace], [trace.data + 0.5 * degree])
     assert (row.file, row.test, row.channel, row.unit, row.n) == ("response/a.csv", "response", "position", "deg", 4)
     assert row.rms == pytest.approx(0.5)

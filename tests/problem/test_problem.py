@@ -11,17 +11,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Prior
-from measurements import CONFIG, N, measurement, released
+from measurements import CONFIG, N, measurement, prepared, released
 
 T = np.arange(6) * 1e-3
 
 
 @pytest.fixture(scope="module")
 def problem() -> EstimationProblem:
-    trace = prepare(measurement("response", T, {"voltage": 0 * T, "position": 0 * T + 0.3}), CONFIG)
-    assert trace is not None
+    trace = prepared(measurement("response", T, {"voltage": 0 * T, "position": 0 * T + 0.3}))
     made = EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (trace,))
     return replace(made, jitter=0.1, guide_stiffness=3.0, sigma=2.0 * made.sigma)
 
@@ -67,8 +65,7 @@ def test_prepared_again_it_is_as_it_was_logged_with_the_steps_that_x_needs() -> 
     """A poorer model moved the release by 20 ms, weighed samples down, drew the plate along and took three steps."""
     motion = released(0.05)
     values = {"emf": N * 0.0189 * motion.speed, "position": motion.angle}
-    logged = prepare(measurement("back_emf", motion.time, values), CONFIG)
-    assert logged is not None
+    logged = prepared(measurement("back_emf", motion.time, values))
     assert logged.release is not None
     known = free_parameters(CONFIG)
     light = {"J_m": 0.03, "J_L": 0.03}  # times nominal: a plate so fast that one step is not enough

@@ -15,8 +15,8 @@ from etcfit.model.stepper import State, Step
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.process_noise import ORDER, impact, impacts_nearby, impacts_nearby_here, order_of
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Channel, Fixed, Measurement, RigConfig
+from measurements import prepared
 
 R, L, DT, ROWS = 2.0, 1e-3, 1e-4, 80  # ohm, H, s
 SIGMA = 0.01  # A
@@ -30,8 +30,7 @@ def problem() -> EstimationProblem:
         "voltage": Channel(time, volts, 1e-9, False, "voltage", "V", 1.0),
         "current": Channel(time, volts / R, SIGMA, False, "current", "A", 1.0),
     }
-    trace = prepare(Measurement("inductance/1.csv", "inductance", time, channels), CONFIG)
-    assert trace is not None
+    trace = prepared(Measurement("inductance/1.csv", "inductance", time, channels), CONFIG)
     return EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (trace,), [np.full(ROWS - 1, 8)])
 
 

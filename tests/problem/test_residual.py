@@ -12,9 +12,8 @@ from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import columns
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Prior
-from measurements import CONFIG, SIGMA, measurement
+from measurements import CONFIG, SIGMA, measurement, prepared
 
 T = np.arange(400) * 1e-3
 SYMBOLS = {"R_a": 1.5, "L_a": 1.5e-3, "K_b": 0.02, "J_m": 1e-6, "J_L": 6e-4, "B_m": 2e-5, "B_L": 1e-3}
@@ -26,8 +25,7 @@ def problem() -> EstimationProblem:
     """A held plate at a constant 3 V, its current settled: 2 A and white noise; R_a is free, with a prior."""
     noise = np.random.default_rng(3).standard_normal(T.size)
     values = {"voltage": 0 * T + 3.0, "current": 2.0 + SIGMA["current"] * noise}
-    trace = prepare(measurement("resistance", T, values), CONFIG)
-    assert trace is not None
+    trace = prepared(measurement("resistance", T, values))
     trace = replace(trace, start=replace(trace.start, state=(2.0, 0.0, 0.0)))
     known = {s: Fixed(v) for s, v in VALUES.items() if s != "R_a"} | {"R_a": Prior(1.5, 0.15)}
     config = replace(CONFIG, parameters=known)

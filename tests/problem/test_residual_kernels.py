@@ -33,9 +33,8 @@ from etcfit.problem.normal_equations import linearised, normal_equations
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.records import MAKING
 from etcfit.problem.residual import WeightedData, residual
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed, Measurement, Rig
-from measurements import channel
+from measurements import channel, prepared
 
 Effect = type[AbstractEffect]
 ADDED = [e for e in EFFECTS if e.off is not None and not e.commands]
@@ -199,8 +198,7 @@ def test_under_an_ecu_it_computes_as_jax_does(rig: Rig) -> None:
     gains = {s: Fixed(v) for s, v in ecu.constants.items() if s not in ("P_e", "I_e", "D_e")}
     config = replace(rig.config, ecu=ecu, parameters={**rig.config.parameters, **gains}, series_ohm={})
     known = free_parameters(config)
-    trace = prepare(log, config)
-    assert trace is not None
+    trace = prepared(log, config)
     problem = EstimationProblem.of_traces(config, known, (trace,))
     x = known.layout.off_bounds(known.layout.coordinates({p.symbol: p.nominal for p in known.layout.parameters}))
     agrees(problem, x, problem.weighted(problem.kalman(x)))

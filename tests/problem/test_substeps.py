@@ -16,17 +16,15 @@ from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
 from etcfit.problem.residual import run
 from etcfit.problem.substeps import TOLERANCE, local_error, substeps_needed
-from etcfit.problem.trace import prepare
 from etcfit.rig.base import Fixed
-from measurements import CONFIG, SIGMA, measurement
+from measurements import CONFIG, SIGMA, measurement, prepared
 
 T = np.arange(6) * 1e-3
 
 
 def test_an_interval_gets_the_steps_that_its_worst_error_asks_for() -> None:
     """An error of third order in the step: 8 tolerances need twice the steps, less than one needs one."""
-    trace = prepare(measurement("response", T, {"voltage": 0 * T, "position": 0 * T + 0.3}), CONFIG)
-    assert trace is not None
+    trace = prepared(measurement("response", T, {"voltage": 0 * T, "position": 0 * T + 0.3}))
     batch = batch_of([trace], CONFIG, [np.array([1, 2, 1, 1, 1])])
     lane, _, marks = batch.places[0]
     error = np.zeros(batch.steps.dt.shape)
@@ -47,8 +45,7 @@ def charging() -> tuple[EstimationProblem, np.ndarray]:
     """A coil without current at a constant voltage, logged five times in its time constant; and the coordinates."""
     t = np.arange(50) * SHARE * VALUES["L_a"] / VALUES["R_a"]
     current = VOLTS / VALUES["R_a"] * (1.0 - np.exp(-t * VALUES["R_a"] / VALUES["L_a"]))
-    trace = prepare(measurement("resistance", t, {"voltage": 0 * t + VOLTS, "current": current}), CONFIG)
-    assert trace is not None
+    trace = prepared(measurement("resistance", t, {"voltage": 0 * t + VOLTS, "current": current}))
     held = {s: Fixed(v) for s, v in VALUES.items() if s not in ("R_a", "L_a", "K_m")}
     known = free_parameters(replace(CONFIG, parameters=held))
     return EstimationProblem.of_traces(CONFIG, known, (trace,)), known.layout.coordinates(VALUES)

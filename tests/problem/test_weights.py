@@ -11,8 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from etcfit.problem import weights
 from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.problem import EstimationProblem
-from etcfit.problem.trace import prepare
-from measurements import CONFIG, measurement
+from measurements import CONFIG, measurement, prepared
 
 T = np.arange(6) * 1e-3
 ANGLE = np.array([0.1, 0.1, 0.3, 0.3, 0.3, 0.2])
@@ -20,8 +19,7 @@ ANGLE = np.array([0.1, 0.1, 0.3, 0.3, 0.3, 0.2])
 
 @pytest.fixture(scope="module")
 def problem() -> EstimationProblem:
-    trace = prepare(measurement("response", T, {"voltage": 0 * T, "position": ANGLE}), CONFIG)
-    assert trace is not None
+    trace = prepared(measurement("response", T, {"voltage": 0 * T, "position": ANGLE}))
     return EstimationProblem.of_traces(CONFIG, free_parameters(CONFIG), (trace,))
 
 
