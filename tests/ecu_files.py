@@ -38,7 +38,7 @@ def drive() -> dict[str, np.ndarray]:
     return {"time": time, "setpoint": foot(time), "position": foot(time - 0.06), "pedal": 0.9 * foot(time + 0.02),
             "rpm": np.round(rpm), "afr": 13.5 + 1.2 * np.sin(time), "target_afr": 13.2 + np.sin(0.8 * time),
             "injector": 8.0 + 0.1 * foot(time), "gear": np.round(2.0 + np.sin(0.2 * time)),
-            "battery": 13.8 + 0.1 * np.sin(3 * time),
+            "battery": 13.8 + 0.1 * np.sin(3 * time), "minutes": time / 60.0,
             "duty": 18.0 + 6.0 * np.cos(2 * np.pi * 0.7 * time),
             "adc": np.round(100 + 7.0 * foot(time - 0.06))}  # fmt: skip
 
@@ -154,12 +154,14 @@ def motec() -> File:
     head = ['"Format","MoTeC CSV File",,,"Workbook",""', '"Venue","none",,,"Worksheet",""', '"Device","M150"',
             '"Comment","",,,"Session",""',
             '"Log Date","05/05/2025",,,"Origin Time","0.000","s"', '"Log Time","12:00:00",,,"Start Time","0.000","s"',
+            '"Time","12:00:00"',
             '"Sample Rate","50.000","Hz",,"End Time","20.000","s"', '"Duration","20.000","s",,"Start Distance","0","m"',
             '"Range","entire outing",,,"End Distance","812","m"', '"Beacon Markers","7.1 14.2 "', "", "",
-            '"Time","Engine Speed","Throttle Pedal","Throttle Servo Bank 1 Position","Throttle Servo Bank 1 Aim",'
-            '"Fuel Injector Primary Duty Cycle"', '"s","rpm","%","%","%","%"', "", ""]  # fmt: skip
+            '"Time","Engine Speed","Time","Throttle Pedal","Throttle Servo Bank 1 Position",'
+            '"Throttle Servo Bank 1 Aim","Fuel Injector Primary Duty Cycle"',
+            '"s","rpm","min","%","%","%","%"', "", ""]  # fmt: skip
     body = [",".join(f'"{cell}"' for cell in row.split(","))
-            for row in rows("time rpm pedal position setpoint injector", ",")]  # fmt: skip
+            for row in rows("time rpm minutes pedal position setpoint injector", ",", {"minutes": "%.4f"})]  # fmt: skip
     return File(
         "motec.csv", text([*head, *body], "\r\n"), "Throttle Servo Bank 1 Position [%]", "Throttle Servo Bank 1 Aim [%]"
     )

@@ -16,7 +16,7 @@ import pytest
 import etcfit
 from etcfit import cli, stages
 from etcfit.api import verbs
-from etcfit.control.settings import ManualSettings, OptimumSettings
+from etcfit.control.settings import ManualSettings, OptimumSettings, SafetySettings
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.settings import CampaignSettings, PlanSettings
@@ -120,22 +120,23 @@ def test_the_steps_that_the_command_line_shows_are_those_of_the_settings(sample:
     assert inspect.signature(sample).parameters["steps"].default == SamplingSettings().most_steps
 
 
-@pytest.mark.parametrize("kind", [OptimumSettings, ManualSettings])
-def test_bounds_of_gains_must_be_three_that_rise(kind: Any) -> None:
-    with pytest.raises(ValueError, match="three gains, Kp, Ki and Kd"):
-        kind(lowest=(1.0, 1.0), highest=(2.0, 2.0))
-    with pytest.raises(ValueError, match="must have an entry above each of lowest"):
-        kind(lowest=(0.3, 0.3, 50.0))
+TWO, FALLING = {"lowest": (1.0, 1.0), "highest": (2.0, 2.0)}, {"lowest": (0.3, 0.3, 50.0)}
 
 
-def test_the_elite_is_part_of_the_population() -> None:
-    with pytest.raises(ValueError, match="at most the population, 8"):
-        OptimumSettings(population=8, elite=9)
-
-
-def test_a_sweep_rises_from_its_lowest_frequency() -> None:
-    with pytest.raises(ValueError, match=r"PlanSettings.bands = .*: each must be greater than lowest, 2"):
-        PlanSettings(lowest=2.0)
+@pytest.mark.parametrize(
+    ("kind", "values", "said"),
+    [
+        *((kind, TWO, "three gains, Kp, Ki and Kd") for kind in (OptimumSettings, ManualSettings)),
+        *((kind, FALLING, "must have an entry above each of lowest") for kind in (OptimumSettings, ManualSettings)),
+        (OptimumSettings, {"population": 8, "elite": 9}, "at most the population, 8"),
+        (PlanSettings, {"lowest": 2.0}, r"PlanSettings.bands = .*: each must be greater than lowest, 2"),
+        (SafetySettings, {"most": 0.004}, "most"),
+        (SafetySettings, {"crank": (6.0,)}, "as many parts"),
+    ],
+)
+def test_settings_that_contradict_each_other_are_refused(kind: Any, values: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        kind(**values)
 
 
 @pytest.mark.parametrize(

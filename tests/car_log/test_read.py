@@ -65,19 +65,6 @@ def test_mlg(tmp_path: Path, version: int, columns: list[car_logs.Column]) -> No
     check(written(tmp_path, a__mlg=car_logs.mlg(VALUES, columns, TICKS, version, markers=[3, 100])), 0.006)
 
 
-def test_mlg_scales_as_the_format_has_it() -> None:
-    table = read_mlg(car_logs.mlg(VALUES, TIMED, TICKS), "a.mlg")
-    assert table.header == ("Time [sec]", "TPS [%]", "RPM [RPM]", "ETB position target [%]", "CLT [C]")
-    assert table.cells[:, 4] == pytest.approx(60.0)
-
-
-def test_spoilt_records_of_an_mlg_are_left_out() -> None:
-    whole = read_mlg(car_logs.mlg(VALUES, TIMED, TICKS), "a.mlg")
-    raw = car_logs.mlg(VALUES, TIMED, TICKS, spoilt=[5, 17])
-    assert read_mlg(raw, "a.mlg").cells == pytest.approx(np.delete(whole.cells, [5, 17], axis=0))
-    assert read_mlg(raw[:-3], "a.mlg").cells.shape[0] == TICKS.size - 3  # and a last one that was cut off
-
-
 def test_columns_of_rig_toml_come_first(tmp_path: Path) -> None:
     toml = '[rig]\nname = "car"\ntravel_deg = [0.0, 90.0]\n[columns]\n"Blade (main)" = "position [deg]"\n'
     log = LOG | {"other": np.zeros(LOG["time"].size), "position": 0.9 * LOG["position"]}
@@ -187,15 +174,11 @@ def lined(text: str) -> list[str]:
     return text.splitlines()
 
 
-@pytest.mark.parametrize("quoted", [True, False])
-def test_a_csv_of_motec_with_what_stands_above_it_and_its_units_below(tmp_path: Path, quoted: bool) -> None:
-    mark = '"' if quoted else ""
+def test_a_csv_of_motec_without_its_quotes(tmp_path: Path) -> None:
     head, *rows = lined(car_logs.csv(LOG, {"time": "Time", "position": "Throttle Position", "setpoint": "TP Target"}))
     top = ["Format,MoTeC CSV File,,,Workbook,", "Venue,Bira,,,Worksheet,", "Sample Rate,100.000,Hz,,Duration,5.000,s",
            "Range,entire outing", "", ""]  # fmt: skip
-    below = [head, "s,%,%", "", *rows]
-    text = [",".join(f"{mark}{cell}{mark}" for cell in line.split(",")) if line else "" for line in (*top, *below)]
-    check(written(tmp_path, a__csv="\n".join((*text, ""))), 1e-4)
+    check(written(tmp_path, a__csv="\n".join((*top, head, "s,%,%", "", *rows, ""))), 1e-4)
 
 
 def test_units_below_the_header_count(tmp_path: Path) -> None:
@@ -245,35 +228,6 @@ def test_a_setpoint_by_an_unknown_name_is_asked_for(tmp_path: Path) -> None:
     shown = render(drive_table(RigConfig("car"), [study(log)]))
     assert "Demand main" in " ".join(shown.split())
     assert "position 'TP'" in " ".join(shown.split())
-
-
-MOTEC = """"Format","MoTeC CSV File",,,"Workbook",""
-"Venue","SYNTHETIC",,,"Worksheet",""
-"Vehicle","car",,,"Vehicle Desc",""
-"Driver","nobody",,,"Engine ID",""
-"Device","ADL"
-"Comment","",,,"Session",""
-"Log Date","14/07/2026",,,"Origin Time","0.000","s"
-"Log Time","14:30:00",,,"Start Time","0.000","s"
-"Time","14:30:00"
-"Sample Rate","100.000","Hz",,"End Time","5.000","s"
-"Duration","5.000","s",,"Start Distance","0","m"
-"Beacon Markers","1.5 3.0"
-
-
-"Time","Distance","Time","Throttle Position","E-Throttle Target"
-"s","m","min","%","%"
-
-
-"""
-
-
-def test_motecs_export_as_public_readers_know_it(tmp_path: Path) -> None:
-    rows = zip(LOG["time"], LOG["position"], LOG["setpoint"], strict=True)
-    lines = [f'"{t:.3f}","0","{t / 60.0:.4f}","{y:.4f}","{r:.4f}"' for t, y, r in rows]
-    check(written(tmp_path, a__csv=MOTEC + "\n".join(lines) + "\n"), 1e-4)
-    (log,) = read_logs(tmp_path)[1]
-    assert log.columns["position"].startswith("Throttle Position")
 
 
 def test_a_log_of_link_is_refused_with_the_way_out(tmp_path: Path) -> None:

@@ -236,12 +236,6 @@ def test_parts_with_another_gear_are_refused() -> None:
         parts_of(fleets.truths(6, 31)).must_be_of(run_of(CONSISTENT, gear_ratio=18.0))
 
 
-def test_a_rule_that_nobody_knows_is_refused_for_parts_too() -> None:
-    fitted = run_of(CONSISTENT)
-    with pytest.raises(UsageError, match="no tuning rule is called 'magic'"):
-        design(fitted, ecu_of(fitted), rule="magic", parts=parts_of(fleets.truths(6, 31)))
-
-
 class Compared(NamedTuple):
     """Designs for one unit's model: over the parts, and the gains of the same search over its own draws."""
 

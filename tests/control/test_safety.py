@@ -82,13 +82,6 @@ def test_heat_of_holding_is_that_of_the_closed_form_where_copper_does_not_warm()
     assert (unknown.rise, unknown.longest) == (None, None)
 
 
-def test_settings_that_contradict_each_other_are_refused() -> None:
-    with pytest.raises(ValueError, match="most"):
-        SafetySettings(most=0.004)
-    with pytest.raises(ValueError, match="as many parts"):
-        replace(SafetySettings(), crank=(6.0,))
-
-
 def test_trials_that_are_asked_different_things_run_as_machine_code_as_by_jax(monkeypatch: pytest.MonkeyPatch) -> None:
     loop = rigs.loop(ecu=Ecu())
     gains, ticks = Gains(60.0, 200.0, 2.0), 60

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etcfit.errors import MeasurementError
 from etcfit.estimation import free_run, joint_fit, levenberg_marquardt
 from etcfit.estimation.free_run import FreeRun, fitted_free_running
 from etcfit.estimation.intervals import intervals
@@ -369,22 +368,6 @@ def test_a_fit_that_does_not_converge_says_so_and_returns(case: Case) -> None:
     assert "still moved" in result.reason
     assert any("NOT CONVERGED" in warning for warning in result.warnings)
     assert np.isfinite(list(result.values.values())).all()
-
-
-def test_a_symbol_that_nobody_knows_is_an_error_of_the_data(case: Case) -> None:
-    with pytest.raises(MeasurementError, match=r"names 'K_x'.*This model has: R_a"):
-        fit(knowing(case.rig, K_x=Fixed(1.0)))
-
-
-def test_an_effect_that_nobody_knows_is_an_error_of_the_data(case: Case) -> None:
-    with pytest.raises(MeasurementError, match=r"names 'flux_capacitor'.*Known effects: "):
-        fit(replace(case.rig, config=replace(case.rig.config, effects=("flux_capacitor",))))
-
-
-def test_nothing_to_fit_is_an_error_of_the_data(case: Case) -> None:
-    held = tuple(replace(m, held_out=True) for m in case.rig.measurements)
-    with pytest.raises(MeasurementError, match="no trace that can be fitted"):
-        fit(replace(case.rig, measurements=held))
 
 
 # ---- more folders

@@ -13,6 +13,7 @@ import pint
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+import effect_samples
 from etcfit.model.effects import EFFECTS, AbstractEffect, Contribution, Inputs, State
 from etcfit.model.parameters import parameters_of
 from etcfit.model.smooth import UNKNOWNS, AbstractSmooth, K
@@ -23,16 +24,8 @@ BY_NAME = {unknown.name: unknown for unknown in UNKNOWNS}
 
 
 def inputs(**changes: Any) -> Inputs:
-    fields: dict[str, Any] = {
-        "voltage": 3.0,
-        "torque": 0.0,
-        "time": 0.4,
-        "plate": 1.0,
-        "series": 0.3,
-        "gear_ratio": 20.68,
-    }
-    fields |= {"lower": 0.0, "upper": math.pi / 2, "motor": 0.9, "external": -0.3}
-    return Inputs(**(fields | changes))
+    """With a loaded gear."""
+    return effect_samples.inputs(**({"motor": 0.9, "external": -0.3} | changes))
 
 
 def cases(count: int) -> list[tuple[State, Inputs]]:

@@ -109,7 +109,7 @@ def test_reach_is_a_change_of_a_hundred_percent() -> None:
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ({"K_x": Fixed(1.0)}, "names 'K_x'"),
+        ({"K_x": Fixed(1.0)}, "names 'K_x'.*This model has: R_a"),
         ({"K_m": Tied("K_x")}, "ties K_m to 'K_x'"),
         ({"K_s": Tied("K_m")}, "ties K_s to 'K_m'"),
         ({"K_m": Tied("K_m")}, "ties K_m to 'K_m'"),
@@ -130,7 +130,7 @@ def test_what_cannot_be_is_an_error_with_its_cure(parameters: Mapping[str, Knowl
 
 
 def test_an_unknown_effect_is_an_error_that_names_the_known_ones() -> None:
-    with pytest.raises(MeasurementError, match="gravity_load"):
+    with pytest.raises(MeasurementError, match=r"names 'gravity_lode'.*gravity_load"):
         known(effects=("gravity_lode",))
 
 

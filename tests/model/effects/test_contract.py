@@ -52,12 +52,6 @@ def test_is_documented_with_its_source_and_named(effect: type[AbstractEffect]) -
     assert "Differs from source:" in text
 
 
-def test_names_and_symbols_are_unique() -> None:
-    assert len({e.name for e in EFFECTS}) == len(EFFECTS)
-    symbols = [p.symbol for _, p in DECLARED]
-    assert len(set(symbols)) == len(symbols)
-
-
 @every_parameter
 def test_parameter_has_unit_meaning_and_source(effect: type[AbstractEffect], parameter: Parameter) -> None:
     assert UNITS.parse_units(parameter.unit.replace("m2", "m**2")) is not None
