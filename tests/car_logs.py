@@ -46,7 +46,6 @@ def mlg(
     ticks: np.ndarray,
     version: int = 2,
     markers: Sequence[int] = (),
-    spoilt: Sequence[int] = (),
 ) -> bytes:
     """MegaLogViewer's binary: header, fields, blocks.
 
@@ -56,7 +55,6 @@ def mlg(
         ticks: of each block, 10 us, as counted (they are written modulo 2^16).
         version: of the format.
         markers: rows before which a marker is written.
-        spoilt: rows whose check sum is wrong.
     """
     extra = 34 if version == 2 else 0
     fields = b"".join(
@@ -78,5 +76,5 @@ def mlg(
         body = record.pack(
             *(x if CODES[kind][1] == "f" else round(x) for x, (_, _, kind, _, _) in zip(raw, columns, strict=True))
         )
-        out += [b"\0" + stamp + body, bytes([(sum(body) + (k in spoilt)) % 256])]
+        out += [b"\0" + stamp + body, bytes([sum(body) % 256])]
     return b"".join(out)

@@ -31,7 +31,7 @@ from etcfit.problem.free_parameters import free_parameters
 from etcfit.problem.prediction_error import rows
 from etcfit.problem.problem import EstimationProblem
 from etcfit.rig.base import Rig
-from etcfit.rig.paper_readings import Readings, read_graphs
+from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
 from gaussian import SEEDS
 
@@ -166,10 +166,6 @@ def bench_twin(folder: Path) -> FitResult:
         x, covariance = end["x"][order], end["covariance"][np.ix_(order, order)]
     values = {s: float(v) for s, v in known.layout.values(x, known.held).items()}
     return result(rig, x=x, covariance=covariance, values=values)
-
-
-def without_readings() -> Readings:
-    return Readings({}, {}, frozenset(), {})
 
 
 def _wave(instants: np.ndarray) -> np.ndarray:

@@ -129,23 +129,19 @@ def test_an_msl_that_is_none_says_so(text: str) -> None:
         read_msl(text, "a.msl")
 
 
-def test_a_log_without_a_position_says_how_to_name_it(tmp_path: Path) -> None:
-    written(tmp_path, a__csv=car_logs.csv(LOG, {"time": "time [s]", "position": "hatch"}))
-    with pytest.raises(MeasurementError, match=r"its columns 'hatch', 'time \[s\]'.*\[columns\] \"hatch\" ="):
-        read_logs(tmp_path)
-
-
-def test_all_columns_of_a_short_log_are_listed_those_of_the_plate_first(tmp_path: Path) -> None:
-    names = {"time": "time [s]", "position": "Wheel velocity [m/s]", "setpoint": "Motor voltage [V]"}
-    written(tmp_path, a__csv=car_logs.csv(LOG, names))
-    with pytest.raises(MeasurementError, match=r"'Motor voltage \[V\]', 'Wheel velocity \[m/s\]', 'time \[s\]'\."):
-        read_logs(tmp_path)
-
-
-def test_the_cure_of_a_log_without_time_is_a_command_that_has_it(tmp_path: Path) -> None:
-    written(tmp_path, a__csv=car_logs.csv(LOG, {"position": "TPS [%]"}))
-    with pytest.raises(MeasurementError, match=r"let `etcfit import` give it one: --period"):
-        read_logs(tmp_path)
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ({"time": "time [s]", "position": "hatch"}, r"its columns 'hatch', 'time \[s\]'.*\[columns\] \"hatch\" ="),
+        # all columns of a short log, those of the plate first
+        ({"time": "time [s]", "position": "Wheel velocity [m/s]", "setpoint": "Motor voltage [V]"},
+         r"'Motor voltage \[V\]', 'Wheel velocity \[m/s\]', 'time \[s\]'\."),
+        ({"position": "TPS [%]"}, r"let `etcfit import` give it one: --period"),
+    ],
+)  # fmt: skip
+def test_a_log_without_a_position_or_a_time_says_what_to_do(tmp_path: Path, names: dict[str, str], said: str) -> None:
+    with pytest.raises(MeasurementError, match=said):
+        read_logs(written(tmp_path, a__csv=car_logs.csv(LOG, names)))
 
 
 def test_an_empty_folder_says_what_it_may_hold(tmp_path: Path) -> None:

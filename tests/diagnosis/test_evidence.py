@@ -45,7 +45,6 @@ from etcfit.rig.base import Fixed
 from measurements import CONFIG, measurement, prepared
 
 COUNT = 6000
-SETTINGS = DiagnosisSettings()
 BINS = SHARE_BINS
 
 

@@ -46,7 +46,6 @@ LIMP, AIR, GRAVITY, HEAT = (
     EFFECT_BY_NAME[n] for n in ("limp_home_spring", "airflow_torque", "gravity_load", "winding_heating")
 )
 CLOSE = Apart(0.05, {})
-SETTINGS = DiagnosisSettings()
 
 
 def found(effect: type, *rivals: type) -> Found:

@@ -17,12 +17,10 @@ from etcfit.diagnosis.random_curves import (
     kernel,
     moved_by_curves,
 )
-from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.smooth import UNKNOWNS
 
 LIMP, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "gravity_load"))
-SETTINGS = DiagnosisSettings()
 
 
 # ---- Random curves in a residual: found where they are, not where one event is; intervals that hold with and without.

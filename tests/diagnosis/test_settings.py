@@ -50,7 +50,6 @@ from etcfit.run_folder.diagnosis import diagnosis_json
 DEFAULT = DiagnosisSettings()
 NAMES = [each.name for each in fields(DiagnosisSettings)]
 LIMP, GRAVITY = (EFFECT_BY_NAME[n] for n in ("limp_home_spring", "gravity_load"))
-VALUES = {"J_m": 5e-6, "J_L": 1e-4, "T_f": 0.1, "R_a": 1.5, "K_b": 0.02, "L_a": 8e-4, "K_m": 0.02}
 
 
 def with_(**changes: Any) -> DiagnosisSettings:

@@ -162,20 +162,22 @@ def test_a_suspicion_says_what_would_tell_and_changes_no_line(suspicion: float, 
     assert stated(gain, 0.1, 0.6).sentence.startswith("There may be a mistake of the rig (0.60): ")
 
 
-def test_a_mistake_of_one_trace_names_its_file() -> None:
-    mistake = stated(rig_effect("trace_late[response/drive_3.csv]"), 0.012)
-    assert (mistake.kind, mistake.test, mistake.channel) == ("trace_late", "response", None)
+@pytest.mark.parametrize(
+    ("name", "size", "kind", "channel", "said"),
+    [
+        ("trace_late[response/drive_3.csv]", 0.012, "trace_late", None, "the trace response/drive_3.csv: 0.012 s"),
+        ("channel_gain[response/drive_3.csv.current]", -2.0, "channel_sign", "current",
+         "channel_sign in current of the trace response/drive_3.csv: "),
+    ],
+)  # fmt: skip
+def test_a_mistake_of_one_trace_names_its_file_and_its_channel(
+    name: str, size: float, kind: str, channel: str | None, said: str
+) -> None:
+    mistake = stated(rig_effect(name), size)
+    assert (mistake.kind, mistake.test, mistake.channel) == (kind, "response", channel)
     assert mistake.file == "response/drive_3.csv"
-    assert mistake.mend == '[model] effects = ["trace_late[response/drive_3.csv]"]'
-    assert "the trace response/drive_3.csv: 0.012 s" in mistake.sentence
-
-
-def test_a_mistake_of_one_channel_of_one_trace_names_both() -> None:
-    mistake = stated(rig_effect("channel_gain[response/drive_3.csv.current]"), -2.0)
-    assert (mistake.kind, mistake.test, mistake.channel) == ("channel_sign", "response", "current")
-    assert mistake.file == "response/drive_3.csv"
-    assert mistake.mend == '[model] effects = ["channel_gain[response/drive_3.csv.current]"]'
-    assert "channel_sign in current of the trace response/drive_3.csv: " in mistake.sentence
+    assert mistake.mend == f'[model] effects = ["{name}"]'
+    assert said in mistake.sentence
 
 
 @pytest.mark.slow

@@ -464,9 +464,13 @@ def test_a_tune_of_something_else_is_refused_by_name(tmp_path: Path, data: bytes
         named("msq").export(replace(exports.source(pid=pid()), into=mine))
 
 
-def test_a_format_that_changes_no_file_refuses_one(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="--to c writes new files"):
-        named("c").export(replace(exports.source(), into=tmp_path / "mine.c"))
+@pytest.mark.parametrize(("of", "into", "said"), [
+    ("c", Path("mine.c"), "--to c writes new files"),
+    ("mujoco-position", None, r"rig.toml describes no ECU.*etcfit design RUN.*\[ecu\] of rig.toml"),
+])  # fmt: skip
+def test_what_a_format_cannot_take_or_do_without_is_refused(of: str, into: Path | None, said: str) -> None:
+    with pytest.raises(UsageError, match=said):
+        named(of).export(replace(exports.source(), into=into))
 
 
 def test_what_the_data_do_not_tell_is_said() -> None:
@@ -608,11 +612,6 @@ def test_mujoco_s_position_actuator_steps_as_our_loop() -> None:
     mine = of_our_loop(source, model.opt.timestep * np.arange(len(path)), start)
     assert path[-1] - path[-500] < 1e-4  # it sticks, as ours does
     assert np.max(np.abs(np.array(path) - mine)) / np.ptp(source.travel) < SERVO
-
-
-def test_a_position_actuator_without_gains_is_refused_with_both_cures() -> None:
-    with pytest.raises(UsageError, match=r"rig.toml describes no ECU.*etcfit design RUN.*\[ecu\] of rig.toml"):
-        named("mujoco-position").export(exports.source())
 
 
 def test_a_position_actuator_says_what_of_the_controller_it_leaves_out() -> None:

@@ -86,17 +86,29 @@ def test_a_data_log_that_is_cut_off_gives_its_whole_records_and_says_so(tmp_path
     assert "cut off" in sheet.losses[0]
 
 
+NO_JSON = {
+    "its units are 'Meters'": {"sysid": True, "units": "Meters", "slow-forward": [[0, 1, 2, 3]] * 3},
+    "have 3 numbers": {"sysid": True, "units": "Rotations", "slow-forward": [[0, 1, 2]] * 3},
+    "what is no number": {"sysid": True, "units": "Rotations", "slow-forward": [[0, 1, 2, "x"]] * 3},
+    "no test in it": {"sysid": True, "units": "Rotations"},
+    "no table in it": {"a": 1},
+    "lists of 2, 3 numbers": {"m": {"t": [0, 1], "position": [0, 1, 2]}},
+}
+
+
 @pytest.mark.parametrize(("raw", "told"), [
     (b"MLVLG\0" + bytes(20), "does not begin as one"),
     (b"WPILOG\0", "does not begin as one"),
     (b"WPILOG\0\x02" + bytes(4), "of version 2.0"),
     (b"WPILOG\0\x01" + bytes(4), "no entry of numbers"),
     (b"WPILOG\0\x01" + bytes(4) + b"\0\0\x09\0" + b"\0\x01\0\0\0\xff\0\0\0", "control record of it is damaged"),
+    (b'[{"t": 0.0, "position": 1}, {"t": 0.1, "pos', "no JSON, or cut off"),
+    *((json.dumps(content).encode(), told) for told, content in NO_JSON.items()),
 ])  # fmt: skip
-def test_what_is_no_data_log_is_refused_by_name(tmp_path: Path, raw: bytes, told: str) -> None:
-    path = tmp_path / "robot.wpilog"
+def test_what_is_no_log_is_refused_by_name(tmp_path: Path, raw: bytes, told: str) -> None:
+    path = tmp_path / ("log.json" if raw[:1] in b"[{" else "robot.wpilog")
     path.write_bytes(raw)
-    with pytest.raises(MeasurementError, match=f"robot.wpilog.*{told}"):
+    with pytest.raises(MeasurementError, match=f"{path.name}.*{told}"):
         read(path)
 
 
@@ -114,28 +126,6 @@ def test_sysid_json_of_a_mechanism_and_of_a_drivetrain(tmp_path: Path) -> None:
     path.write_text(json.dumps({"sysid": True, "units": "Rotations", "slow-forward": wide}))
     (right,) = read(path, "right")
     assert [c.values[0] for c in right.columns] == [0.0, 2.0, 4.0, 6.0]
-
-
-@pytest.mark.parametrize(("content", "told"), [
-    ({"sysid": True, "units": "Meters", "slow-forward": [[0, 1, 2, 3]] * 3}, "its units are 'Meters'"),
-    ({"sysid": True, "units": "Rotations", "slow-forward": [[0, 1, 2]] * 3}, "have 3 numbers"),
-    ({"sysid": True, "units": "Rotations", "slow-forward": [[0, 1, 2, "x"]] * 3}, "what is no number"),
-    ({"sysid": True, "units": "Rotations"}, "no test in it"),
-    ({"a": 1}, "no table in it"),
-    ({"m": {"t": [0, 1], "position": [0, 1, 2]}}, "lists of 2, 3 numbers"),
-])  # fmt: skip
-def test_json_that_is_no_log_is_refused_by_name_with_the_cure(tmp_path: Path, content: object, told: str) -> None:
-    path = tmp_path / "log.json"
-    path.write_text(json.dumps(content))
-    with pytest.raises(MeasurementError, match=f"log.json.*{told}"):
-        read(path)
-
-
-def test_json_that_is_cut_off_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "log.json"
-    path.write_text('[{"t": 0.0, "position": 1}, {"t": 0.1, "pos')
-    with pytest.raises(MeasurementError, match="no JSON, or cut off"):
-        read(path)
 
 
 def test_feetech_registers_have_their_sign_in_a_bit(tmp_path: Path) -> None:

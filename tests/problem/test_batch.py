@@ -18,8 +18,6 @@ from etcfit.problem.trace import Trace
 from etcfit.rig.base import Measurement, RigConfig
 from measurements import CONFIG, N, channel, measurement, prepared, released
 
-RNG = np.random.default_rng(0)
-
 
 def trace(test: str, n: int, channels: tuple[str, ...], seed: int = 0) -> Trace:
     """A trace of noise on uneven instants."""

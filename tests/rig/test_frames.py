@@ -167,19 +167,20 @@ def test_each_mistake_has_the_message_that_a_csv_has(table: Any, message: str) -
 
 
 @pytest.mark.parametrize(
-    ("key", "message"),
+    ("frames", "message"),
     [
-        ("respons/1", r"^frame respons/1: 'respons' is no known rig test.*Did you mean 'response'"),
-        ("response", r"^frames: key 'response'\. "),
-        ("response/a/b", r"^frames: key 'response/a/b'"),
-        ("/1", r"^frame /1: '' is no known"),
-        (3, r"^frames: key 3\. "),
-        ("response/\ud800\udce9", r"^response/\\ud800\\udce9: the name is no UTF-8"),
+        ({}, "none given"),
+        ({"respons/1": R}, r"^frame respons/1: 'respons' is no known rig test.*Did you mean 'response'"),
+        ({"response": R}, r"^frames: key 'response'\. "),
+        ({"response/a/b": R}, r"^frames: key 'response/a/b'"),
+        ({"/1": R}, r"^frame /1: '' is no known"),
+        ({3: R}, r"^frames: key 3\. "),
+        ({"response/\ud800\udce9": R}, r"^response/\\ud800\\udce9: the name is no UTF-8"),
     ],
 )
-def test_a_key_names_a_test_and_a_trace(key: Any, message: str) -> None:
+def test_a_key_names_a_test_and_a_trace(frames: Any, message: str) -> None:
     with pytest.raises(MeasurementError, match=message):
-        Rig.from_frames({key: R}, config())
+        Rig.from_frames(frames, config())
 
 
 @pytest.mark.parametrize(
@@ -197,11 +198,6 @@ def test_a_key_names_a_test_and_a_trace(key: Any, message: str) -> None:
 def test_the_config_is_checked_as_a_rig_toml_is(table: Any, message: str) -> None:
     with pytest.raises(MeasurementError, match=message):
         Rig.from_frames({"response/1": R}, table)
-
-
-def test_no_frames_are_no_rig() -> None:
-    with pytest.raises(MeasurementError, match="none given"):
-        Rig.from_frames({}, config())
 
 
 def test_a_run_records_the_frames_by_their_hash() -> None:

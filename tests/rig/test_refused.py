@@ -58,40 +58,28 @@ def test_traces_that_cannot_be_fitted_are_shown_all_the_same(tmp_path: Path) -> 
     assert "response/1.csv" in invoke("check", str(folder)).stdout
 
 
-FOREIGN = {
-    "trace": ("response/", b"gr\xf6\xdfe.csv", r"response/gr\xf6\xdfe.csv"),
-    "folder of traces": ("", b"r\xe9ponse/1.csv", r"r\xe9ponse"),
-    "loose trace": ("", b"1\xff.csv", r"1\xff.csv"),
+NO_UTF8 = "the name is no UTF-8."
+ODD = {
+    "trace": ("response/", b"gr\xf6\xdfe.csv", r"response/gr\xf6\xdfe.csv", NO_UTF8),
+    "folder of traces": ("", b"r\xe9ponse/1.csv", r"r\xe9ponse", NO_UTF8),
+    "loose trace": ("", b"1\xff.csv", r"1\xff.csv", NO_UTF8),
+    "a line end": ("response/", b"1\n.csv", "response/1 .csv", "U+000A in the name."),
+    "an escape": ("response/", b"1\x1b[31m.csv", "response/1(U+001B)[31m.csv", "U+001B in the name."),
+    "a mark of direction": ("", "resp\u202eesno/1.csv".encode(), "resp(U+202E)esno", "U+202E in the name."),
 }
 
 
-@pytest.mark.parametrize(("place", "name", "shown"), FOREIGN.values(), ids=FOREIGN.keys())
-def test_a_name_that_is_no_utf8_is_refused_and_written_out(tmp_path: Path, place: str, name: bytes, shown: str) -> None:
+@pytest.mark.parametrize(("place", "name", "shown", "said"), ODD.values(), ids=ODD.keys())
+def test_a_name_that_is_no_utf8_or_hides_something_is_refused_and_written_out(
+    tmp_path: Path, place: str, name: bytes, shown: str, said: str
+) -> None:
     folder = folders.changed(tmp_path / "rig", {})
     write_bytes(os.fsencode(folder / place) + b"/" + name, folders.response().text().encode())
     for done in both(folder):
         assert done.exit_code == 1
-        assert done.stderr.startswith(f"etcfit: {folder}/{shown}: the name is no UTF-8.")
+        assert done.stderr.startswith(f"etcfit: {folder}/{shown}: {said} ")
         assert "Rename it" in done.stderr
         assert done.stdout == ""
-
-
-UNSEEN = {
-    "a line end": ("response/", "1\n.csv", "response/1 .csv", "U+000A"),
-    "an escape": ("response/", "1\x1b[31m.csv", "response/1(U+001B)[31m.csv", "U+001B"),
-    "a mark of direction": ("", "resp\u202eesno/1.csv", "resp(U+202E)esno", "U+202E"),
-}
-
-
-@pytest.mark.parametrize(("place", "name", "shown", "said"), UNSEEN.values(), ids=UNSEEN.keys())
-def test_a_name_in_which_something_hides_is_refused(
-    tmp_path: Path, place: str, name: str, shown: str, said: str
-) -> None:
-    folder = folders.changed(tmp_path / "rig", {})
-    write_bytes(os.fsencode(folder / place) + b"/" + os.fsencode(name), folders.response().text().encode())
-    for done in both(folder):
-        assert done.exit_code == 1
-        assert done.stderr.startswith(f"etcfit: {folder}/{shown}: {said} in the name. ")
 
 
 def test_so_is_the_folder_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
