@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..rig.columns import HeaderError, parse_header
-from ..rig.units import EXAMPLES, SI_UNIT, is_percent, usual_unit
+from ..rig.units import EXAMPLES, SI_UNIT, fits, is_percent, usual_unit
 from . import shapes
 from .answers import IGNORE, Answers, Target
 from .names import (
@@ -31,7 +31,7 @@ from .names import (
     plain_words,
     quantity_named,
 )
-from .sheet import TIME, Column, Sheet, fits, is_unknown_unit, quantities_in
+from .sheet import TIME, Column, Sheet, is_unknown_unit, quantities_in
 from .take import LEFT_OUT, UNEXPLAINED, Take, left_out, signed, time_of, unit_by_range
 
 _PLATE = ("position", "tps")

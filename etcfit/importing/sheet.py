@@ -13,7 +13,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from ..rig.columns import SUPPLY_CURRENT
-from ..rig.units import SI_UNIT, UnitError, conversion, is_percent, is_unit_text
+from ..rig.units import SI_UNIT, fits, is_percent, is_unit_text
 from .names import PEDAL_IN_SOME, is_engines, known, may_be_position, plain_words, quantity_named
 
 TIME = "time"
@@ -170,17 +170,6 @@ def is_unknown_unit(stated: str) -> bool:
 def quantities_in(unit: str) -> tuple[str, ...]:
     """Quantities that can be logged in this unit; a current counts as the motor's unless the user says otherwise."""
     return tuple(quantity for quantity in SI_UNIT if quantity != SUPPLY_CURRENT and fits(quantity, unit))
-
-
-def fits(quantity: str, unit: str) -> bool:
-    """Whether a column of this quantity can be logged in this unit."""
-    if is_percent(unit):
-        return quantity in ("position", "setpoint", "duty")
-    try:
-        conversion(quantity, unit)
-    except UnitError:
-        return False
-    return True
 
 
 def merged(sheets: Sequence[Sheet]) -> list[Sheet]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..rig.columns import sign_bit, without_sign_bit
-from ..rig.units import conversion, is_percent
+from ..rig.units import conversion, fits, is_percent
 from .answers import Answers
 from .names import quantity_named
-from .sheet import TIME, Column, Sheet, fits, quantities_in, time_base
+from .sheet import TIME, Column, Sheet, quantities_in, time_base
 
 UNEXPLAINED = "neither its name nor its values show what it is"
 LEFT_OUT = ""  # the quantity of a column that is left out

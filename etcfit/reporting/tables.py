@@ -142,16 +142,12 @@ def influence_table(fit: Mapping[str, Any]) -> Table | None:
     columns = (Column("test", "test", "word"), Column("parameter", "parameter", "symbol"),
                Column("pull", lambda row: f"{row['pull']:+.1f}"), Column("worst trace", "worst", "path", spare=2),
                Column("its pull", "its", spare=1))  # fmt: skip
-    title = "Influence: what leaving out a test or a trace would move most, and by how many standard errors"
-    return Table(title, columns, list(rows.values()), _alone(fit), keys=2, file=_FILE) if rows else None
-
-
-def _alone(fit: Mapping[str, Any]) -> list[str]:
-    """A sentence on each test, or file, that alone determines parameters: no other data check it."""
     by_part: dict[str, list[str]] = {}
     for symbol, part in (fit.get("only_told_by") or {}).items():
         by_part.setdefault(part, []).append(symbol)
-    return [f"Only {part} determines {listed(symbols)}: no other test checks it." for part, symbols in by_part.items()]
+    alone = [f"Only {part} determines {listed(symbols)}: no other test checks it." for part, symbols in by_part.items()]
+    title = "Influence: what leaving out a test or a trace would move most, and by how many standard errors"
+    return Table(title, columns, list(rows.values()), alone, keys=2, file=_FILE) if rows else None
 
 
 @dataclass(frozen=True)

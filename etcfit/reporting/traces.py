@@ -120,8 +120,12 @@ def draw_trace(picture: TracePicture) -> Figure:
     trace = picture.trace
     heights = [h for _ in trace.channels for h in (2.1, 1.0)] + ([1.1] if trace.input is not None else [])
     fig, panels = stack(heights, picture.synthetic)
-    for m in range(len(trace.channels)):
-        _channel(panels[2 * m], picture, m)
+    for m, name in enumerate(trace.channels):
+        signal(panels[2 * m], trace, m, picture.predicted[:, m], "simulated")
+        if name == "position" and "setpoint" in trace.measurement.channels:
+            channel, setpoint = source(trace, name), trace.measurement.channels["setpoint"]
+            panels[2 * m].plot(*style.thin(setpoint.time, channel.logged(setpoint.value)), color=style.READING, lw=1.0,
+                               ls="--", label="setpoint")  # fmt: skip
         _residual(panels[2 * m + 1], picture, m)
     if trace.input is not None:
         drive(panels[-1], trace)
@@ -130,15 +134,6 @@ def draw_trace(picture: TracePicture) -> Figure:
     begin, end = trace.instants[[0, -1]]
     panels[-1].set_xlim(begin - 0.01 * (end - begin), end + 0.01 * (end - begin))
     return headed(fig, panels, f"{name_of(trace)}  ·  {picture.model}", "rms error: " + ", ".join(each))
-
-
-def _channel(panel: Axes, picture: TracePicture, m: int) -> None:
-    trace, name = picture.trace, picture.trace.channels[m]
-    signal(panel, trace, m, picture.predicted[:, m], "simulated")
-    if name == "position" and "setpoint" in trace.measurement.channels:
-        channel, setpoint = source(trace, name), trace.measurement.channels["setpoint"]
-        panel.plot(*style.thin(setpoint.time, channel.logged(setpoint.value)), color=style.READING, lw=1.0,
-                   ls="--", label="setpoint")  # fmt: skip
 
 
 def _residual(panel: Axes, picture: TracePicture, m: int) -> None:
@@ -227,16 +222,12 @@ def draw_test(picture: TestPicture) -> Figure:
         _traces(panels, traces, picture.predicted)
     for panel in panels[count:]:
         panel.set_axis_off()
-    _test_head(fig, panels, picture, tall)
-    return fig
-
-
-def _test_head(fig: Figure, panels: Sequence[Axes], picture: TestPicture, tall: float) -> None:
-    shown, there = sum(panel.axison for panel in panels), len(picture.graphs) or len(picture.traces)
-    count = f"  ·  {shown} of {there} shown" if shown < there else ""
-    style.title(fig, f"{picture.test.title}  ·  {picture.model_words}{count}")
+    there = len(picture.graphs) or len(picture.traces)
+    shown = f"  ·  {count} of {there} shown" if count < there else ""
+    style.title(fig, f"{picture.test.title}  ·  {picture.model_words}{shown}")
     fig.text(0.015, 1.0 - 0.42 / tall, "\n".join(picture.lines), ha="left", va="top", fontsize=10, linespacing=1.35)
     style.legend(fig, panels, 0.01, 1.0 - (0.47 + 0.2 * len(picture.lines)) / tall, "upper left")
+    return fig
 
 
 def _graphs(panels: Sequence[Axes], graphs: Sequence[Graph], model: Sequence[Graph]) -> None:
@@ -260,10 +251,7 @@ def _graphs(panels: Sequence[Axes], graphs: Sequence[Graph], model: Sequence[Gra
 def _traces(panels: Sequence[Axes], traces: Sequence[Trace], predicted: Mapping[str, np.ndarray]) -> None:
     for panel, trace in zip(panels, traces, strict=False):
         m = trace.channels.index("position") if "position" in trace.channels else 0
-        name, channel = trace.channels[m], source(trace, trace.channels[m])
-        t, model = trace.instants, predicted[trace.measurement.file][:, m]
-        panel.plot(*style.thin(t, channel.logged(trace.data[:, m])), ".", ms=2, color=style.MEASURED, label="measured")
-        panel.plot(*style.thin(t, channel.logged(model)), color=style.SIMULATED, label="simulated")
-        panel.set(xlabel="time [s]", ylabel=style.channel_label(name, channel.unit))
+        signal(panel, trace, m, predicted[trace.measurement.file][:, m], "simulated")
+        panel.set_xlabel("time [s]")
         role = ", held out" if trace.measurement.held_out else ""
         panel.set_title(trace.measurement.file.partition("/")[2] + role, fontsize=9.5, loc="left")

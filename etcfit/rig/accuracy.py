@@ -19,7 +19,7 @@ from typing import Any
 from .base import Accuracy, TpsCalibration
 from .rows import NUMBER
 from .toml import Toml
-from .units import EXAMPLES, UnitError, conversion, is_percent, to_channel
+from .units import EXAMPLES, UnitError, conversion, fits, is_percent, to_channel
 
 CHANNELS = ("voltage", "current", "position", "emf", "motor_speed", "torque")
 RELATIVE = ("gear", "time")  # a ratio and a clock: only a relative error is possible
@@ -74,20 +74,12 @@ def _scale(
                          f"Write {key} = {_example(key)}.")  # fmt: skip
     quantity = "position" if key == END_POINTS else key
     try:
-        if quantity == "position" and _is_volts(unit):
+        if quantity == "position" and fits("tps", unit):
             return abs(to_channel("tps", unit, travel, tps)[1].scale)
         return abs(conversion(quantity, unit).scale)
     except UnitError as err:
         raise toml.wrong(where, str(err), f"Accepted: a share (%, ppm), or {quantity} in {EXAMPLES[quantity]}.",
                          f"Correct the unit, as in {key} = {_example(key)}.") from err  # fmt: skip
-
-
-def _is_volts(unit: str) -> bool:
-    try:
-        conversion("tps", unit)
-    except UnitError:
-        return False
-    return True
 
 
 def _example(key: str) -> str:

@@ -132,6 +132,17 @@ def conversion(quantity: str, unit: str) -> Conversion:
     return by_pint(quantity, unit)
 
 
+def fits(quantity: str, unit: str) -> bool:
+    """Whether a column of this quantity can be logged in this unit."""
+    if is_percent(unit):
+        return quantity in ("position", "setpoint", "duty")
+    try:
+        conversion(quantity, unit)
+    except UnitError:
+        return False
+    return True
+
+
 def by_pint(quantity: str, unit: str) -> Conversion:
     """`conversion` by pint alone, for a unit without a number before it."""
     si, logged = SI_UNIT[quantity], _pint_spelling(unit)
