@@ -15,7 +15,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from enum import IntEnum
 from math import inf, pi
 from pathlib import Path
@@ -25,7 +25,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperOption
 
 from . import __version__, stages
-from .api.progress import Expected, keep_compiled
+from .api.progress import Expected
 from .control.request import DesignRequest
 from .errors import MeasurementError, UsageError, visible
 from .experiment.settings import CampaignSettings
@@ -53,24 +53,7 @@ class Status(IntEnum):
 Folder = Annotated[Path, typer.Argument(help="A measurement folder.", exists=True, file_okay=False, metavar="FOLDER")]
 Out = Annotated[Path, typer.Option("--out", help="The run folder to write.", file_okay=False, metavar="RUN")]
 Run = Annotated[Path, typer.Argument(help="A run folder.", exists=True, file_okay=False, metavar="RUN")]
-Interactive = Annotated[
-    bool,
-    typer.Option("--interactive", help="Write the interactive page RUN/report_interactive.html instead: zoom, sliders "
-                 "for parameters and gains, every trace with its verdict."),
-]  # fmt: skip
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stderr.")]
-Advise = Annotated[
-    bool, typer.Option("--advise", help="Instead of the checks, show what one more trace of each test would add.")
-]
-At = Annotated[
-    Path | None,
-    typer.Option("--at", help="Use the final model of this run for the advice, not the graph readings.", metavar="RUN",
-                 exists=True, file_okay=False),
-]  # fmt: skip
-AdviceOut = Annotated[
-    Path | None, typer.Option("--out", help="Also write the advice to RUN/advice.json.", metavar="RUN", file_okay=False)
-]
-
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
 
 
@@ -127,11 +110,6 @@ def _progress(quiet: bool, expected: Expected | None = None) -> AbstractContextM
     return progress(quiet, expected, lambda line: _stderr().print(line, markup=False))
 
 
-def _stage(run: Path, stage: str, quiet: bool) -> AbstractContextManager[Callable[[str, float], None]]:
-    """Progress of a stage, with the expected duration from the start."""
-    return _progress(quiet, stages.expected(run, stage))
-
-
 # duration on measurements/bench_twin of the commands that report few steps, s
 _ON_THE_TWIN = {"check": 15.0, "advise": 25.0, "plan": 40.0}
 
@@ -141,44 +119,63 @@ def _usual(what: str, quiet: bool) -> AbstractContextManager[Callable[[str, floa
     return _progress(quiet, Expected(_ON_THE_TWIN[what], "as for a folder like measurements/bench_twin"))
 
 
+def _make(
+    stage: str, work: Callable[..., stages.Done], run: Path, quiet: bool, *asked: Any, opened: Mapping[str, Any] = {}
+) -> None:
+    """Do the work of a stage in a run folder, and print what it leaves.
+
+    Args:
+        stage: its name on the manifest, which has how long it took last time; "" for work that is no stage.
+        asked: what the work takes besides the run folder and the progress.
+        opened: further arguments of `stages.opened`.
+    """
+    with _progress(quiet, stages.expected(run, stage) if stage else None) as progress:
+        done = work(stages.opened(run, **opened), progress, *asked)
+    _show_outcome(done)
+
+
 def _option(
     default: Any, help: str, metavar: str | None = None, shown: str | None = None, *names: str, **more: Any
 ) -> Any:
-    """A field that is an option of a command.
+    """An option of a command: the default of a parameter, or a field of its options.
 
     Args:
-        default: the field's default; Ellipsis for an option that is required.
-        help, metavar: the texts for `--help`.
+        default: Ellipsis for an option that is required.
         shown: the default in words, for `--help`.
-        names: names of the option, if they differ from the field's; more: further arguments of `typer.Option`.
+        names: names of the option, if they differ from the parameter's; more: further arguments of `typer.Option`.
     """
     option = typer.Option(*names, help=help, metavar=metavar, show_default=shown or True, **more)
     return field(default=default, metadata={"option": option})
 
 
 def _with_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace the argument `options` of a command by the fields of its class, one typer option for each field."""
-    hints = get_type_hints(command, include_extras=True)
-    if "options" not in hints:
-        return command
-    kind, theirs = hints["options"], get_type_hints(hints["options"])
+    """Give typer a parameter for each option: of the command itself, and for each field of its argument `options`."""
+    hints, given_so = get_type_hints(command, include_extras=True), inspect.signature(command).parameters.values()
+    kind = hints.get("options")
     taken: list[inspect.Parameter] = []
-    for each in inspect.signature(command).parameters.values():
-        if each.name != "options":
+    for each in given_so:
+        if each.name == "options":
+            theirs = get_type_hints(kind)
+            taken += [_parameter(own.name, theirs[own.name], own) for own in fields(hints["options"])]
+        elif isinstance(each.default, Field):
+            taken.append(_parameter(each.name, hints[each.name], each.default))
+        else:
             taken.append(each.replace(kind=each.KEYWORD_ONLY, annotation=hints[each.name]))
-            continue
-        for own in fields(kind):
-            hint = Annotated[theirs[own.name], own.metadata["option"]]  # pyright: ignore
-            taken.append(inspect.Parameter(own.name, each.KEYWORD_ONLY, default=own.default, annotation=hint))
 
     @functools.wraps(command)
     def spread(**given: Any) -> None:
-        options = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
-        command(options=options, **given)
+        if kind is not None:
+            given["options"] = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
+        command(**given)
 
     spread.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
     spread.__annotations__ = {each.name: each.annotation for each in taken}
     return spread
+
+
+def _parameter(name: str, hint: Any, option: Field[Any]) -> inspect.Parameter:
+    hint = Annotated[hint, option.metadata["option"]]
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option.default, annotation=hint)
 
 
 _TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # text that rich would read as markup
@@ -254,7 +251,15 @@ def _global(
 
 
 @_verb("Look", "etcfit check measurements/bench_twin --advise --at runs/bench_twin")
-def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut = None, quiet: Quiet = False) -> None:
+def check(
+    folder: Folder,
+    advise: bool = _option(False, "Instead of the checks, show what one more trace of each test would add.", None, None,
+                           "--advise"),
+    at: Path | None = _option(None, "Use the final model of this run for the advice, not the graph readings.", "RUN",
+                              exists=True, file_okay=False),
+    out: Path | None = _option(None, "Also write the advice to RUN/advice.json.", "RUN", file_okay=False),
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
     """Show what FOLDER contains, which parameters it identifies, and what is wrong with it; no fit."""
     if advise:
         return _advise(folder, at, out, quiet)
@@ -262,96 +267,70 @@ def check(folder: Folder, advise: Advise = False, at: At = None, out: AdviceOut 
         if given is not None:
             raise UsageError(f"{option} goes with --advise.")
     with _usual("check", quiet) as report:
-        report("reading the folder", 0.0)
-        from .rig.reader import read_folder
-
-        rig = read_folder(folder)
-        report("computing which parameters these data identify", 0.3)
-        keep_compiled()
-        from .experiment.check import check as check_rig
-        from .reporting.check_table import check_table
+        from .api.verbs import check as check_rig
         from .reporting.closing import of_check
 
-        result = check_rig(rig)
-    _stdout().print(check_table(result))
-    if result.why_not:  # `fit` would refuse it
-        raise _stop(Status.DATA, result.why_not)
-    _say(of_check(result, folder))
+        found = check_rig(folder, quiet=report)
+    # what cannot be fitted has no next step
+    closing = None if found.why_not else of_check(found.result, folder)
+    _show_outcome(stages.Done(found.printed(), closing=closing, stopped=found.why_not))
 
 
 def _advise(folder: Path, at: Path | None, out: Path | None, quiet: bool) -> None:
     _must_be_writable(out)
     with _usual("advise", quiet) as report:
-        report("reading the folder", 0.0)
-        from .rig.reader import read_folder
-
-        rig = read_folder(folder)
-        report("computing what one more trace would add", 0.3)
-        keep_compiled()
-        from .experiment.advice import advise
-        from .reporting.check_table import advice_table
+        from .api.verbs import advise
         from .reporting.closing import of_advice
-        from .run_folder.plan import save_advice
-        from .run_folder.state import fitted_to
 
-        advice = advise(rig, None if at is None else fitted_to(at, rig))
-        if out is not None:
-            save_advice(out, advice)
-    _stdout().print(advice_table(advice))
-    _say(of_advice(advice, folder, at, None if out is None else out / "advice.json"))
+        found = advise(folder, at, quiet=report)
+        written = None if out is None else found.save(out) / "advice.json"
+    _show_outcome(stages.Done(found.printed(), closing=of_advice(found.advice, folder, at, written)))
 
 
 @_verb("Fit", "etcfit fit measurements/bench_twin --out runs/bench_twin")
 def fit(folder: Folder, out: Out, quiet: Quiet = False) -> None:
     """Fit all traces in FOLDER jointly: RUN/fit.json, a table and a picture of the parameters."""
-    with _stage(out, "fit", quiet) as progress:
-        done = stages.fit_folder(folder, stages.opened(out, folder=folder), progress)
-    _show_outcome(done)
+    _make("fit", lambda run, report: stages.fit_folder(folder, run, report), out, quiet, opened={"folder": folder})
 
 
 @_verb("Explain", "etcfit diagnose runs/bench_twin")
 def diagnose(run: Run, quiet: Quiet = False) -> None:
     """Find the effects that the model fitted in RUN lacks, add them and refit, until the residual shows no more."""
-    with _stage(run, "diagnose", quiet) as progress:
-        done = stages.diagnose_run(stages.opened(run), progress)
-    _show_outcome(done)
+    _make("diagnose", stages.diagnose_run, run, quiet)
 
 
 @_verb("Look", "etcfit report runs/bench_twin --interactive")
-def report(run: Run, interactive: Interactive = False, quiet: Quiet = False) -> None:
+def report(
+    run: Run,
+    interactive: bool = _option(False, "Write the interactive page RUN/report_interactive.html instead: zoom, sliders "
+                                "for parameters and gains, every trace with its verdict.", None, None, "--interactive"),
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
     """Write RUN/report.html, one self-contained page of everything in RUN, with pictures; or an interactive page."""
-    write = stages.write_interactive if interactive else stages.write_report
-    with _progress(quiet) as progress:
-        done = write(stages.opened(run), progress)
-    _show_outcome(done)
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """Options of `etcfit run`."""
-
-    ecu: str | None = _ECU
-    until: str | None = _option(
-        None,
-        f"The last stage that runs: {', '.join(stages.LAST)}. The page is written in every case.",
-        "STAGE",
-        stages.LAST[-1],
-    )
-    no_sample: bool = _option(False, "Skip the posterior, which takes longest.", None, None, "--no-sample")
+    _make("", stages.write_interactive if interactive else stages.write_report, run, quiet)
 
 
 @_verb("Fit", "etcfit run measurements/bench_twin --out runs/bench_twin --until diagnose", name="run")
-def run_(folder: Folder, out: Out, options: RunOptions, quiet: Quiet = False) -> None:
+def run_(
+    folder: Folder,
+    out: Out,
+    ecu: str | None = _ECU,
+    until: str | None = _option(
+        None, f"The last stage that runs: {', '.join(stages.LAST)}. The page is written in every case.", "STAGE",
+        stages.LAST[-1],
+    ),
+    no_sample: bool = _option(False, "Skip the posterior, which takes longest.", None, None, "--no-sample"),
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
     """Run all stages from FOLDER to RUN/report.html, in order; a stage whose results are up to date is skipped.
 
     The order is: fit, diagnosis, page; transfer function, gains, page; posterior, page.
     """
-    until, no_sample = options.until, options.no_sample
     if no_sample and until == "sample":
         raise UsageError("--no-sample and --until sample exclude each other.")
     last = until or ("design" if no_sample else stages.LAST[-1])
     with _naming_option("--ecu"):  # a wrong name is refused before an hour's work
-        request = stages.designed_for(options.ecu)
+        request = stages.designed_for(ecu)
     with _naming_option("--until"):
         wanted = stages.stages_until(last)
 
@@ -392,25 +371,13 @@ def _show_outcome(done: stages.Done) -> None:
 @_verb("Look", "etcfit drive logs --compare before.csv after.csv --out runs/car")
 def drive(
     logs: Annotated[Path, typer.Argument(help="A log, a folder of logs, or FOLDER/drive.", exists=True)],
-    between: Annotated[
-        tuple[float, float], typer.Option(help="Report the share of the time between these positions, %.")
-    ] = (5.0, 45.0),
-    compare: Annotated[
-        tuple[str, str] | None, typer.Option(help="Compare these two logs, before and after.", metavar="LOG LOG")
-    ] = None,
-    foretold: Annotated[
-        Path | None,
-        typer.Option(help="Compare the log with what this run of `etcfit tune` predicted.", metavar="RUN", exists=True,
-                     file_okay=False),
-    ] = None,
-    made_with: Annotated[
-        str | None,
-        typer.Option(help="Gains of the log: present, half-way or proposed; with --foretold.", metavar="NAME",
-                     show_default="half-way"),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for drive.html, drive.json, pictures.", file_okay=False, metavar="RUN")
-    ] = None,
+    between: tuple[float, float] = _option((5.0, 45.0), "Report the share of the time between these positions, %."),
+    compare: tuple[str, str] | None = _option(None, "Compare these two logs, before and after.", "LOG LOG"),
+    foretold: Path | None = _option(None, "Compare the log with what this run of `etcfit tune` predicted.", "RUN",
+                                    exists=True, file_okay=False),
+    made_with: str | None = _option(None, "Gains of the log: present, half-way or proposed; with --foretold.", "NAME",
+                                    "half-way"),
+    out: Path | None = _option(None, "Folder for drive.html, drive.json, pictures.", "RUN", file_okay=False),
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Judge logs from the car: how well the plate follows; steps, oscillation, duty, both sensors; compare two logs.
@@ -422,33 +389,23 @@ def drive(
     if made_with is not None and foretold is None:
         raise UsageError("--made-with goes with --foretold.")
     _must_be_writable(out)
+    if out is not None and logs.is_dir():  # in a folder of logs without rig.toml, drive.json would pass for a log
+        from .run_folder.state import refuse_among_measurements
+
+        refuse_among_measurements(logs, out)
     with _progress(quiet) as progress:
-        progress("reading the logs", 0.0)
-        if out is not None and logs.is_dir():  # in a folder of logs without rig.toml, drive.json would pass for a log
-            from .run_folder.state import refuse_among_measurements
-
-            refuse_among_measurements(logs, out)
-        from .api.work import compared_with_prediction
-        from .car_log import study
-        from .car_log.read import logs_at
-        from .car_log.study import chosen
-        from .reporting.car_log import compared_table, drive_table
-        from .reporting.car_log.writing import write_drive
+        from .api.verbs import drive
         from .reporting.closing import of_drive
-
-        config, found = logs_at(logs)
-        studies = [study(log, between) for log in (found if compare is None else chosen(found, compare))]
-        held = None if foretold is None else compared_with_prediction(studies, foretold, made_with)
-        if out is not None:
-            write_drive(out, config, studies, progress, held)
-    if held is not None:
-        from .reporting.car_log import foretold_table
         from .reporting.closing.control import of_foretold
 
-        _stdout().print(foretold_table(held))
-        return _say(of_foretold(held, logs if logs.is_file() else logs / held.log))
-    _stdout().print(drive_table(config, studies) if compare is None else compared_table(config, *studies))
-    _say(of_drive(studies, logs if logs.is_dir() else logs.parent, out))
+        found = drive(logs, between=between, compare=compare, foretold=foretold, made_with=made_with, quiet=progress)
+        if out is not None:
+            found.save(out, progress)
+    if found.foretold is not None:
+        closing = of_foretold(found.foretold, logs if logs.is_file() else logs / found.foretold.log)
+    else:
+        closing = of_drive(found.studies, logs if logs.is_dir() else logs.parent, out)
+    _show_outcome(stages.Done(found.printed(), closing=closing))
 
 
 @dataclass(frozen=True)
@@ -503,9 +460,7 @@ def tune(
                           tuple(present) if len(present) > 1 else ())  # fmt: skip
     if options.msq is not None:
         request = request.with_tune(options.msq)
-    with _progress(quiet) as progress:
-        done = stages.tune_logs(logs, stages.opened(out), progress, request)
-    _show_outcome(done)
+    _make("", lambda run, report: stages.tune_logs(logs, run, report, request), out, quiet)
 
 
 def _three_gains(present: str) -> tuple[float, float, float]:
@@ -524,26 +479,20 @@ def _three_gains(present: str) -> tuple[float, float, float]:
 @_verb("Explain", "etcfit sample runs/bench_twin")
 def sample(
     run: Run,
-    steps: Annotated[
-        int, typer.Option(help="Largest number of steps of each ensemble.", min=1)
-    ] = SamplingSettings.most_steps,
+    steps: int = _option(SamplingSettings.most_steps, "Largest number of steps of each ensemble.", min=1),
     quiet: Quiet = False,
 ) -> None:
     """Sample the posterior of the model in RUN (the diagnosis' model, else the fit's); stops by itself, resumes."""
-    with _stage(run, "sample", quiet) as progress:
-        done = stages.sample_run(stages.opened(run), progress, steps)
-    _show_outcome(done)
+    _make("sample", stages.sample_run, run, quiet, steps)
 
 
 @_verb("Control", "etcfit reduce runs/bench_twin --output deg --pade 2")
 def reduce(
     run: Run,
-    unit_in: Annotated[str, typer.Option("--input", help="Unit of the input: V or % (of duty).", metavar="UNIT")] = "V",
-    unit_out: Annotated[
-        str, typer.Option("--output", help="Unit of the output: rad, deg or % (of travel).", metavar="UNIT")
-    ] = "rad",
-    at: Annotated[float, typer.Option(help="Operating point, % of the travel.", min=0.0, max=100.0)] = 25.0,
-    pade: Annotated[int, typer.Option(help="Pade order of delay and sensor lag; 0: without them.", min=0, max=10)] = 0,
+    unit_in: str = _option("V", "Unit of the input: V or % (of duty).", "UNIT", None, "--input"),
+    unit_out: str = _option("rad", "Unit of the output: rad, deg or % (of travel).", "UNIT", None, "--output"),
+    at: float = _option(25.0, "Operating point, % of the travel.", min=0.0, max=100.0),
+    pade: int = _option(0, "Pade order of delay and sensor lag; 0: without them.", min=0, max=10),
     quiet: Quiet = False,
 ) -> None:
     """The third-order transfer function of the model in RUN (after a diagnosis, the final one).
@@ -554,9 +503,7 @@ def reduce(
     its own table: its static gain is 1.303 instead of 1.722 rad/V. Where the rig has sine traces, their frequency
     response is measured and compared with it.
     """
-    with _stage(run, "reduce", quiet) as progress:
-        done = stages.reduce_run(stages.opened(run), progress, unit_in, unit_out, at / 100.0, pade)
-    _show_outcome(done)
+    _make("reduce", stages.reduce_run, run, quiet, unit_in, unit_out, at / 100.0, pade)
 
 
 @dataclass(frozen=True)
@@ -615,11 +562,10 @@ class DesignOptions:
 def design(run: Run, options: DesignOptions, quiet: Quiet = False) -> None:
     """PID gains for the model in RUN (after a diagnosis, the final one): every rule compared, one proposed."""
     request = _design_request(options)
-    with _progress(quiet) if options.fleet else _stage(run, "design", quiet) as progress:
-        if options.fleet:
-            done = stages.design_fleet(run, progress, request)
-        else:
-            done = stages.design_run(stages.opened(run), progress, request)
+    if not options.fleet:
+        return _make("design", stages.design_run, run, quiet, request)
+    with _progress(quiet) as progress:
+        done = stages.design_fleet(run, progress, request)
     _show_outcome(done)
 
 
@@ -727,15 +673,9 @@ def fleet(
     what: Annotated[
         list[str], typer.Argument(help="A folder of units or its address (s3://...); or: report RUN.", metavar="FLEET")
     ],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="The run folder to write.", file_okay=False, metavar="RUN")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes on this machine.", min=1, max=1024, show_default="one per core")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="Address of a running Dask scheduler, as tcp://host:8786.", metavar="ADDRESS")
-    ] = None,
+    out: Path | None = _option(None, "The run folder to write.", "RUN", file_okay=False),
+    workers: int | None = _option(None, "Processes on this machine.", None, "one per core", min=1, max=1024),
+    scheduler: str | None = _option(None, "Address of a running Dask scheduler, as tcp://host:8786.", "ADDRESS"),
     quiet: Quiet = False,
 ) -> None:
     """Fit many units of one design (each FLEET/<unit>/ is a measurement folder): how they differ, and which are odd.
@@ -764,41 +704,21 @@ def fleet(
     _show_outcome(done)
 
 
-@dataclass(frozen=True)
-class ExportOptions:
-    """Options of `etcfit export`."""
-
-    to: str = _option(..., "Format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", "FORMAT")
-    out: Path | None = _option(None, "The folder to write; RUN/export if not given.", "DIR", file_okay=False)
-    step: str | None = _option(None, "Time step of the plant in C and FMU.", "TIME", "0.5ms")
-    at: float = _option(25.0, "Operating point of a transfer function, % of the travel.", min=0.0, max=100.0)
-    into: Path | None = _option(
-        None, "Your own tune, for msq: the gains are written into a copy.", "FILE", exists=True, dir_okay=False
-    )
-    anyway: bool = _ANYWAY
-
-
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
-def export(run: Run, options: ExportOptions, quiet: Quiet = False) -> None:
+def export(
+    run: Run,
+    to: str = _option(..., "Format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", "FORMAT"),
+    out: Path | None = _option(None, "The folder to write; RUN/export if not given.", "DIR", file_okay=False),
+    step: str | None = _option(None, "Time step of the plant in C and FMU.", "TIME", "0.5ms"),
+    at: float = _option(25.0, "Operating point of a transfer function, % of the travel.", min=0.0, max=100.0),
+    into: Path | None = _option(None, "Your own tune, for msq: the gains are written into a copy.", "FILE", exists=True,
+                                dir_okay=False),
+    anyway: bool = _ANYWAY,
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
     """Write the model in RUN (after a diagnosis, the final one) for another program; say what that format lacks."""
-    o, seconds = options, None if options.step is None else _seconds("--step", options.step)
-    with _progress(quiet) as progress:
-        done = stages.export_run(stages.opened(run, o.out), progress, o.to, o.out, seconds, o.at / 100.0, o.into,
-                                 o.anyway)  # fmt: skip
-    _show_outcome(done)
-
-
-@dataclass(frozen=True)
-class PlanOptions:
-    """Options of `etcfit plan`."""
-
-    out: Path = _option(..., "The folder to write.", "PLAN", None, "--out", file_okay=False)
-    tests: int = _option(CampaignSettings.tests, "Largest number of tests.", min=1, max=50)
-    current: float = _option(CampaignSettings.current, "Limit of the winding's current, A.")
-    temperature: float = _option(CampaignSettings.temperature, "Limit of the winding's temperature, degC.")
-    supply: float | None = _option(None, "Supply voltage, V.", None, "that of the rig", min=0.1)
-    criterion: str = _option("A", "What to minimise: A, the sum of relative variances, or D, their geometric mean.")
-    without: list[str] | None = _option(None, "A rig test that you cannot make; may be repeated.", "TEST")
+    seconds = None if step is None else _seconds("--step", step)
+    _make("", stages.export_run, run, quiet, to, out, seconds, at / 100.0, into, anyway, opened={"out": out})
 
 
 @_verb("Measure", "etcfit plan runs/bench_twin --out plans/next --current 4")
@@ -809,58 +729,55 @@ def plan(
             help="A run folder, or a measurement folder.", exists=True, file_okay=False, metavar="RUN|FOLDER"
         ),
     ],
-    options: PlanOptions,
+    out: Path = _option(..., "The folder to write.", "PLAN", file_okay=False),
+    tests: int = _option(CampaignSettings.tests, "Largest number of tests.", min=1, max=50),
+    current: float = _option(CampaignSettings.current, "Limit of the winding's current, A."),
+    temperature: float = _option(CampaignSettings.temperature, "Limit of the winding's temperature, degC."),
+    supply: float | None = _option(None, "Supply voltage, V.", None, "that of the rig", min=0.1),
+    criterion: str = _option("A", "What to minimise: A, the sum of relative variances, or D, their geometric mean."),
+    without: list[str] | None = _option(None, "A rig test that you cannot make; may be repeated.", "TEST"),
     quiet: Quiet = False,
 ) -> None:
     """Choose the most informative next tests within limits: files to play, and a procedure sheet."""
     from .datasets.base import refuse_to_overwrite
 
-    o = options
-    refuse_to_overwrite(o.out)
+    refuse_to_overwrite(out)
     try:
-        settings = CampaignSettings(tests=o.tests, current=o.current, temperature=o.temperature)
+        settings = CampaignSettings(tests=tests, current=current, temperature=temperature)
     except ValueError as error:
         raise UsageError(str(error)) from None
     with _usual("plan", quiet) as report:
-        report("loading the model", 0.0)
-        keep_compiled()
-        from .api.verbs import plan as plan_tests
-
-        chosen = plan_tests(source, settings, criterion=o.criterion, without=o.without or (), supply=o.supply,
-                            quiet=True)  # fmt: skip
-        report("drawing", 0.8)
-        chosen.save(o.out)
+        from .api.progress import part_of
+        from .api.verbs import plan
         from .reporting.closing import of_plan
-        from .reporting.plan_sheet import plan_table
-    _stdout().print(plan_table(chosen.campaign))
-    _say(of_plan(chosen.campaign, o.out))
+
+        chosen = plan(source, settings, criterion=criterion, without=without or (), supply=supply,
+                      quiet=part_of(report, 0.0, 0.8))  # fmt: skip
+        report("drawing", 0.8)
+        chosen.save(out)
+    _show_outcome(stages.Done(chosen.printed(), closing=of_plan(chosen.campaign, out)))
 
 
 @_verb("Measure", "etcfit fetch kassel-throttle")
 def fetch(
     name: Annotated[str, typer.Argument(help="kassel-throttle, wintec-throttle, emps or bam-xl330.", metavar="NAME")],
-    to: Annotated[
-        Path | None, typer.Option(help="The folder to write; measurements/NAME if not given.", metavar="FOLDER")
-    ] = None,
-    data: Annotated[Path | None, typer.Option(help="Folder of local copies.", exists=True, file_okay=False)] = None,
+    to: Path | None = _option(None, "The folder to write; measurements/NAME if not given.", "FOLDER"),
+    data: Path | None = _option(None, "Folder of local copies.", exists=True, file_okay=False),
     quiet: Quiet = False,
 ) -> None:
     """Write a public measured data set as a measurement folder, from a local copy (also $ETCFIT_DATA) or a download."""
     with _progress(quiet) as report:
-        report(f"fetching {name}", 0.0)
-        from .datasets import fetch as fetch_dataset
+        from .api.verbs import fetch
         from .reporting.closing import of_fetched
 
-        folder = fetch_dataset(name, to or Path("measurements") / name, data)
+        folder = fetch(name, to, data, quiet=report)
     _say(of_fetched(name, folder))
 
 
 @_verb("Measure", "etcfit new my_rig --like bosch-0280750148")
 def new(
     folder: Annotated[Path, typer.Argument(help="The folder to make.", file_okay=False, metavar="FOLDER")],
-    like: Annotated[
-        str | None, typer.Option(help="A known nameplate: bosch-0280750148 or kassel.", metavar="NAME")
-    ] = None,
+    like: str | None = _option(None, "A known nameplate: bosch-0280750148 or kassel.", "NAME"),
     quiet: Quiet = False,
 ) -> None:
     """Write a rig.toml that explains every key, and a folder for each rig test that says what to record."""

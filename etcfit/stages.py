@@ -20,10 +20,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from .api.arguments import fits, in_words, typed
+from .api.arguments import fits, in_words, verb
 from .api.progress import Expected, Report, keep_compiled, part_of
 from .control.request import DesignRequest
-from .errors import UsageError, command, require_extra, visible
+from .errors import UsageError, command, visible
 from .posterior.settings import SamplingSettings
 
 if TYPE_CHECKING:
@@ -75,11 +75,7 @@ _OF_A_FIT = {"diagnose": 2.5, "design": 2.5, "sample": 2.5}  # so many times as 
 
 
 def expected(run: Path, stage: str) -> Expected | None:
-    """How long a stage will take: as last time, or so many times as long as the fit; None where neither is known.
-
-    Raises:
-        UsageError: another version wrote RUN.
-    """
+    """How long a stage will take: as last time, or so many times as long as the fit; None where neither is known."""
     from .run_folder.manifest import read_records
 
     took = {name: record.seconds for name, record in read_records(run).items() if record.seconds is not None}
@@ -120,20 +116,14 @@ def opened(run: Path, out: Path | None = None, folder: Path | None = None) -> Ru
 @_alone("fit")
 def fit_folder(folder: Path, run: RunFolder, report: Report) -> Done:
     """The joint fit of all traces: RUN/fit.json, the state of the fit, a picture of its parameters."""
-    report("reading the folder", 0.0)
-    from .rig.reader import read_folder
+    from .api.verbs import fit
 
-    rig = read_folder(folder)
-    report("loading the model", 0.0)
-    keep_compiled()
+    found = fit(folder, quiet=part_of(report, 0.0, 0.98))
     from .api.work import keep_fit
-    from .estimation.joint_fit import fit
     from .reporting.closing.model import of_run
-    from .reporting.tables import fit_table
 
-    result = fit(rig, part_of(report, 0.0, 0.98))
-    keep_fit(run, result, part_of(report, 0.98, 1.0))
-    return Done(fit_table(result), _failure(result), closing=of_run(run.path))
+    keep_fit(run, found.result, part_of(report, 0.98, 1.0))
+    return Done(found.printed(), _failure(found.result), closing=of_run(run.path))
 
 
 @_alone("diagnose")
@@ -166,30 +156,16 @@ def diagnose_run(run: RunFolder, report: Report) -> Done:
 @_alone("sample")
 def sample_run(run: RunFolder, report: Report, steps: int = SamplingSettings.most_steps) -> Done:
     """How sure: RUN/posterior.nc and RUN/posterior.json of the final model, pictures; goes on with a chain begun."""
-    _can_sample()
-    try:
-        SamplingSettings(most_steps=steps)
-    except ValueError as error:
-        raise UsageError(f"--steps: {error}") from None
-    report("taking up the model", 0.0)
-    keep_compiled()
-    result = run.final()
-    from .api.work import keep_posterior
-    from .posterior.profile import profiles
-    from .posterior.sampling import sample
-    from .reporting.blocks import cautioned
+    from .api.verbs import sample
     from .reporting.closing.control import of_posterior
     from .reporting.drawing import begin_helper
-    from .reporting.posterior import posterior_table
 
     begin_helper()
-    posterior = sample(result.taken_as_exact(), run.path, steps, part_of(report, 0.0, 0.8), result.formulas)
-    profiled = profiles(posterior, part_of(report, 0.8, 0.9))
-    keep_posterior(run, posterior, profiled, {"steps": steps}, part_of(report, 0.9, 1.0))
-    here = posterior.convergence
-    why = "" if here.converged else f"this is no posterior yet: {here.reason} `etcfit sample` goes on from here."
-    table = cautioned(posterior_table(posterior, profiled), result.state)
-    return Done(table, why or _failure(result), posterior.remark, of_posterior(posterior, run.path))
+    found = sample(run, steps=steps, quiet=part_of(report, 0.0, 0.8)).profiled(part_of(report, 0.8, 0.9))
+    found.save(run, part_of(report, 0.9, 1.0))
+    why = "" if found.converged else f"this is no posterior yet: {found.reason} `etcfit sample` goes on from here."
+    closing = of_posterior(found.posterior, run.path)
+    return Done(found.printed(), why or _failure(found.posterior.fit), found.remark, closing)
 
 
 def _can_sample() -> None:
@@ -207,55 +183,37 @@ def reduce_run(
 
     Where the rig has sine traces, also what they say: RUN/frequency_response.json, a Bode plot of its own.
     """
-    report("taking up the fit", 0.0)
-    keep_compiled()
-    result = run.final()
-    from rich.console import Group
-
-    from .api.work import keep_reduction, plant_of
+    from .api.verbs import reduce
     from .reporting.closing.control import of_plant
-    from .reporting.control.plant import reduction_table, sine_table
 
-    reduction, response = plant_of(result, input, output, at, report)
-    keep_reduction(run, result, reduction, response, pade_order, report)
-    table = reduction_table(result.fitted(), reduction, pade_order)
-    shown = table if response is None else Group(table, sine_table(result.fitted(), response))
-    return Done(shown, _failure(result), closing=of_plant(reduction, result.state, run.path))
+    found = reduce(run, input, output, at, quiet=report)
+    found.save(run, pade_order, report)
+    result = found.fit.result
+    return Done(found.printed(pade_order), _failure(result), closing=of_plant(found.reduction, result.state, run.path))
 
 
 @_alone("design")
 def design_run(run: RunFolder, report: Report, request: DesignRequest) -> Done:
     """Gains by every rule, one of them proposed: RUN/pid.json, the responses."""
-    if request.parts is not None:
-        require_extra("fleet", f"{request.parts}", "pyarrow")
-    report("taking up the fit", 0.0)
     keep_compiled()
-    result = run.final()
-    from .api.work import design_of, keep_design
-    from .control.design import DRAWS, SEED
+    from .api.verbs import designed
     from .reporting.closing.control import of_design
-    from .reporting.control.gains import design_table
-    from .run_folder.reading import read_draws
 
-    fitted = result.fitted()
-    drawn = read_draws(run.path, fitted, DRAWS - 1, SEED)
-    found = design_of(fitted, request, drawn, part_of(report, 0.0, 0.95))
-    keep_design(run, result, found, request.recorded(), part_of(report, 0.95, 1.0))
-    return Done(design_table(found), _failure(result), closing=of_design(found, result.state, run.path))
+    found = designed(run, request, part_of(report, 0.0, 0.95))
+    found.save(run, part_of(report, 0.95, 1.0))
+    result = run.final()
+    return Done(found.printed(), _failure(result), closing=of_design(found.design, result.state, run.path))
 
 
 def tune_logs(files: Sequence[Path], run: RunFolder, report: Report, request: TuneRequest) -> Done:
     """From logs of a car to gains: RUN/tune.json with its picture, and what fit, diagnosis and design leave."""
     keep_compiled()
     from .api.tuned import tune_logs as tune
-    from .api.tuned import tuned_json
     from .reporting.closing.control import of_tune
-    from .reporting.tune import tune_table
 
     found = tune(files, run, request, report)
     unfinished = "" if found.result is None else _failure(found.result)
-    shown, closing = tune_table(tuned_json(found)), of_tune(found, run.path, files)
-    return Done(shown, unfinished, closing=closing, stopped=found.why_not)
+    return Done(found.printed(), unfinished, closing=of_tune(found, run.path, files), stopped=found.why_not)
 
 
 def design_fleet(run: Path, report: Report, request: DesignRequest) -> Done:
@@ -264,16 +222,14 @@ def design_fleet(run: Path, report: Report, request: DesignRequest) -> Done:
     report("taking up the fleet", 0.0)
     keep_compiled()
     from .api.fleet import Fleet
-    from .api.work import design_of
+    from .api.verbs import designed
     from .files import held
     from .reporting.closing.control import of_fleet_design
-    from .reporting.control.gains import design_table
 
     with held(run):
-        units = Fleet.in_run(run)
-        found = design_of(units.model, request, None, report)
-        units.keep_design(run, found, {}, report)
-    return Done(design_table(found), closing=of_fleet_design(found, run))
+        found = designed(Fleet.in_run(run), request, report)
+        found.save(run, report)
+    return Done(found.printed(), closing=of_fleet_design(found.design, run))
 
 
 def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, report: Report, watch: Report) -> Done:
@@ -321,26 +277,18 @@ def export_run(
     Raises:
         UsageError: no such format, a step outside its range, or a model without what the format needs.
     """
+    from .api.verbs import export
     from .exporting import ExportSettings, named
+    from .reporting.closing.control import of_export
 
-    format_ = named(to)
-    format_.require(into)
     try:
         settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
     except ValueError as error:  # the range is the settings' own
         raise UsageError(str(error)) from None
-    report("taking up the model", 0.0)
-    keep_compiled()
-    result = run.final()
-    from .api.work import exported
-    from .reporting.closing.control import of_export
-    from .run_folder.reading import read_design
-
-    report(f"exporting to {to}", 0.5)
-    done = exported(result, format_, out or run.path / "export", settings, read_design(run.path), run.path, into,
-                    anyway)  # fmt: skip
-    closing = of_export(done.files, done.cannot_hold, format_.title, result.state, run.path)
-    return Done("\n".join(map(str, done.files)), _failure(result), "\n".join(done.cannot_hold), closing)
+    done = export(run, to, out, settings, into=into, anyway=anyway, quiet=report)
+    lost, result = done.cannot_hold, run.final()
+    closing = of_export(done.files, lost, named(to).title, result.state, run.path)
+    return Done("\n".join(map(str, done.files)), _failure(result), "\n".join(lost), closing)
 
 
 @_alone()
@@ -348,15 +296,14 @@ def write_report(run: RunFolder, report: Report) -> Done:
     """One page of everything that RUN holds, RUN/report.html, and the pictures that it shows."""
     report("writing the page", 0.0)
     keep_compiled()
+    from .api.work import keep_page
     from .reporting import has_undrawn
+    from .reporting.closing.model import of_run
 
     if has_undrawn(run.path):
         from .reporting.drawing import begin_helper
 
         begin_helper()
-    from .api.work import keep_page
-    from .reporting.closing.model import of_run
-
     page = keep_page(run, part_of(report, 0.0, 0.8))
     return Done(None, page.failure, page.missing, of_run(run.path, page.path))
 
@@ -424,11 +371,7 @@ LAST = tuple(stage.name for stage in STAGES if stage is not REPORT)  # names of 
 
 
 def stages_until(last: str, stages: tuple[Stage, ...] = STAGES) -> tuple[Stage, ...]:
-    """The stages up to one of them, and the page of what they made.
-
-    Raises:
-        UsageError: no such stage.
-    """
+    """The stages up to one of them, and the page of what they made."""
     if last not in LAST:
         raise UsageError(f"there is no stage {last} to end with. There are {', '.join(LAST)}.")
     end = next(k for k, stage in enumerate(stages) if stage.name == last)
@@ -485,11 +428,7 @@ def run_all(
 
 
 def _as_before(run: Path, stage: Stage, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Options that a stage last ran with.
-
-    Raises:
-        UsageError: the manifest has one of another kind than the stage takes.
-    """
+    """Options that a stage last ran with."""
     for name, annotation in stage.options.items():
         if name in before and not fits(before[name], annotation):
             raise UsageError(f"{run / 'run.json'} says that `etcfit {stage.name}` last ran with {name} "
@@ -506,11 +445,7 @@ def closing_of(run: Path) -> Closing:
 
 
 def designed_for(profile: str | None) -> Mapping[str, Mapping[str, Any]]:
-    """What `run_all` is asked for where gains are for a make of ECU, found out before the first stage runs.
-
-    Raises:
-        UsageError: none has that name.
-    """
+    """What `run_all` is asked for where gains are for a make of ECU, found out before the first stage runs."""
     if profile is None:
         return {}
     from .model.ecus import named
@@ -519,12 +454,7 @@ def designed_for(profile: str | None) -> Mapping[str, Mapping[str, Any]]:
 
 
 def _made_anew(options: Mapping[str, Any], before: Mapping[str, Any], now: Mapping[str, Any]) -> str:
-    """With what a stage was made that had been made before: no option of it is replaced without a word.
-
-    Args:
-        options: taken over.
-        before, now: what it ran with, as the manifest has it.
-    """
+    """With what a stage was made that had been made before: no option of it is replaced without a word."""
     if not before:
         return ""
     others = {name: value for name, value in now.items() if before.get(name, value) != value}
@@ -536,7 +466,7 @@ def _listed(options: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} {json.dumps(value)}" for name, value in options.items())
 
 
-@typed
+@verb
 def run(
     folder: Path | str, out: Path | str, *, profile: str | None = None, until: str = LAST[-1], quiet: bool = False
 ) -> Fit | Diagnosed:

@@ -13,7 +13,7 @@ from PIL import Image
 
 import results
 from etcfit.files import write_json
-from etcfit.run_folder.fit import fit_json
+from etcfit.run_folder.fit import FIT
 from etcfit.run_folder.manifest import STAGE_FILES, read_records, replacing
 from etcfit.run_folder.state import save_fit
 
@@ -34,7 +34,7 @@ def run_folder(path: Path, later: tuple[str, ...] = (), synthetic: bool = True, 
     run = path / "run"
     result = results.result(results.rig(path / "rig", synthetic), lost)
     save_fit(run, result)
-    fit = fit_json(result)
+    fit = FIT.json(result)
     made = {"diagnosis": _diagnosis, "posterior": _posterior, "transfer_function": _plant,
             "frequency_response": _sines, "pid": lambda fit: pid()}  # fmt: skip
     for kind in later:

@@ -90,11 +90,11 @@ def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str])
 # what a command loads that computes nothing but its own answer; what is heavy and not needed for it stays away
 LIGHT = {
     "check": (
-        "import etcfit.experiment.check, etcfit.reporting.check_table, etcfit.reporting.closing; "
+        "import etcfit.experiment.check, etcfit.api.measurements, etcfit.reporting.closing; "
         "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
         "read_graphs(read_folder('measurements/bench_twin'))"
     ),
-    "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.reporting.tables, etcfit.api.work, "
+    "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.api.fit, etcfit.api.work, "
     "etcfit.reporting.closing.model, etcfit.run_folder.state",
     "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis, etcfit.api.work",
     "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.work",

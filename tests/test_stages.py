@@ -303,7 +303,7 @@ def test_gains_are_made_anew_from_what_the_manifest_has_of_them(
     kept: list[dict[str, Any]] = []
     monkeypatch.setattr("etcfit.api.work.design_of", lambda fitted, request, *_: asked.append(request))
     monkeypatch.setattr("etcfit.api.work.keep_design", lambda run, result, design, settings, _: kept.append(settings))
-    monkeypatch.setattr("etcfit.reporting.control.gains.design_table", lambda design: "a table")
+    monkeypatch.setattr("etcfit.api.controller.design_table", lambda design: "a table")
     monkeypatch.setattr("etcfit.reporting.closing.control.of_design", lambda *_: None)
     run = opened(tmp_path / "run")
     run.keep_fit(found.before)

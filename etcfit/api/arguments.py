@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import inspect
 import re
+import warnings
 from collections.abc import Callable
 from numbers import Integral, Real
 from typing import Any, ParamSpec, TypeVar
@@ -19,28 +20,32 @@ _MEANS = {"Folder": ("str", "Path"), "None": ("NoneType",)}
 _IN_WORDS = {"str": "a text", "Path": "a path", "int": "a whole number", "float": "a number", "bool": "True or False",
              "Sequence": "a sequence", "tuple": "a tuple", "Mapping": "a mapping", "None": "None", "Folder": "a path",
              "Rig": "a rig", "Fit": "a fit", "Diagnosed": "a diagnosis", "Sampled": "a posterior",
-             "Fleet": "a fleet"}  # fmt: skip
+             "Fleet": "a fleet", "RunFolder": "a path", "Report": "a function"}  # fmt: skip
 _ALONE = {"Model", "Literal", "TermNames", "Any"}  # the verb itself checks these
 
 
-def typed(verb: Callable[P, R]) -> Callable[P, R]:
-    """Make a verb refuse arguments of a type that its annotation does not name.
+def verb(work: Callable[P, R]) -> Callable[P, R]:
+    """Make a function a verb: arguments of a type that its annotation does not name are refused, and a remark on its
+    result becomes a warning, unless the caller shows the progress himself.
 
     Raises:
         TypeError: when the verb is called; it names the argument, the types that it takes and the type that was given.
     """
-    signature = inspect.signature(verb)
+    signature = inspect.signature(work)
 
-    @functools.wraps(verb)
+    @functools.wraps(work)
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
         for name, value in signature.bind(*args, **kwargs).arguments.items():
             parameter = signature.parameters[name]
             given = value if parameter.kind is parameter.VAR_KEYWORD else {name: value}
             for each, one in given.items():
                 if not fits(one, parameter.annotation):
-                    raise TypeError(f"etcfit.{verb.__name__} takes {in_words(parameter.annotation)} for `{each}`, not "
+                    raise TypeError(f"etcfit.{work.__name__} takes {in_words(parameter.annotation)} for `{each}`, not "
                                     f"{type(one).__name__}.")  # fmt: skip
-        return verb(*args, **kwargs)
+        found = work(*args, **kwargs)
+        if (remark := getattr(found, "remark", "")) and not callable(kwargs.get("quiet")):
+            warnings.warn(remark, stacklevel=2)
+        return found
 
     return called
 
@@ -61,6 +66,7 @@ def fits(value: Any, annotation: str) -> bool:
         or ("float" in wanted and isinstance(value, Real))
         or ("Sequence" in wanted and isinstance(value, list | tuple))
         or ("Mapping" in wanted and isinstance(value, dict))
+        or ("Report" in wanted and callable(value))
     )
 
 

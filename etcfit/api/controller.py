@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,9 +14,9 @@ from ..control.frequency import FrequencyResponse
 from ..control.linearise import Reduction
 from ..control.loop_figures import FIGURES, TRACKING
 from ..control.pid import Gains
+from ..control.request import DesignRequest
 from ..control.safety import Safety
 from ..files import plain
-from ..model.feed_forward import as_recorded
 from ..reporting.blocks import stacked
 from ..reporting.control.gains import (
     GAINS,
@@ -29,12 +29,13 @@ from ..reporting.control.gains import (
 )
 from ..reporting.control.plant import coefficients_table, constants_table, plant_tables, reduction_table, sine_table
 from ..reporting.control.sentence import doubt, sentence
+from ..run_folder.folder import RunFolder
 from ..run_folder.pid import PID
 from ..run_folder.plant import reduction_json
-from . import views
 from .fit import Fit
 from .fleet import Fleet
-from .views import View, frame
+from .progress import Report, silent
+from .views import Card, View, frame
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -105,12 +106,12 @@ class Reduced(View):
 
         return ReductionPlots(self.fit.result.fitted(), self.reduction, self.response)
 
-    def _printed(self) -> RenderableType:
+    def printed(self, pade_order: int = 0) -> RenderableType:
         fitted = self.fit.result.fitted()
         sines = None if self.response is None else sine_table(fitted, self.response)
-        return stacked(reduction_table(fitted, self.reduction, 0), sines)
+        return stacked(reduction_table(fitted, self.reduction, pade_order), sines)
 
-    def save(self, run: str | Path, pade_order: int = 0) -> Path:
+    def save(self, run: str | Path | RunFolder, pade_order: int = 0, report: Report = silent) -> Path:
         """Write transfer_function.json, the Bode plot and the measured frequency response to a run folder.
 
         Args:
@@ -118,31 +119,19 @@ class Reduced(View):
         Raises:
             UsageError: RUN holds another model.
         """
-        from ..run_folder.folder import RunFolder
         from .work import keep_reduction
 
-        folder = RunFolder(run)
+        folder = RunFolder.named(run)
         folder.refuse_other_model(self.fit.result)
-        keep_reduction(folder, self.fit.result, self.reduction, self.response, pade_order)
-        return Path(run)
+        keep_reduction(folder, self.fit.result, self.reduction, self.response, pade_order, report)
+        return folder.path
 
-    def __repr__(self) -> str:
-        shown = coefficients_table(self._plant)
+    def _card(self) -> Card:
+        result, shown = self.fit.result, coefficients_table(self._plant)
         formula, *words = shown.notes
-        return views.block(
-            f"Transfer function of {views.name_of(self.fit.result.rig.config)}: {formula}, {self.unit}",
-            self._alarm,
-            ", ".join(f"{name.text} {value.text} ± {spread.text}" for name, value, spread in shown.cells),
-            *words,
-        )
-
-    @property
-    def _alarm(self) -> str:
-        return " ".join(self.fit.result.state.cautions)
-
-    def _repr_html_(self) -> str:
-        parts = map(views.table, plant_tables(self._plant))
-        return views.card(self.fit.result.rig.config, f"transfer function, {self.unit}", *parts, alarm=self._alarm)
+        known = ", ".join(f"{name.text} {value.text} ± {spread.text}" for name, value, spread in shown.cells)
+        return Card(result.rig.config, f"transfer function, {self.unit}", tables=plant_tables(self._plant),
+                    lines=(formula, known, *words), alarm=" ".join(result.state.cautions))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,12 +140,12 @@ class Designed(View):
 
     Args:
         fit: the model, or the fleet.
-        log: file of the log among the scenarios, or None.
+        request: what was asked for.
     """
 
     fit: Fit | Fleet
     design: Design
-    log: str | None = None
+    request: DesignRequest = field(default_factory=DesignRequest)
 
     @property
     def gains(self) -> Gains:
@@ -217,32 +206,16 @@ class Designed(View):
 
         return DesignPlots(self.design)
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         return design_table(self.design)
 
-    def save(self, run: str | Path) -> Path:
+    def save(self, run: str | Path | RunFolder, report: Report = silent) -> Path:
         """Write pid.json and the responses to a run folder.
 
         Raises:
             UsageError: RUN holds another model, or another fleet.
         """
-        self.fit.keep_design(Path(run), self.design, self._options)
-        return Path(run)
-
-    @property
-    def _options(self) -> dict[str, Any]:
-        """The options with which `etcfit run` would design these gains again."""
-        task = self.design.task
-        return {
-            "rule": self.rule,
-            "feed_forward": as_recorded(task.terms),
-            "limits": task.requirements.finite(),
-            "ecu": task.ecu._asdict(),
-            "profile": None if task.profile is None else task.profile.name,
-            "log": self.log,
-            "parts": None if self.design.parts is None else self.design.parts.where,
-            "anyway": self.design.anyway,
-        }
+        return self.fit.keep_design(RunFolder.named(run), self.design, self.request.recorded(), report)
 
     @property
     def _verdict(self) -> str:
@@ -250,21 +223,16 @@ class Designed(View):
         binds = f" What binds: {'; '.join(self.limits)}." if self.limits else ""
         return sentence(plain(self._written)) + binds
 
-    def __repr__(self) -> str:
+    def _card(self) -> Card:
         met = [name for name, t in self.design.tuned.items() if t.meets_all]
         on_the_model = f"every requirement is met on the nominal model by: {', '.join(met) or 'none'}; see .rules"
-        return views.block(
-            f"PID gains of {views.name_of(self.design.fitted.config)}: {len(self.design.tuned)} rules tried",
-            self._verdict,
-            "see .rules" if self._doubt else on_the_model,
+        doubted = doubt(self.design.fitted.state)
+        return Card(
+            self.design.fitted.config,
+            f"PID gains, {len(self.design.tuned)} rules tried",
+            () if doubted else (self._verdict,),
+            (rules_table(self._written), figures_table(self._written)),
+            ("see .rules" if doubted else on_the_model,),
+            {"No gains": refused(self._written).texts},
+            self._verdict if doubted else "",
         )
-
-    def _repr_html_(self) -> str:
-        alarm, said = (self._verdict, "") if self._doubt else ("", self._verdict)
-        tables = (rules_table(self._written), figures_table(self._written))
-        return views.card(self.design.fitted.config, "PID gains", views.paragraph(said), *map(views.table, tables),
-                          views.folded("No gains", refused(self._written).texts), alarm=alarm)  # fmt: skip
-
-    @property
-    def _doubt(self) -> str:
-        return doubt(self.design.fitted.state)

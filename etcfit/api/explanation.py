@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
-from ..diagnosis.findings import Diagnosis
-from ..posterior.sampling import Posterior
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import Digits, short
-from ..reporting.posterior import parameters_table, posterior_table
-from ..reporting.table import Table
 from ..reporting.tables import LOST, errors_table
-from ..run_folder.posterior import parameters_json
-from . import views
+from ..run_folder.folder import RunFolder
 from .fit import Fit
-from .views import View, attributes, frame, numbers, score_frame, texts
+from .progress import Report, silent, working
+from .views import Card, View, attributes, frame, numbers, score_frame, texts
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import RenderableType
 
+    from ..diagnosis.findings import Diagnosis
+    from ..posterior.profile import Profile
+    from ..posterior.sampling import Posterior
+    from ..reporting.table import Table
     from .plots import DiagnosisPlots, PosteriorPlots
 
 
@@ -83,6 +84,8 @@ class Diagnosed(View):
         refit."""
         every = [(k, each, c) for k, each in enumerate(self.diagnosis.rounds, start=1) for c in each.candidates]
         keys = ("screened", "fit_rms_ratio", "holdout_rms_ratio", "holdout_chi2_change", "bic_change")
+        import pandas as pd
+
         frame = pd.DataFrame(attributes((c for _, _, c in every), *keys))
         frame.insert(0, "added", np.array([c.effect == each.added for _, each, c in every], dtype=bool))
         places = [np.array([k for k, _, _ in every], dtype=np.int64), texts(c.effect for _, _, c in every)]
@@ -96,7 +99,7 @@ class Diagnosed(View):
 
         return DiagnosisPlots(self.diagnosis)
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         from ..reporting.diagnosis import diagnosis_table
 
         return diagnosis_table(self.diagnosis)
@@ -111,38 +114,18 @@ class Diagnosed(View):
         keep_diagnosis(folder, self.diagnosis)
         return Path(run)
 
-    @property
-    def _errors(self) -> list[str]:
-        """Rms errors of both models, fitted and held out."""
-        was, now = self.diagnosis.before, self.diagnosis.after
-        pairs = {"fitted": (was.score_fit, now.score_fit), "held out": (was.score_holdout, now.score_holdout)}
-        return [f"{name}: rms error {short(pooled(a))} -> {short(pooled(b))} sigma"
-                for name, (a, b) in pairs.items() if a and b]  # fmt: skip
-
-    @property
-    def _alarm(self) -> str:
-        return "" if self.final.converged else f"THE FINAL FIT DID NOT CONVERGE, NOT CONVERGED: {self.final.reason}"
-
-    def __repr__(self) -> str:
-        return views.block(
-            f"Diagnosis of {views.name_of(self.diagnosis.after.rig.config)}: "
-            f"{len(self.diagnosis.rounds)} rounds, found {', '.join(self.added) or 'nothing'}",
-            self._alarm,
-            *self._errors,
-            self.verdict,
-        )
-
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         from ..reporting.diagnosis.ledger import ledger
 
-        return views.card(
-            self.diagnosis.after.rig.config,
-            f"Eqs. 1-2 lack {', '.join(self.added)}" if self.added else "no effect added",
-            views.paragraph(self.verdict),
-            views.table(errors_table(ledger(self.diagnosis), True)),
-            views.folded("Warnings", self.final.warnings),
-            alarm=self._alarm,
-        )
+        was, now, count = self.diagnosis.before, self.diagnosis.after, len(self.diagnosis.rounds)
+        pairs = {"fitted": (was.score_fit, now.score_fit), "held out": (was.score_holdout, now.score_holdout)}
+        errors = [f"{name}: rms error {short(pooled(a))} -> {short(pooled(b))} sigma"
+                  for name, (a, b) in pairs.items() if a and b]  # fmt: skip
+        found = f"Eqs. 1-2 lack {', '.join(self.added)}" if self.added else "found nothing, no effect added"
+        alarm = "" if now.converged else f"THE FINAL FIT DID NOT CONVERGE, NOT CONVERGED: {now.reason}"
+        return Card(now.rig.config, f"diagnosis, {count} rounds: {found}", (self.verdict,),
+                    (errors_table(ledger(self.diagnosis), True),), errors, {"Warnings": self.final.warnings},
+                    alarm)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,6 +133,13 @@ class Sampled(View):
     """The posterior of a fit: `etcfit.sample(fit)`."""
 
     posterior: Posterior
+    profiles: Mapping[str, Profile] = field(default_factory=dict)  # by symbol, of weakly determined parameters
+
+    def profiled(self, report: Report = silent) -> Sampled:
+        """The same with the profiles of its weakly determined parameters, which takes seconds."""
+        from ..posterior.profile import profiles
+
+        return replace(self, profiles=profiles(self.posterior, report))
 
     @cached_property
     def fit(self) -> Fit:
@@ -178,11 +168,16 @@ class Sampled(View):
 
     @property
     def _shown(self) -> Table:
+        from ..reporting.posterior import parameters_table
+        from ..run_folder.posterior import parameters_json
+
         return parameters_table({"parameters": parameters_json(self.posterior, {})})
 
     @property
     def draws(self) -> pd.DataFrame:
         """Every draw after the burn-in, SI: one column per symbol, one row per ensemble, step and walker."""
+        import pandas as pd
+
         draws = self.posterior.draws
         shape = next(iter(draws.values())).shape
         index = pd.MultiIndex.from_product([range(n) for n in shape], names=["ensemble", "step", "walker"])
@@ -195,48 +190,41 @@ class Sampled(View):
 
         return PosteriorPlots(self.posterior)
 
-    def _printed(self) -> RenderableType:
-        return posterior_table(self.posterior, {})
+    def printed(self) -> RenderableType:
+        from ..reporting.blocks import cautioned
+        from ..reporting.posterior import posterior_table
 
-    def save(self, run: str | Path, quiet: bool = False) -> Path:
+        return cautioned(posterior_table(self.posterior, self.profiles), self.posterior.fit.state)
+
+    @property
+    def remark(self) -> str:
+        """Why an earlier chain could not be taken up, or ""."""
+        return self.posterior.remark
+
+    def save(self, run: str | Path | RunFolder, quiet: bool | Report = False) -> Path:
         """Write posterior.json, posterior.nc and the pictures to a run folder; this computes the profiles.
 
         Raises:
             UsageError: RUN holds another model.
         """
-        from ..posterior.profile import profiles
-        from ..run_folder.folder import RunFolder
-        from .progress import working
         from .work import keep_posterior
 
-        folder = RunFolder(run)
+        folder = RunFolder.named(run)
         folder.refuse_other_model(self.posterior.fit)
         with working(quiet) as report:
-            keep_posterior(folder, self.posterior, profiles(self.posterior, report), {}, report)
-        return Path(run)
+            keep_posterior(folder, self.posterior, self.profiles or self.profiled(report).profiles, report)
+        return folder.path
 
-    @property
-    def _alarm(self) -> str:
-        return "" if self.converged else f"NOT CONVERGED, no posterior yet: {self.reason}"
-
-    @property
-    def _size(self) -> str:
-        here, chain = self.posterior.convergence, self.posterior.chain
-        return (f"{len(chain.ensembles)} ensembles, {here.steps} steps, {here.burn} of them burn-in, "
+    def _card(self) -> Card:
+        here, chain, shown = self.posterior.convergence, self.posterior.chain, self._shown
+        size = (f"{len(chain.ensembles)} ensembles, {here.steps} steps, {here.burn} of them burn-in, "
                 f"{short(here.effective)} effective samples")  # fmt: skip
-
-    def __repr__(self) -> str:
-        shown = self._shown
         lost = [row["symbol"] for row in shown.rows if row["status"] == LOST]
         known = [(row, Digits.of_value(row["mean"], row["sd"])) for row in shown.rows if row["status"] != LOST]
-        return views.block(
-            f"Posterior of {views.name_of(self.posterior.fit.rig.config)}: {self._size}",
-            self._alarm,
+        lines = (
             f"not identifiable: {', '.join(lost)}" if lost else "",
             "; ".join(f"{row['symbol']} {digits(row['mean'])} ± {digits(row['sd'])} {row['unit']}"
                       for row, digits in known),
         )  # fmt: skip
-
-    def _repr_html_(self) -> str:
-        return views.card(self.posterior.fit.rig.config, "posterior", views.paragraph(self._size),
-                          views.table(self._shown), alarm=self._alarm)  # fmt: skip
+        alarm = "" if self.converged else f"NOT CONVERGED, no posterior yet: {self.reason}"
+        return Card(self.posterior.fit.rig.config, "posterior", (size,), (shown,), lines, alarm=alarm)

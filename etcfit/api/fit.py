@@ -9,24 +9,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from ..estimation.explained import motion_explained
 from ..estimation.result import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import pooled
 from ..reporting.numbers import short
-from ..reporting.table import Table
 from ..reporting.tables import LOST, fit_table, parameter_rows, parameters_table
-from ..run_folder.fit import fit_json
+from ..run_folder.fit import FIT
 from . import views
 from .progress import Report, silent
-from .views import FittedTrace, View, attributes, frame, indexed, named, numbers, score_frame, texts, traces_of
+from .views import Card, FittedTrace, View, attributes, frame, indexed, named, numbers, score_frame, texts, traces_of
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import RenderableType
 
     from ..control.design import Design
+    from ..run_folder.folder import RunFolder
     from .plots import FitPlots
 
 _KEYS = ("value", "stderr", "low", "high", "unit", "status")
@@ -40,7 +39,7 @@ class Fit(View):
 
     @cached_property
     def _parameters(self) -> dict[str, dict[str, Any]]:
-        return fit_json(self.result, "parameters")["parameters"]
+        return FIT.json(self.result, "parameters")["parameters"]
 
     @property
     def parameters(self) -> pd.DataFrame:
@@ -57,23 +56,22 @@ class Fit(View):
         """Cautions for every result made from this fit, one sentence each; none if the fit is sound."""
         return self.result.state.cautions
 
-    def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
+    def keep_design(self, run: RunFolder, design: Design, options: Mapping[str, Any], report: Report = silent) -> Path:
         """Write pid.json, the responses, and their entry in the manifest.
 
         Raises:
             UsageError: RUN holds another model.
         """
-        from ..run_folder.folder import RunFolder
         from .work import keep_design
 
-        folder = RunFolder(run)
-        folder.refuse_other_model(self.result)
-        keep_design(folder, self.result, design, options, report)
+        run.refuse_other_model(self.result)
+        keep_design(run, self.result, design, options, report)
+        return run.path
 
     @property
     def combinations(self) -> pd.DataFrame:
         """Combinations of parameters that act on the plate (J_eq, B_eq, ...): columns as in `parameters`."""
-        return frame(parameter_rows(fit_json(self.result, "lumped")["lumped"]), "symbol", _KEYS)
+        return frame(parameter_rows(FIT.json(self.result, "lumped")["lumped"]), "symbol", _KEYS)
 
     @property
     def influence(self) -> pd.DataFrame:
@@ -82,6 +80,8 @@ class Fit(View):
 
         `pull` is in standard errors of noise alone. A parameter that only one test determines has no row for that test.
         """
+        import pandas as pd
+
         every = self.result.influence.pulls
         where = {"test": texts(p.test for p in every), "file": pd.Series([p.file for p in every], dtype="object")}
         return pd.DataFrame(where | {"parameter": texts(p.parameter for p in every)} | attributes(every, "pull"))
@@ -149,7 +149,7 @@ class Fit(View):
 
         return FitPlots(self.result)
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         return fit_table(self.result)
 
     def save(self, run: str | Path) -> Path:
@@ -160,47 +160,29 @@ class Fit(View):
         keep_fit(RunFolder(run), self.result)
         return Path(run)
 
-    @property
-    def _model(self) -> str:
-        return " + ".join(("Eqs. 1-2", *self.effects))
-
-    @property
-    def _shown(self) -> Table:
-        return parameters_table(self._parameters, {})
-
-    @property
-    def _outcome(self) -> str:
-        word = "converged" if self.converged else "NOT CONVERGED"
-        reason = textwrap.shorten(self.reason, 200, placeholder="...")
-        return f"{word}: {reason}; chi2/dof {short(self.chi2_per_dof, 4)}{_predicts(self.result)}"
-
-    def __repr__(self) -> str:
-        held_out = sum(each.held_out for each in self._traces.values())
+    def _card(self) -> Card:
+        held_out, shown = sum(each.held_out for each in self._traces.values()), parameters_table(self._parameters, {})
         count = f"{len(self._traces) - held_out} traces fitted, {held_out} held out"
-        shown = self._shown
         lost = [row["symbol"] for row in shown.rows if row["status"] == LOST]
         known = "; ".join(f"{c['parameter']} {c['value']} ± {c['std. error']} {c['unit']}".replace(" ± -", "")
                           for c in shown.texts if c["95 % interval"] != "-")  # fmt: skip
-        return views.block(
-            f"Fit of {views.name_of(self.result.rig.config)}: {self._model}; {count}",
-            self._outcome,
+        reason = textwrap.shorten(self.reason, 200, placeholder="...")
+        lines = (
+            f"converged: {reason}" if self.converged else "",
             f"not identifiable: {', '.join(lost)}" if lost else "",
             f"compromise: {self.result.compromise.why}" if self.result.compromise is not None else "",
             views.count_of(self.warnings),
             known,
         )
-
-    def _repr_html_(self) -> str:
-        alarm = "" if self.converged else f"NOT CONVERGED: {self.reason}"
-        return views.card(
+        return Card(
             self.result.rig.config,
-            self._model,
-            views.paragraph(f"{len(self._traces)} traces; chi2/dof {short(self.chi2_per_dof, 4)}"
-                            f"{_predicts(self.result)}"),
-            views.table(self._shown),
-            views.folded("Warnings", self.warnings),
-            alarm=alarm,
-        )  # fmt: skip
+            " + ".join(("fit of Eqs. 1-2", *self.effects)),
+            (f"{count}; chi2/dof {short(self.chi2_per_dof, 4)}{_predicts(self.result)}",),
+            (shown,),
+            lines,
+            {"Warnings": self.warnings},
+            "" if self.converged else f"NOT CONVERGED: {reason}",
+        )
 
 
 def _predicts(result: FitResult) -> str:

@@ -11,16 +11,17 @@ import pandas as pd
 
 from ..errors import UsageError
 from ..reporting import fleet as tables
+from ..rig.base import RigConfig
 from ..run_folder.fleet import FleetFiles, model_in, read_fleet_files
-from . import views
 from .progress import Report, silent
-from .views import View, frame
+from .views import Card, View, frame
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from ..control.design import Design
     from ..estimation.fitted_model import FleetModel
+    from ..run_folder.folder import RunFolder
     from .plots import FleetPlots
 
 
@@ -31,10 +32,12 @@ class Fleet(View):
     Args:
         run: its run folder.
         files: contents of fleet.json and units.parquet.
+        remark: which earlier results could not be taken up, or "".
     """
 
     run: Path
     files: FleetFiles
+    remark: str = ""
 
     @classmethod
     def in_run(cls, run: str | Path) -> Fleet:
@@ -149,7 +152,7 @@ class Fleet(View):
         """Cautions for every result made from this fleet."""
         return ()
 
-    def keep_design(self, run: Path, design: Design, options: Mapping[str, Any], report: Report = silent) -> None:
+    def keep_design(self, run: RunFolder, design: Design, options: Mapping[str, Any], report: Report = silent) -> Path:
         """Write pid.json and the responses.
 
         Raises:
@@ -159,35 +162,27 @@ class Fleet(View):
         from ..reporting import draw_design
         from ..run_folder.commit import all_or_none, settle
         from ..run_folder.manifest import is_fleet, read_records
-        from ..run_folder.pid import design_json
+        from ..run_folder.pid import PID
 
-        if run.resolve() != self.run.resolve() and (is_fleet(run) or read_records(run)):
-            raise UsageError(f"{run} holds results of another fleet than {self.run}, which these gains belong to. "
+        to = run.path
+        if to.resolve() != self.run.resolve() and (is_fleet(to) or read_records(to)):
+            raise UsageError(f"{to} holds results of another fleet than {self.run}, which these gains belong to. "
                              f"Save them to {self.run}, or to another folder.")  # fmt: skip
-        with held(run):
-            with all_or_none(run) as draft:
-                write_json(draft.files / "pid.json", "pid", design_json(design))
+        with held(to):
+            with all_or_none(to) as draft:
+                write_json(draft.files / "pid.json", "pid", PID.json(design))
                 draw_design(draft.files, design, report)
-            settle(run)
+            settle(to)
+        return to
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         return tables.fleet_table(self._content)
 
     @property
     def _content(self) -> Mapping[str, Any]:
         return self.files.content
 
-    @property
-    def _said(self) -> tuple[str, ...]:
-        return tuple(sentence.text for sentence in tables.verdict(self._content))
-
-    @property
-    def _name(self) -> str:
-        return self._content["name"] + (", SYNTHETIC DATA" if self._content["synthetic"] else "")
-
-    def __repr__(self) -> str:
-        return views.block(f"Fleet {self._name}: {len(self._content['units'])} units", *self._said)
-
-    def _repr_html_(self) -> str:
-        title = views.paragraph(f"Fleet {self._name}: {len(self._content['units'])} units")
-        return title + "".join(views.paragraph(text) for text in self._said)
+    def _card(self) -> Card:
+        said = tuple(sentence.text for sentence in tables.verdict(self._content))
+        config = RigConfig(self._content["name"], synthetic=self._content["synthetic"])
+        return Card(config, f"fleet of {len(self._content['units'])} units", said)

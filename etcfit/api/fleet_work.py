@@ -33,12 +33,7 @@ LEAST_MEMORY = 1500 * 1024**2  # bytes of one worker: a compiled model, and spac
 
 
 def workers(count: int | None, scheduler: str | None) -> LocalWorkers | ExistingScheduler:
-    """The workers of a fleet.
-
-    Args:
-        count: number of processes on this machine; None for one per core.
-        scheduler: address of an existing one; None for this machine.
-    """
+    """The workers of a fleet."""
     if scheduler is not None:
         return ExistingScheduler(scheduler)
     number = cores() if count is None else count
@@ -137,9 +132,6 @@ def rig_of_one(config: FleetConfig) -> Toml:
 def refuse_wrong_limits(config: FleetConfig, rig: RigConfig) -> None:
     """Refuse, before hours of fits, a limit or a shared symbol that the model does not have, and a limit in the unit of
     another quantity, such as a spring's torque without its angle.
-
-    Raises:
-        MeasurementError: there is such a limit or symbol.
     """
     from ..estimation.intervals import LUMPS
     from ..fleets.line import FIGURE_BY_NAME

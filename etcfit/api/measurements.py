@@ -7,24 +7,27 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-import pandas as pd
-
-from ..car_log import Study, record_next
+from ..car_log import record_next
 from ..car_log.steps import Step
 from ..car_log.study import verdict
 from ..errors import UsageError
-from ..experiment.advice import Advice
-from ..experiment.campaign import Campaign
-from ..experiment.check import CheckResult
-from ..reporting.car_log import Held, drive_table, logs_table
+from ..reporting.car_log import compared_table, drive_table, foretold_table, logs_table
 from ..reporting.check_table import advice_table, check_table, options_table, traces_table
-from ..rig.base import RigConfig
 from . import views
-from .views import View, frame, indexed, numbers
+from .progress import Report, silent
+from .views import Card, View, frame, indexed, numbers
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a check needs neither campaigns nor logs of a car
+    import numpy as np
+    import pandas as pd
     from rich.console import RenderableType
+
+    from ..car_log import Study
+    from ..experiment.advice import Advice
+    from ..experiment.campaign import Campaign
+    from ..experiment.check import CheckResult
+    from ..reporting.car_log import Held
+    from ..rig.base import RigConfig
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,36 +72,24 @@ class Checked(View):
         """Warnings about the folder, one sentence each."""
         return self.result.warnings
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         return check_table(self.result)
 
-    @property
-    def _verdict(self) -> str:
-        return f"not identifiable: {', '.join(self.not_identifiable) or 'none'}"
-
-    @property
-    def _alarm(self) -> str:
-        return f"NOTHING CAN BE FITTED: {self.why_not}" if self.why_not else ""
-
-    def __repr__(self) -> str:
-        tests = ", ".join(dict.fromkeys(t.test for t in self.result.traces))
-        return views.block(
-            f"Check of {views.name_of(self.result.rig.config)}: {len(self.result.traces)} traces ({tests})",
-            self._alarm or self._verdict,
-            views.count_of(self.warnings),
-            *self.directions,
-        )
-
-    def _repr_html_(self) -> str:
-        return views.card(
+    def _card(self) -> Card:
+        tests, findings = ", ".join(dict.fromkeys(t.test for t in self.result.traces)), self.result.rig.findings
+        lost = f"not identifiable: {', '.join(self.not_identifiable) or 'none'}"
+        return Card(
             self.result.rig.config,
-            "what these traces identify",
-            "" if self._alarm else views.paragraph(self._verdict),
-            views.table(traces_table(self.result.traces)),
-            views.folded("Mistakes and habits of the rig", [str(f) for f in self.result.rig.findings]),
-            views.folded("What these data cannot determine, or hardly", self.directions),
-            views.folded("Warnings", [w for w in self.warnings if w not in map(str, self.result.rig.findings)]),
-            alarm=self._alarm,
+            f"what {len(self.result.traces)} traces ({tests}) identify",
+            () if self.why_not else (lost,),
+            (traces_table(self.result.traces),),
+            (views.count_of(self.warnings), *self.directions),
+            {
+                "Mistakes and habits of the rig": [str(f) for f in findings],
+                "What these data cannot determine, or hardly": self.directions,
+                "Warnings": [w for w in self.warnings if w not in map(str, findings)],
+            },
+            f"NOTHING CAN BE FITTED: {self.why_not}" if self.why_not else "",
         )
 
 
@@ -128,6 +119,8 @@ class Advised(View):
     @property
     def stderr(self) -> pd.Series:
         """Present relative standard errors by symbol; of the logarithm if the parameter is positive."""
+        import pandas as pd
+
         return pd.Series(self.advice.sd, index=pd.Index(self.advice.symbols, name="symbol"), name="stderr")
 
     @property
@@ -135,7 +128,7 @@ class Advised(View):
         """Rig tests of which no trace can be simulated, with the reason."""
         return dict(self.advice.not_judged)
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         return advice_table(self.advice)
 
     def save(self, run: str | Path) -> Path:
@@ -145,17 +138,15 @@ class Advised(View):
         save_advice(Path(run), self.advice)
         return Path(run)
 
-    def __repr__(self) -> str:
+    def _card(self) -> Card:
         lines = [f"{option.test}, {option.says}: {option.mean:.2f}" for option in self.advice.options]
-        name = views.name_of(self.advice.rig.config)
-        return views.block(f"One more trace for {name}, best first; mean width of an interval after it", *lines)
-
-    def _repr_html_(self) -> str:
-        return views.card(
+        not_judged = [f"{test}: {why}." for test, why in self.advice.not_judged]
+        return Card(
             self.advice.rig.config,
             "what one more trace would add",
-            views.table(options_table(self.advice)),
-            views.folded("Not judged", [f"{test}: {why}." for test, why in self.advice.not_judged]),
+            tables=(options_table(self.advice),),
+            lines=("Best first, with the mean width of an interval after it:", *lines),
+            lists={"Not judged": not_judged},
         )
 
 
@@ -180,7 +171,7 @@ class Planned(View):
         columns = {"now": self.campaign.now, "expected": self.campaign.expected}
         return indexed(columns, list(self.campaign.symbols), "symbol")
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         from ..reporting.plan_sheet import plan_table
 
         return plan_table(self.campaign)
@@ -196,24 +187,20 @@ class Planned(View):
         from ..datasets.base import whole_folder, write_files
         from ..files import write_json
         from ..reporting.plan_sheet import write_sheet
-        from ..run_folder.plan import plan_json, play_files, waiting_folder
+        from ..run_folder.plan import PLAN, play_files, waiting_folder
 
         to = Path(plan)
         with whole_folder(to) as draft:
             write_files(draft, play_files(self.campaign) | waiting_folder(self.campaign))
-            write_json(draft / "plan.json", "plan", plan_json(self.campaign))
+            write_json(draft / "plan.json", "plan", PLAN.json(self.campaign))
             write_sheet(draft, self.campaign)
         return to
 
-    def __repr__(self) -> str:
-        name = views.name_of(self.campaign.rig.config)
-        lines = (f"{test.file}: {test.candidate.plan.says}" for test in self.campaign.tests)
-        return views.block(f"The next tests for {name}", *lines)
-
-    def _repr_html_(self) -> str:
+    def _card(self) -> Card:
         from ..reporting.plan_sheet import tests_table
 
-        return views.card(self.campaign.rig.config, "the next tests", views.table(tests_table(self.campaign)))
+        lines = [f"{test.file}: {test.candidate.plan.says}" for test in self.campaign.tests]
+        return Card(self.campaign.rig.config, "the next tests", tables=(tests_table(self.campaign),), lines=lines)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,11 +211,13 @@ class Driven(View):
         config: configuration of the rig, or its substitute if there is no rig.toml with the logs.
         foretold: the log compared with the prediction of `etcfit tune`: `says`, `found.as_foretold`,
             `found.figures`; None if this was not requested.
+        compared: whether the two logs are compared, before and after.
     """
 
     config: RigConfig
     studies: tuple[Study, ...]
     foretold: Held | None = None
+    compared: bool = False
 
     @property
     def table(self) -> pd.DataFrame:
@@ -254,6 +243,8 @@ class Driven(View):
         """One row per threshold, indexed by log and name: value, limit, unit, word ("good", "not good", "cannot be
         said"), where, source (of the threshold), at_least.
         """
+        import pandas as pd
+
         rows = [{"log": s.log.name} | asdict(j) for s in self.studies for j in s.verdict.judgements]
         return pd.DataFrame(rows).set_index(["log", "name"])
 
@@ -262,6 +253,8 @@ class Driven(View):
         """Every step of the setpoint, indexed by log: begin, held (s), before, after, overshoot (% of the step),
         settling, lag (s), error, rms, band (% of travel); see `car_log.steps.Step`.
         """
+        import pandas as pd
+
         rows = [{"log": s.log.name} | asdict(step) for s in self.studies for step in s.steps]
         names = ["log", *(field.name for field in fields(Step))]
         return pd.DataFrame(rows, columns=names).set_index("log")
@@ -269,6 +262,8 @@ class Driven(View):
     @property
     def sensors(self) -> pd.DataFrame:
         """Settings of an ECU for both sensors, indexed by log: ecu, name, value, unit."""
+        import pandas as pd
+
         pairs = [(s.log.name, s.sensors) for s in self.studies if s.sensors is not None]
         rows = [{"log": name} | asdict(setting) for name, pair in pairs for setting in pair.table]
         return pd.DataFrame(rows, columns=["log", "ecu", "name", "value", "unit"]).set_index("log")
@@ -276,6 +271,8 @@ class Driven(View):
     @property
     def record_next(self) -> pd.DataFrame:
         """What to record next, indexed by the missing moves: found, needed, unit, record (what to do), why."""
+        import pandas as pd
+
         every = record_next([study.log for study in self.studies])
         return pd.DataFrame([asdict(lack) for lack in every]).set_index("name")
 
@@ -295,16 +292,22 @@ class Driven(View):
             raise UsageError(f"no log is called {name!r}. There are: {', '.join(known)}.")
         return panels_of(lambda: draw(known[name], self.config.synthetic))
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
+        if self.foretold is not None:
+            return foretold_table(self.foretold)
+        if self.compared:
+            return compared_table(self.config, *self.studies)
         return drive_table(self.config, self.studies)
 
-    def __repr__(self) -> str:
-        cells = logs_table(self.studies).texts
-        lines = [
-            f"{c['log']}: {c['length']}, RMSE {c['RMSE %']} %, lag {c['lag ms']} ms. {c['verdict']}" for c in cells
-        ]
-        return views.block(f"Logs from the car, {views.name_of(self.config)}", self.verdict, *lines)
+    def save(self, run: str | Path, report: Report = silent) -> Path:
+        """Write drive.json, drive.html and the pictures of the logs to a folder."""
+        from ..reporting.car_log.writing import write_drive
 
-    def _repr_html_(self) -> str:
-        return views.card(self.config, "logs from the car", views.table(logs_table(self.studies)),
-                          views.paragraph(self.verdict))  # fmt: skip
+        write_drive(Path(run), self.config, self.studies, report, self.foretold)
+        return Path(run)
+
+    def _card(self) -> Card:
+        table = logs_table(self.studies)
+        lines = [f"{c['log']}: {c['length']}, RMSE {c['RMSE %']} %, lag {c['lag ms']} ms. {c['verdict']}"
+                 for c in table.texts]  # fmt: skip
+        return Card(self.config, "logs from the car", (self.verdict,), (table,), lines)

@@ -93,10 +93,10 @@ def in_words(seconds: float) -> str:
 
 
 @contextmanager
-def working(quiet: bool = False, expected: Expected | None = None) -> Iterator[Report]:
-    """For a verb that computes: use models compiled before, and show progress."""
+def working(quiet: bool | Report = False, expected: Expected | None = None) -> Iterator[Report]:
+    """For a verb that computes: use models compiled before, and show progress, or tell it to a function."""
     keep_compiled()
-    with progress(quiet, expected) as report:
+    with nullcontext(quiet) if callable(quiet) else progress(quiet, expected) as report:
         yield report
 
 
@@ -125,11 +125,7 @@ def in_notebook() -> bool:
 
 
 class Lines:
-    """One line for each new stage, and one at least every half minute if nothing is reported.
-
-    Args:
-        every: longest time between two lines, s.
-    """
+    """One line for each new stage, and one at least every half minute if nothing is reported."""
 
     def __init__(
         self,
@@ -185,11 +181,7 @@ def plain_lines(
 
 @contextmanager
 def terminal_bar(expected: Expected | None = None, console: Any = None) -> Iterator[Report]:
-    """A bar on stderr that is removed at the end.
-
-    Args:
-        console: a rich Console to draw on instead.
-    """
+    """A bar on stderr that is removed at the end."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn, TimeElapsedColumn
     from rich.text import Text
@@ -214,11 +206,7 @@ def terminal_bar(expected: Expected | None = None, console: Any = None) -> Itera
 
 @contextmanager
 def notebook_bar(expected: Expected | None = None, every: float = 0.2) -> Iterator[Report]:
-    """A bar below the cell that is removed at the end; unlike rich's own it does not need ipywidgets.
-
-    Args:
-        every: shortest time between two updates, s.
-    """
+    """A bar below the cell that is removed at the end; unlike rich's own it does not need ipywidgets."""
     from IPython.core.display import HTML
     from IPython.display import DisplayHandle
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,11 +23,12 @@ from ..importing.answers import Answers
 from ..importing.tuning import DUTY, ECU, KnownEcu, TuneInput, TuneSettings, tune_input
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import EcuProfile, named
+from ..rig.base import RigConfig
 from ..run_folder.folder import RunFolder
 from ..run_folder.manifest import digest
 from ..run_folder.tune import STEP, TUNE
 from .progress import Report, part_of, silent
-from .views import View
+from .views import Card, View
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -123,14 +124,14 @@ class Tuned(View):
     borne: tuple[Borne, ...] = ()
     doubts: tuple[str, ...] = ()
 
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         from ..reporting.tune import tune_table
 
         return tune_table(tuned_json(self))
 
-    def __repr__(self) -> str:
+    def _card(self) -> Card:
         outcome = f"none from this log. {self.why_not}" if self.why_not else f"{len(self.steps)} sets; see .steps"
-        return f"Gains for {self.profile.title} from logs of the car: {outcome}"
+        return Card(RigConfig(self.profile.title), "gains from logs of the car", (outcome,))
 
     @property
     def profile(self) -> EcuProfile:
@@ -153,12 +154,7 @@ class Tuned(View):
 
 
 def tune_logs(files: Sequence[Path], run: RunFolder, request: TuneRequest, report: Report = silent) -> Tuned:
-    """Tune from logs; write the files of every stage, tune.json and its picture into the run folder.
-
-    Raises:
-        MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
-        UsageError: no such make of ECU, or a field given that its source fixes otherwise.
-    """
+    """Tune from logs; write the files of every stage, tune.json and its picture into the run folder."""
     profile = named(request.profile)
     notation_of(profile)
     given = dict(request.ecu)
@@ -190,11 +186,7 @@ def sets_of(
 
 
 def notation_of(profile: EcuProfile) -> Notation:
-    """How a make of ECU writes gains.
-
-    Raises:
-        UsageError: its maker does not publish the unit.
-    """
+    """How a make of ECU writes gains."""
     if profile.notation is None:
         raise UsageError(
             f"{profile.title}: its maker does not publish the unit of its gains, so none can be typed in. Make a "
@@ -378,26 +370,14 @@ def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
         draw_tune(run / "pictures" / "tune.png", found)
 
 
-class _Written(NamedTuple):
-    found: Tuned
-    steps: list[dict[str, Any]]
-    says: dict[str, Any]
-    unit: dict[str, str]
-    pid: str | None
-
-
 def tuned_json(found: Tuned, pid: str | None = None) -> dict[str, Any]:
-    """The object of tune.json.
-
-    Args:
-        pid: SHA-256 of the pid.json that belongs to it.
-    """
+    """The object of tune.json."""
     from ..reporting.tune import says_of
 
     steps = [_step(found, step) for step in found.steps]
     says = says_of(found, [plain(STEP.written(step)) for step in steps])
     unit = dict(zip("PID", notation_of(found.profile).of_each, strict=True))
-    return plain(TUNE.written(_Written(found, steps, says, unit, pid)))
+    return TUNE.json({"found": found, "steps": steps, "says": says, "unit": unit, "pid": pid})
 
 
 def _step(found: Tuned, step: GainStep) -> dict[str, Any]:

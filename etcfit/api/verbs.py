@@ -2,9 +2,9 @@
 
     rig = read_folder(FOLDER);  fit(rig) -> diagnose -> sample, reduce, design -> report
 
-Each takes the result of an earlier one, or a run folder, and returns an object of this room. The command line calls
-only `plan` and `load` of them: its stages (`etcfit.stages`) share `work` with the others. Most only compute and
-return; `report`, `export`, `fetch`, `tune`, `fleet`, `sample` with a folder, and `save` of a result write files.
+Each takes the result of an earlier one, or a run folder, and returns an object of this room. The commands call these
+functions. Most only compute and return; `report`, `export`, `fetch`, `tune`, `fleet`, `sample` with a folder, and
+`save` of a result write files. `quiet` may be a function instead, which is told each step and the share that is done.
 Heavy modules are imported when a function is called.
 """
 
@@ -12,16 +12,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from functools import partial
+from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..errors import UsageError, require_extra
+from ..control.request import DesignRequest
+from ..errors import UsageError, command, require_extra
 from ..posterior.settings import SamplingSettings
-from .arguments import typed
-from .progress import Report, working
+from .arguments import verb
+from .progress import Report, silent, working
 
 if TYPE_CHECKING:
     import numpy as np
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ..importing.tuning import TuneSettings
     from ..model.feed_forward import TermNames
     from ..rig.base import Rig
+    from ..run_folder.folder import RunFolder
     from .controller import Designed, Reduced
     from .explanation import Diagnosed, Sampled
     from .fit import Fit
@@ -46,36 +47,35 @@ if TYPE_CHECKING:
     from .work import Exported
 
     Folder = str | Path
-    Model = Fit | Diagnosed | Sampled | Reduced | Folder
+    Model = Fit | Diagnosed | Sampled | Reduced | RunFolder | Folder
 
 
-@typed
-def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool = False) -> Checked:
+@verb
+def check(rig: Rig | Folder, settings: CheckSettings | None = None, *, quiet: bool | Report = False) -> Checked:
     """The contents of a measurement folder, which parameters it identifies, and what is wrong with it; no fit.
 
     Args:
         rig: a rig, or its folder.
         settings: thresholds for an odd clock or channel; the defaults if None.
-        quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong.
     """
     with working(quiet) as report:
+        rig = _rig_of(rig, report)
         from ..experiment.check import check as check_rig
         from .measurements import Checked
 
-        rig = _rig_of(rig, report)
         report("computing which parameters these data identify", 0.3)
         return Checked(check_rig(rig, **_given(settings)))
 
 
-@typed
+@verb
 def advise(
     rig: Rig | Folder,
     at: Fit | Diagnosed | Folder | None = None,
     settings: AdviceSettings | None = None,
     *,
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Advised:
     """How one more trace of each rig test would change each interval, before it is measured; no fit.
 
@@ -84,22 +84,21 @@ def advise(
         at: the model to use: a fit or a diagnosis of this rig (its final model counts), or its run folder; None for
             the graph readings.
         settings: when two parameters count as separate, and how a trace would be made; the defaults if None.
-        quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
         UsageError: `at` holds no fit, or a fit of other measurements.
     """
     with working(quiet) as report:
+        rig = _rig_of(rig, report)
         from ..experiment.advice import advise as advise_rig
         from .measurements import Advised
 
-        rig = _rig_of(rig, report)
         model = None if at is None else _fitted_to(at, rig)
         report("computing what one more trace would add", 0.3)
         return Advised(advise_rig(rig, model, **_given(settings)))
 
 
-@typed
+@verb
 def plan(
     source: Rig | Model,
     settings: CampaignSettings | None = None,
@@ -107,7 +106,7 @@ def plan(
     criterion: str = "A",
     without: Sequence[str] = (),
     supply: float | None = None,
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Planned:
     """The next tests as files to play: those that most improve the least known parameters, within the rig's limits.
 
@@ -118,7 +117,6 @@ def plan(
         criterion: "A" for the sum of the relative variances, "D" for their geometric mean.
         without: rig tests that cannot be made.
         supply: supply voltage, V; that of the rig if None.
-        quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
         UsageError: no such criterion or rig test, no voltage drives the rig, or no candidate is within the limits.
@@ -140,32 +138,34 @@ def plan(
         return Planned(plan_campaign(rig, model, **_given(settings), **limits))
 
 
-@typed
-def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool = False) -> Fit:
+@verb
+def fit(rig: Rig | Folder, settings: FitSettings | None = None, *, quiet: bool | Report = False) -> Fit:
     """The joint fit of all traces that are not held out.
 
     Args:
         rig: a rig, or its folder.
         settings: thresholds, budgets and seeds; the defaults if None.
-        quiet: show no progress.
     Raises:
         MeasurementError: the folder is wrong, or nothing in it can be fitted.
     """
     with working(quiet) as report:
+        rig = _rig_of(rig, report)
+        report("loading the model", 0.0)
         from ..estimation.joint_fit import fit as fit_rig
         from .fit import Fit
 
-        return Fit(fit_rig(_rig_of(rig, report), report, **_given(settings)))
+        return Fit(fit_rig(rig, report, **_given(settings)))
 
 
-@typed
-def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, quiet: bool = False) -> Diagnosed:
+@verb
+def diagnose(
+    fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, quiet: bool | Report = False
+) -> Diagnosed:
     """Find the effects that the fitted model lacks, add them and refit, until the residual shows no more.
 
     Args:
         fit: what `fit` returned, or a run folder that holds one.
         settings: thresholds of its decisions; the defaults if None.
-        quiet: show no progress.
     Raises:
         UsageError: the run folder holds no fit.
     """
@@ -182,9 +182,9 @@ def diagnose(fit: Fit | Folder, settings: DiagnosisSettings | None = None, *, qu
         return Diagnosed(diagnose_fit(fit.result, report, **_given(settings)))
 
 
-@typed
+@verb
 def sample(
-    model: Model, *, steps: int = SamplingSettings.most_steps, keep: Folder | None = None, quiet: bool = False
+    model: Model, *, steps: int = SamplingSettings.most_steps, keep: Folder | None = None, quiet: bool | Report = False
 ) -> Sampled:
     """The posterior of a fitted model by emcee; stops by itself when the chain is long enough.
 
@@ -193,26 +193,28 @@ def sample(
         steps: largest number of steps of each ensemble.
         keep: folder in which the chain is saved after each block of steps, so that an interrupted chain can continue;
             None: the run folder if `model` is one, else the chain is not saved.
-        quiet: show no progress.
     Raises:
-        UsageError: another process writes into the folder.
+        UsageError: another process writes into the folder, or `steps` is out of its range.
     """
+    from ..run_folder.posterior import require_netcdf
+
+    require_netcdf()
+    try:
+        SamplingSettings(most_steps=steps)
+    except ValueError as error:
+        raise UsageError(f"steps: {error}") from None
     with working(quiet) as report:
+        report("taking up the model", 0.0)
+        result = _fit_of("sample", model).result
         from ..posterior.sampling import sample as sample_fit
-        from ..run_folder.posterior import require_netcdf
         from .explanation import Sampled
 
-        require_netcdf()
-        result = _fit_of("sample", model).result
-        keep = keep or (model if isinstance(model, str | Path) else None)
+        keep = keep or _path_of(model)
         with TemporaryDirectory() as folder:
-            posterior = sample_fit(result.taken_as_exact(), keep or folder, steps, report, result.formulas)
-    if posterior.remark:
-        warnings.warn(posterior.remark, stacklevel=2)
-    return Sampled(posterior)
+            return Sampled(sample_fit(result.taken_as_exact(), keep or folder, steps, report, result.formulas))
 
 
-@typed
+@verb
 def reduce(
     model: Model,
     input_unit: str = "V",
@@ -220,7 +222,7 @@ def reduce(
     share: float = 0.25,
     settings: FrequencySettings | None = None,
     *,
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Reduced:
     """The third-order transfer function about a plate held at a share of its travel.
 
@@ -230,17 +232,29 @@ def reduce(
         output_unit: "rad", "deg" or "%" (of travel).
         share: operating point as a share of the travel, 0 to 1.
         settings: which sine traces count, and when they determine an order of lag; the defaults if None.
-        quiet: show no progress.
     """
     with working(quiet) as report:
-        from .controller import Reduced
-        from .work import plant_of
-
+        report("taking up the fit", 0.0)
         fit = _fit_of("reduce", model)
-        return Reduced(fit, *plant_of(fit.result, input_unit, output_unit, share, report, settings))
+        from ..control.frequency import frequency_response
+        from ..control.linearise import motor_constants
+        from ..control.linearise import reduce as linearise
+        from ..control.settings import FrequencySettings
+        from ..rig.driven import Sine
+        from .controller import Reduced
+
+        report("linearising", 0.3)
+        fitted, result = fit.result.fitted(), fit.result
+        plant = linearise(fitted, input_unit, output_unit, share)
+        plant = replace(plant, constants=motor_constants(fitted, *fitted.config.stops, share))
+        sines = tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)
+        if not sines:
+            return Reduced(fit, plant)
+        report("fitting sines", 0.6)
+        return Reduced(fit, plant, frequency_response(fitted, sines, settings or FrequencySettings()))
 
 
-@typed
+@verb
 def design(
     model: Model | Fleet,
     *,
@@ -255,7 +269,7 @@ def design(
     parts: Fleet | Folder | None = None,
     anyway: bool = False,
     present: Mapping[str, float] | None = None,
-    quiet: bool = False,
+    quiet: bool | Report = False,
     **ecu: float,
 ) -> Designed:
     """PID gains: tries every rule on the linear plant and on the nonlinear one, over many draws, and proposes one.
@@ -277,44 +291,55 @@ def design(
         anyway: give gains for an ECU even if the fit did not converge or is a compromise.
         present: gains that the ECU has now, in its own numbers: {"P": 60, "I": 80, "D": 120}; with "swings_at" the P at
             which P alone makes the plate oscillate.
-        quiet: show no progress.
         ecu: known properties of the ECU, by field (`period=1e-3`, `delay=0.0`, ...); see `control.design.ecu_of`.
     Raises:
         UsageError: no such rule, or a rule without gains for this plant; no such make of ECU, a given field that its
             source fixes at another value, or feed-forward that it cannot have; parts of another design.
     """
+    from ..model.ecu import Ecu
+    from .fleet import Fleet
+
+    if unknown := sorted(set(ecu) - set(Ecu._fields)):
+        raise TypeError(
+            f"etcfit.design knows no {', '.join(unknown)}. Properties of the ECU are {', '.join(Ecu._fields)}."
+        )
+    limits = {} if requirements is None else asdict(requirements)
+    line = parts.run if isinstance(parts, Fleet) else parts
+    request = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, line, anyway, present or {})
     with working(quiet) as report:
-        from ..control.request import DesignRequest
-        from ..control.settings import DesignSettings
-        from ..model.ecu import Ecu
-        from ..run_folder.manifest import is_fleet
-        from .controller import Designed
-        from .fleet import Fleet
-        from .work import design_of
-
-        if unknown := sorted(set(ecu) - set(Ecu._fields)):
-            raise TypeError(
-                f"etcfit.design knows no {', '.join(unknown)}. Properties of the ECU are {', '.join(Ecu._fields)}."
-            )
-        mine, limits = settings or DesignSettings(), {} if requirements is None else asdict(requirements)
-        where = parts.run if isinstance(parts, Fleet) else parts
-        if where is not None:
-            require_extra("fleet", f"{where}", "pyarrow")
-        request = DesignRequest(rule, adc_bits, feed_forward, limits, ecu, profile, log, where, anyway, present or {})
-        if isinstance(model, Fleet) or (isinstance(model, str | Path) and is_fleet(Path(model))):
-            if parts is not None:
-                raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
-            whole = model if isinstance(model, Fleet) else Fleet.in_run(model)
-            found = design_of(whole.model, request, None, report, mine)
-            return Designed(whole, found, None if log is None else str(log))
-        fit = _fit_of("design", model)
-        fitted = fit.result.fitted()
-        drawn = _draws(model if posterior is None else posterior, fitted, mine)
-        found = design_of(fitted, request, drawn, report, mine)
-        return Designed(fit, found, None if log is None else str(log))
+        return designed(model, request, report, settings, posterior)
 
 
-@typed
+def designed(
+    model: Model | Fleet,
+    request: DesignRequest,
+    report: Report = silent,
+    settings: DesignSettings | None = None,
+    posterior: Sampled | None = None,
+) -> Designed:
+    """The gains of a request; see `design`."""
+    from ..control.settings import DesignSettings
+    from ..run_folder.manifest import is_fleet
+    from .controller import Designed
+    from .fleet import Fleet
+    from .work import design_of
+
+    if request.parts is not None:
+        require_extra("fleet", f"{request.parts}", "pyarrow")
+    if isinstance(model, str | Path) and is_fleet(Path(model)):
+        model = Fleet.in_run(model)
+    if isinstance(model, Fleet):
+        if request.parts is not None:
+            raise UsageError("parts: the model is a fleet itself. Give one unit's fit, or leave parts out.")
+        return Designed(model, design_of(model.model, request, None, report, settings), request)
+    report("taking up the fit", 0.0)
+    fit = _fit_of("design", model)
+    fitted = fit.result.fitted()
+    drawn = _draws(model if posterior is None else posterior, fitted, settings or DesignSettings())
+    return Designed(fit, design_of(fitted, request, drawn, report, settings), request)
+
+
+@verb
 def export(
     model: Model | Designed,
     to: str,
@@ -323,7 +348,7 @@ def export(
     *,
     into: Folder | None = None,
     anyway: bool = False,
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Exported:
     """The model in a format of another program.
 
@@ -335,43 +360,46 @@ def export(
         settings: step and operating point; the defaults if None.
         into: file of your own tune, for msq: the gains are written into a copy.
         anyway: write gains into a tune even if the fit did not converge or is a compromise.
-        quiet: show no progress.
     Raises:
         UsageError: no such format, or the model lacks what the format needs; neither a run folder nor `out` is given.
     """
+    from ..exporting import ExportSettings, Source, named, write
+    from ..files import require_writable
+    from ..run_folder.state import refuse_measurement_folder
+
+    run = _path_of(model)
+    if out is None and run is None:
+        raise UsageError("an export is written into a folder. Name one: etcfit.export(fit, 'c', 'firmware').")
+    format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
+    own = None if into is None else Path(into)
+    format_.require(own)
+    refuse_measurement_folder(folder)
+    require_writable(folder)
     with working(quiet) as say:
-        from ..exporting import ExportSettings, named
-        from ..files import require_writable
-        from ..run_folder.pid import design_json
+        from ..run_folder.pid import PID
         from ..run_folder.reading import read_design
-        from ..run_folder.state import refuse_measurement_folder
         from .controller import Designed
         from .fit import Fit
-        from .work import exported
+        from .work import Exported
 
-        say(f"exporting to {to}", 0.3)
-        run = Path(model) if isinstance(model, str | Path) else None
-        if out is None and run is None:
-            raise UsageError("an export is written into a folder. Name one: etcfit.export(fit, 'c', 'firmware').")
-        format_, folder = named(to), Path(out) if out is not None else Path(run or "") / "export"
-        own = None if into is None else Path(into)
-        format_.require(own)
-        refuse_measurement_folder(folder)
-        require_writable(folder)
-        pid = design_json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
+        say("taking up the model", 0.0)
         fit = model.fit if isinstance(model, Designed) else _fit_of("export", model)
         if not isinstance(fit, Fit):
             raise UsageError("a fleet is not a single model. Export the fit of one unit.")
-        return exported(fit.result, format_, folder, settings or ExportSettings(), pid, run, own, anyway)
+        say(f"exporting to {to}", 0.5)
+        pid = PID.json(model.design) if isinstance(model, Designed) else None if run is None else read_design(run)
+        again = command("design", run or "RUN")
+        made = format_.export(Source(fit.result.fitted(), settings or ExportSettings(), pid, again, own, anyway))
+        return Exported(write(made, folder), made.cannot_hold)
 
 
-@typed
+@verb
 def report(
     run: Folder | Fit | Diagnosed,
     to: Folder | None = None,
     *,
     page: Literal["printed", "interactive"] = "printed",
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Path:
     """Write RUN/report.html, one self-contained page of everything in a run folder, and its pictures; or an interactive
     page.
@@ -380,7 +408,6 @@ def report(
         run: the run folder; or a fit or a diagnosis, which is written to `to` first.
         to: the run folder, if `run` is a fit or a diagnosis.
         page: "printed", without scripts, or "interactive", RUN/report_interactive.html.
-        quiet: show no progress.
     Returns:
         Path of the page.
     """
@@ -399,11 +426,11 @@ def report(
         folder = RunFolder(run)
         made = keep_page(folder, part_of(say, 0.1, 0.95)) if page == "printed" else write_interactive(folder)
     if made.missing:
-        warnings.warn(made.missing, stacklevel=2)
+        warnings.warn(made.missing, stacklevel=3)
     return made.path
 
 
-@typed
+@verb
 def drive(
     folder: Folder,
     *,
@@ -411,7 +438,7 @@ def drive(
     compare: tuple[str, str] | None = None,
     foretold: Folder | None = None,
     made_with: str | None = None,
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Driven:
     """Logs from the car: operating range, spectrum, how closely the plate follows and whether that is good enough.
 
@@ -421,7 +448,6 @@ def drive(
         compare: only these two logs, before and after.
         foretold: run folder of `etcfit.tune`; the log is compared with its prediction, see `Driven.foretold`.
         made_with: gains of that log: "present", "half_way" or "proposed"; half way if None.
-        quiet: show no progress.
     Raises:
         MeasurementError: no log, or a log to compare with a prediction has no such steps.
         UsageError: several logs for `foretold`, or a run folder without a prediction.
@@ -432,15 +458,24 @@ def drive(
         from ..car_log.read import logs_at
         from ..car_log.study import chosen
         from .measurements import Driven
-        from .work import compared_with_prediction
 
         config, logs = logs_at(folder)
         every = tuple(study(log, between) for log in (chosen(logs, compare) if compare else logs))
-        held = None if foretold is None else compared_with_prediction(every, Path(foretold), made_with)
-        return Driven(config, every, held)
+        if foretold is None:
+            return Driven(config, every, None, compare is not None)
+        if len(every) != 1:
+            raise UsageError(f"--foretold takes one log, and there are {', '.join(each.log.name for each in every)}. "
+                             "Name the file of the log that was made with the new gains.")  # fmt: skip
+        from ..car_log.foretold import held_against
+        from ..reporting.car_log import Held
+        from ..run_folder.reading import read_foretold
+
+        told, name, content = read_foretold(Path(foretold), made_with and made_with.replace("-", "_"))
+        return Driven(config, every, Held(every[0].log.name, Path(foretold), name, content,
+                                          held_against(every[0], told)))  # fmt: skip
 
 
-@typed
+@verb
 def tune(
     logs: Folder | Sequence[Folder],
     ecu: str,
@@ -451,7 +486,7 @@ def tune(
     supply: float | None = None,
     tune_file: Folder | None = None,
     settings: TuneSettings | None = None,
-    quiet: bool = False,
+    quiet: bool | Report = False,
     **controller: float,
 ) -> Tuned:
     """Gains from logs of a car, compared with the gains that its ECU has now.
@@ -466,7 +501,6 @@ def tune(
         supply: supply voltage, V; if None, as logged, else 13.5.
         tune_file: the ECU's tune (.msq): its gains if none are given, its bias table, the limit of its integral.
         settings: which part of the logs is fitted; the defaults if None.
-        quiet: show no progress.
         controller: fields of `Ecu` that its make leaves open, as period=1e-3.
     Raises:
         MeasurementError: a file cannot be read, or no log has a position with a duty or setpoint beside it.
@@ -487,8 +521,8 @@ def tune(
         return tune_logs(files, RunFolder(Path(out)), request, report)
 
 
-@typed
-def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, quiet: bool = False) -> Path:
+@verb
+def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, quiet: bool | Report = False) -> Path:
     """A public measured data set as a measurement folder.
 
     Args:
@@ -496,7 +530,6 @@ def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, qu
         to: the folder to write; measurements/NAME if None.
         data: folder of local copies; if None, the one that the environment variable ETCFIT_DATA names. A file that
             is not there is downloaded.
-        quiet: show no progress.
     Returns:
         The measurement folder.
     """
@@ -507,14 +540,14 @@ def fetch(name: str, to: Folder | None = None, data: Folder | None = None, *, qu
         return fetch_data_set(name, Path(to or Path("measurements") / name), None if data is None else Path(data))
 
 
-@typed
+@verb
 def fleet(
     location: Folder,
     out: Folder,
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    quiet: bool = False,
+    quiet: bool | Report = False,
 ) -> Fleet:
     """Fit many units of one design on workers, then estimate the design from all of them.
 
@@ -526,7 +559,6 @@ def fleet(
         out: the run folder; made if absent.
         workers: processes on this machine; one per core if None.
         scheduler: address of a running Dask scheduler, such as "tcp://host:8786"; None for this machine.
-        quiet: show no progress.
     Raises:
         MeasurementError: there is no unit, fleet.toml or units.csv is wrong, or no unit could be fitted.
         UsageError: a library of the extra `fleet` is not installed, or no worker answers.
@@ -535,14 +567,13 @@ def fleet(
         from .fleet import Fleet
         from .fleet_work import work_through
         from .fleet_work import workers as place_of
-        from .progress import silent
 
-        run = Path(out)
-        remark = partial(warnings.warn, stacklevel=2)
-        return Fleet(run, work_through(location, run, place_of(workers, scheduler), report, silent, remark))
+        remarks: list[str] = []
+        files = work_through(location, Path(out), place_of(workers, scheduler), report, silent, remarks.append)
+        return Fleet(Path(out), files, " ".join(remarks))
 
 
-@typed
+@verb
 def load(run: Folder) -> Fit | Diagnosed | Fleet:
     """The last model of a run folder, bit for bit as it was saved: the diagnosis if there is one, else the fit; the
     fleet if the run folder is of a fleet.
@@ -552,20 +583,14 @@ def load(run: Folder) -> Fit | Diagnosed | Fleet:
     Raises:
         UsageError: the folder holds no fit, or a fit of another version.
     """
-    from ..run_folder.manifest import is_fleet
-
-    if not is_fleet(Path(run)):
-        return _load_model(Path(run))
-    from .fleet import Fleet
-
-    return Fleet.in_run(run)
-
-
-def _load_model(run: Path) -> Fit | Diagnosed:
     from ..run_folder.folder import RunFolder
+    from ..run_folder.manifest import is_fleet
     from .explanation import Diagnosed
     from .fit import Fit
+    from .fleet import Fleet
 
+    if is_fleet(Path(run)):
+        return Fleet.in_run(run)
     folder = RunFolder(run)
     found = folder.diagnosis()
     return Fit(folder.fit()) if found is None else Diagnosed(found)
@@ -602,8 +627,8 @@ def _fitted_to(at: Fit | Diagnosed | Folder, rig: Rig) -> FitResult:
 
 def _fit_of(verb: str, model: Model) -> Fit:
     """The fit that belongs to the model given to a verb."""
+    from ..run_folder.folder import RunFolder
     from ..run_folder.manifest import is_fleet
-    from .explanation import Diagnosed
     from .fit import Fit
 
     if isinstance(model, str | Path):
@@ -611,17 +636,26 @@ def _fit_of(verb: str, model: Model) -> Fit:
             raise UsageError(
                 f"{model} is the run folder of a fleet: etcfit.{verb} takes one unit's run folder, as in {model}/units."
             )
-        model = _load_model(Path(model))
+        model = RunFolder(model)
+    if isinstance(model, RunFolder):
+        return Fit(model.final())
+    from .controller import Reduced
+    from .explanation import Diagnosed, Sampled
+
     if isinstance(model, Fit):
         return model
-    if isinstance(model, Diagnosed):
-        return model.final
-    from .controller import Reduced
-    from .explanation import Sampled
-
-    if isinstance(model, Sampled | Reduced):
-        return model.fit
+    if isinstance(model, Diagnosed | Sampled | Reduced):
+        return model.final if isinstance(model, Diagnosed) else model.fit
     raise _not_taken(verb, model, "a fit, a diagnosis, a posterior, a transfer function or a run folder")
+
+
+def _path_of(model: object) -> Path | None:
+    """The run folder, where a model is given by its run folder."""
+    from ..run_folder.folder import RunFolder
+
+    if isinstance(model, RunFolder):
+        return model.path
+    return Path(model) if isinstance(model, str | Path) else None
 
 
 def _not_taken(verb: str, given: object, wanted: str) -> TypeError:
@@ -641,8 +675,8 @@ def _draws(source: Model, fitted: Fitted, settings: DesignSettings) -> np.ndarra
     from ..run_folder.reading import read_draws
     from .explanation import Sampled
 
-    if isinstance(source, str | Path):
-        return read_draws(Path(source), fitted, settings.draws - 1, settings.seed)
+    if (run := _path_of(source)) is not None:
+        return read_draws(run, fitted, settings.draws - 1, settings.seed)
     if not isinstance(source, Sampled):
         return None
     points, symbols = source.posterior.points, source.posterior.chain.symbols

@@ -8,12 +8,12 @@ from __future__ import annotations
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
+from itertools import starmap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from ..errors import UsageError
 from ..estimation.result import FitResult
@@ -23,6 +23,7 @@ from ..reporting.table import Cell, Table, role
 from ..rig.base import Channel, RigConfig
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import RenderableType
 
 
@@ -35,14 +36,40 @@ class View(ABC):
     """A result for a notebook."""
 
     @abstractmethod
-    def _printed(self) -> RenderableType:
+    def printed(self) -> RenderableType:
         """The output of the command of the same name."""
+
+    @abstractmethod
+    def _card(self) -> Card:
+        """The result in a few lines."""
 
     def summary(self, width: int = 140) -> str:
         """The output of the command of the same name, as text."""
         from ..reporting.blocks import render
 
-        return render(self._printed(), width)
+        return render(self.printed(), width)
+
+    def __repr__(self) -> str:
+        card = self._card()
+        return block(f"{name_of(card.config)}: {card.title}", card.alarm, *card.says, *card.lines)
+
+    def _repr_html_(self) -> str:
+        card = self._card()
+        parts = (*map(paragraph, card.says), *map(table, card.tables), *starmap(folded, card.lists.items()))
+        return html_card(card.config, card.title, *parts, alarm=card.alarm)
+
+
+@dataclass(frozen=True)
+class Card:
+    """A result in a few lines of text, or with its tables in a notebook."""
+
+    config: RigConfig  # of the rig: its name, and whether its data are synthetic
+    title: str  # what the result is
+    says: Sequence[str] = ()  # sentences
+    tables: Sequence[Table] = ()  # for a notebook
+    lines: Sequence[str] = ()  # for the text, in place of the tables
+    lists: Mapping[str, Sequence[str]] = field(default_factory=dict)  # for a notebook: sentences by heading
+    alarm: str = ""  # the most important caution, as "NOT CONVERGED: ..."
 
 
 def name_of(config: RigConfig) -> str:
@@ -63,13 +90,8 @@ def count_of(warnings: Sequence[str]) -> str:
     return f"{many} warning{'s' * (many > 1)}, see .warnings" if many else ""
 
 
-def card(config: RigConfig, title: str, *parts: str, alarm: str = "") -> str:
-    """A heading, and parts made by `paragraph`, `table` and `folded` below it.
-
-    Args:
-        config: configuration of the rig: its name, and whether its data are synthetic.
-        alarm: the most important caution, as "NOT CONVERGED: ...".
-    """
+def html_card(config: RigConfig, title: str, *parts: str, alarm: str = "") -> str:
+    """A heading, and parts made by `paragraph`, `table` and `folded` below it."""
     tag = f' <b style="color:{_PURPLE}">SYNTHETIC DATA</b>' if config.synthetic else ""
     shout = f'<div style="color:{_RED}"><b>{escape(alarm)}</b></div>' if alarm else ""
     return f"<div><b>{escape(config.name)}</b>: {escape(title)}{tag}{shout}{''.join(parts)}</div>"
@@ -113,6 +135,8 @@ def numbers(values: Iterable[float | None]) -> np.ndarray:
 
 def texts(values: Iterable[str]) -> pd.Series:
     """A series of dtype str, even if it is empty."""
+    import pandas as pd
+
     return pd.Series(list(values), dtype="str")
 
 
@@ -123,6 +147,8 @@ def frame(rows: Iterable[Mapping[str, Any]], index: str | None, keys: Sequence[s
         index: key that names the rows; None: rows are numbered.
         keys: keys that are shown; all but the index if none is named.
     """
+    import pandas as pd
+
     every = list(rows)
     shown = keys or [key for key in (every[0] if every else ()) if key != index]
     columns = {key: _column([row.get(key) for row in every]) for key in shown}
@@ -136,12 +162,17 @@ def _column(values: Sequence[Any]) -> Any:
     same = {kinds.get(type(value)) for value in values}
     if len(same) == 1 and None not in same:
         return np.array(values, dtype=same.pop())
-    words = any(isinstance(value, str | list | tuple) for value in values)
-    return pd.Series(values, dtype="object") if words else numbers(values)
+    if not any(isinstance(value, str | list | tuple) for value in values):
+        return numbers(values)
+    import pandas as pd
+
+    return pd.Series(values, dtype="object")
 
 
 def indexed(columns: Mapping[str, Any], names: Sequence[str], index: str = "symbol") -> pd.DataFrame:
     """A DataFrame of these columns; `names` name the rows."""
+    import pandas as pd
+
     frame = pd.DataFrame(dict(columns))
     frame.index = pd.Index(list(names), dtype="str", name=index)
     return frame
@@ -155,6 +186,8 @@ def attributes(rows: Iterable[Any], *names: str) -> dict[str, np.ndarray]:
 
 def score_frame(result: FitResult, rows: Sequence[PredictionError], columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
     """Columns indexed by file and channel, after test, held_out, unit and n (samples); fitted traces come first."""
+    import pandas as pd
+
     where = {
         "test": texts(row.test for row in rows),
         "held_out": np.arange(len(rows)) >= len(result.score_fit),
@@ -212,6 +245,8 @@ class FittedTrace:
         has columns of its own, `position_measured` and so on. NaN where nothing was logged. `frame.attrs["units"]`
         names the units.
         """
+        import pandas as pd
+
         columns = {"time": np.array(self.trace.instants)}
         for m, name in enumerate(self.channels):
             logged = self._logged(name)
@@ -246,11 +281,7 @@ def traces_of(result: FitResult) -> dict[str, FittedTrace]:
 
 
 def named(traces: Mapping[str, FittedTrace], file: str) -> FittedTrace:
-    """The trace of a file.
-
-    Raises:
-        UsageError: there is no such trace.
-    """
+    """The trace of a file."""
     if file not in traces:
         raise UsageError(f"no trace is called {str(file)!r}. There are: {', '.join(traces)}.")
     return traces[file]

@@ -4,7 +4,7 @@ files and pictures that each step writes into a run folder.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
@@ -20,60 +20,21 @@ from .progress import Report, silent
 if TYPE_CHECKING:
     import numpy as np
 
-    from ..car_log import Study
     from ..car_log.log import Series
     from ..control.design import Design
     from ..control.frequency import FrequencyResponse
     from ..control.linearise import Reduction
     from ..control.request import DesignRequest
-    from ..control.settings import DesignSettings, FrequencySettings
+    from ..control.settings import DesignSettings
     from ..diagnosis.findings import Diagnosis
     from ..estimation.fitted_model import Fitted, FleetModel
     from ..estimation.result import FitResult
-    from ..exporting import ExportSettings, Format
     from ..model.ecu import Ecu
     from ..model.ecus import EcuProfile
     from ..posterior.profile import Profile
     from ..posterior.sampling import Posterior
-    from ..reporting.car_log import Held
     from ..reporting.page import Page
     from ..rig.base import RigConfig
-
-
-class Plant(NamedTuple):
-    """The linear plant of a fit."""
-
-    reduction: Reduction  # linear model about a plate held at a share of its travel
-    response: FrequencyResponse | None  # frequency response measured by the sine traces; None if the rig has none
-
-
-def plant_of(
-    result: FitResult,
-    input_unit: str,
-    output_unit: str,
-    share: float,
-    report: Report,
-    settings: FrequencySettings | None = None,
-) -> Plant:
-    """Linearise a fitted model, and fit the rig's sine traces, if there are any.
-
-    Args:
-        input_unit, output_unit, share: as `control.linearise.reduce` takes them.
-        settings: which sine traces count; the defaults if None.
-    """
-    from ..control.frequency import frequency_response
-    from ..control.linearise import motor_constants, reduce
-    from ..control.settings import FrequencySettings
-    from ..rig.driven import Sine
-
-    report("linearising", 0.3)
-    fitted, sines = result.fitted(), tuple(trace for trace in result.rig.measurements if trace.test == Sine.name)
-    reduction = reduce(fitted, input_unit, output_unit, share)
-    reduction = replace(reduction, constants=motor_constants(fitted, *fitted.config.stops, share))
-    if not sines:
-        return Plant(reduction, None)
-    report("fitting sines", 0.6)
-    return Plant(reduction, frequency_response(fitted, sines, settings or FrequencySettings()))
 
 
 def design_of(
@@ -131,11 +92,7 @@ def _computer(fitted: Fitted, request: DesignRequest) -> tuple[Ecu, EcuProfile |
 
 
 def setpoint_of(path: Path, config: RigConfig) -> Series:
-    """The setpoint of the plate in a log from the car, per cent of the travel.
-
-    Raises:
-        MeasurementError: the log cannot be read, or has no setpoint.
-    """
+    """The setpoint of the plate in a log from the car, per cent of the travel."""
     from ..car_log.read import read_log
     from ..errors import MeasurementError
 
@@ -155,31 +112,6 @@ class Exported(NamedTuple):
 
     files: tuple[Path, ...]
     cannot_hold: tuple[str, ...]
-
-
-def exported(
-    result: FitResult,
-    to: Format,
-    folder: Path,
-    settings: ExportSettings,
-    pid: Mapping[str, Any] | None,
-    run: Path | None,
-    into: Path | None = None,
-    anyway: bool = False,
-) -> Exported:
-    """Write a model in a format, see `etcfit.export`.
-
-    Args:
-        folder: folder for the files; made if absent.
-        pid: the object of pid.json; None if no gains were designed.
-        run: the run folder, for messages; None if there is none.
-    """
-    from ..errors import command
-    from ..exporting import Source, write
-
-    source = Source(result.fitted(), settings, pid, command("design", run or "RUN"), into, anyway)
-    made = to.export(source)
-    return Exported(write(made, folder), made.cannot_hold)
 
 
 def keep_fit(run: RunFolder, result: FitResult, report: Report = silent) -> None:
@@ -204,11 +136,7 @@ def keep_diagnosis(run: RunFolder, found: Diagnosis, report: Report = silent) ->
 
 @contextmanager
 def _all_is_saved(run: RunFolder) -> Iterator[None]:
-    """Give Ctrl-C a message that says which results are saved.
-
-    Raises:
-        KeyboardInterrupt: with this message.
-    """
+    """Give Ctrl-C a message that says which results are saved."""
     try:
         yield
     except KeyboardInterrupt:
@@ -239,11 +167,7 @@ def keep_page(run: RunFolder, report: Report = silent) -> Page:
 
 
 def keep_posterior(
-    run: RunFolder,
-    posterior: Posterior,
-    profiles: Mapping[str, Profile],
-    settings: Mapping[str, Any],
-    report: Report = silent,
+    run: RunFolder, posterior: Posterior, profiles: Mapping[str, Profile], report: Report = silent
 ) -> None:
     """Write posterior.json, posterior.nc and pictures."""
     from ..posterior.sampling import bands
@@ -254,7 +178,8 @@ def keep_posterior(
 
     predicted = bands(posterior, report)
     status = exit_of(posterior.fit) if posterior.convergence.converged else NOT_CONVERGED
-    with replacing(run.path, "sample", status, {**asdict(posterior.settings), **settings}) as draft:
+    settings = asdict(posterior.settings) | {"steps": posterior.settings.most_steps}
+    with replacing(run.path, "sample", status, settings) as draft:
         write_netcdf(draft / POSTERIOR, posterior)
         write_json(draft / "posterior.json", "posterior", posterior_json(posterior, profiles, predicted))
         draw_shared(draft / "pictures" / "posterior", jobs(posterior, profiles, predicted), report)
@@ -298,7 +223,7 @@ def keep_design(
 ) -> None:
     """Write pid.json and the responses of every rule; the manifest names the log and the fleet behind the gains."""
     from ..reporting import draw_design
-    from ..run_folder.pid import design_json
+    from ..run_folder.pid import PID
     from ..run_folder.state import exit_of
 
     log, parts = settings.get("log"), settings.get("parts")
@@ -306,27 +231,5 @@ def keep_design(
     with replacing(
         run.path, "design", exit_of(result), {**asdict(design.settings), **settings}, outside=outside
     ) as draft:
-        write_json(draft / "pid.json", "pid", design_json(design))
+        write_json(draft / "pid.json", "pid", PID.json(design))
         draw_design(draft, design, report)
-
-
-def compared_with_prediction(studies: Sequence[Study], run: Path, made_with: str | None) -> Held:
-    """A log compared with the prediction of a run.
-
-    Args:
-        studies: the study of this log, and no other.
-        run: run folder of `etcfit tune`.
-        made_with: gains of the log, as tune.json or the command line names them; half way if None.
-    Raises:
-        UsageError: several logs, or a run without a prediction.
-        MeasurementError: the log has no such steps.
-    """
-    from ..car_log.foretold import held_against
-    from ..reporting.car_log import Held
-    from ..run_folder.reading import read_foretold
-
-    if len(studies) != 1:
-        raise UsageError(f"--foretold takes one log, and there are {', '.join(each.log.name for each in studies)}. "
-                         "Name the file of the log that was made with the new gains.")  # fmt: skip
-    told, name, content = read_foretold(run, made_with and made_with.replace("-", "_"))
-    return Held(studies[0].log.name, run, name, content, held_against(studies[0], told))

@@ -45,9 +45,8 @@ class OddOne(NamedTuple):
 
     unit: str  # its name
     requirement: str  # the requirement that it misses by most, or meets most narrowly
-    # figure, limit: figure and limit of that requirement; for "stable" the gain margin (dB) and 0
-    figure: float
-    limit: float
+    figure: float  # what it reaches of that requirement; for "stable" the gain margin, dB
+    limit: float  # limit of that requirement; 0 for "stable"
     meets: bool  # whether it meets every requirement
 
 

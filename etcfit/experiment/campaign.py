@@ -53,8 +53,8 @@ class Winding:
     Source: Boglietti et al. 2009. Differs from source: one node; the resistance is that at the limit, on the safe side.
     """
 
-    capacity: float  # C, J/K
-    cooling: float  # tau, s
+    capacity: float  # heat capacity C, J/K
+    cooling: float  # time constant tau of its cooling, s
     fitted: bool  # whether `winding_heating` of the model says so; else it is assumed
 
     @classmethod

@@ -29,13 +29,12 @@ _OF_TPS = ("tps", "noise", "accuracy")  # checked with each unit, whose rig.toml
 class Member:
     """A unit's row in units.csv; None where a cell is empty or its column is missing."""
 
-    serial: str | None = None  # of the unit
+    serial: str | None = None  # serial number
     date: datetime.datetime | None = None  # when it was measured; in UTC where the file states an offset
-    # batch, rig, operator: production batch, and the rig and the operator of the measurement
-    batch: str | None = None
-    rig: str | None = None
-    operator: str | None = None
-    temperature: float | None = None  # of the room, K
+    batch: str | None = None  # production batch
+    rig: str | None = None  # rig that it was measured on
+    operator: str | None = None  # who measured it
+    temperature: float | None = None  # temperature of the room, K
     part: str | None = None  # the physical throttle; units that share it are repeats
 
 

@@ -30,9 +30,9 @@ class Ecu(NamedTuple):
     lag: float = 0.0  # time constant of the filter in front of its converter, s; 0 for none
     slew: float = 0.0  # largest change of its output, V/s; 0 for none. The integral is held there too.
     dead_band: float = 0.0  # error below which the integral is held, rad; 0 for none
-    # b of Kp (b r - y): 1 if the proportional part acts on the error, 0 if on the position alone
+    # weight b of Kp (b r - y): 1 if the proportional part acts on the error, 0 if on the position alone
     setpoint_weight: float = 1.0
-    # c of Kd d(c r - y)/dt: 1 if the derivative is that of the error, 0 that of the position alone
+    # weight c of Kd d(c r - y)/dt: 1 if the derivative is that of the error, 0 that of the position alone
     derivative_weight: float = 1.0
     # 1 if it divides its output by the battery voltage, so that the output means volts; 0 if the output is a duty of
     # the present supply

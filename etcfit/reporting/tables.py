@@ -18,7 +18,7 @@ from ..estimation.identifiability import listed
 from ..estimation.joint_fit import FitResult
 from ..model.effects import PAPER
 from ..problem.prediction_error import PredictionError, pooled
-from ..run_folder.fit import fit_json
+from ..run_folder.fit import FIT
 from .blocks import outcome, rig_title, spaced, stacked
 from .numbers import Digits, short
 from .table import Cell, Column, Notes, Part, Table, Tone, role, there
@@ -31,7 +31,7 @@ _Z_95 = 1.96
 
 def fit_table(result: FitResult) -> RenderableType:
     """A fit for stdout: parameters, score, what is not identifiable, starts and warnings."""
-    fit = fit_json(result, "parameters", "lumped", "influence", "only_told_by", "intervals", "budget",
+    fit = FIT.json(result, "parameters", "lumped", "influence", "only_told_by", "intervals", "budget",
                       "not_identifiable")  # fmt: skip
     ended = outcome(result.converged, ("Converged", "NOT CONVERGED"),
                     f"{result.reason}; chi2/dof {short(result.chi2_per_dof, 4)}")  # fmt: skip

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from ..estimation.identifiability import listed
 from ..model.ecus import named
-from ..run_folder.pid import design_json
+from ..run_folder.pid import PID
 from .blocks import spaced, stacked
 from .control.sentence import missed_in_corner, missed_on_nominal, place_of_corner
 from .numbers import between, short
@@ -106,7 +106,7 @@ def says_of(found: Any, steps: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "answer": answer(found),
         "model": _model(found),
-        "requirements": of_requirements(design_json(found.design), shown) if shown else None,
+        "requirements": of_requirements(PID.json(found.design), shown) if shown else None,
         "next": _next(shown, bool(found.request.own and found.request.own.bias)) if shown else [],
     }
 

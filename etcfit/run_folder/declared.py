@@ -12,7 +12,7 @@ import linecache
 import platform
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import is_dataclass
 from importlib import metadata
 from inspect import cleandoc, getfile
 from types import NoneType
@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_origin
 import numpy as np
 
 from .. import __version__
+from ..files import plain
 from ..model.figure import figures_of
 
 if TYPE_CHECKING:
@@ -61,6 +62,10 @@ class Record:
         """The object of what it is taken from, or these keys of it; a mapping that lacks a key leaves it out."""
         every = {name: self.keys[name].value(source) for name in names or self.keys}
         return {name: value for name, value in every.items() if value is not _ABSENT}
+
+    def json(self, source: Any, *names: str) -> dict[str, Any]:
+        """The same as a file has it, in plain types: a number that is not finite is null."""
+        return plain(self.written(source, *names))
 
     def schema(self) -> dict[str, Any]:
         """Its JSON schema, without a description."""
@@ -195,30 +200,35 @@ def record_of(
     without: Collection[str] = (),
     shares: Collection[str] = (),
     ref: str = "",
+    called: Mapping[str, str] | None = None,
+    percent: Collection[str] = (),
     **others: Key,
 ) -> Record:
-    """The fields of a dataclass, each with its type and, as its meaning, the comment that stands at it.
+    """The fields of a class, each with its type and, as its meaning, the comment that stands at it.
 
     Args:
-        result: the class.
+        result: the class, a dataclass or a named tuple.
         null: fields that may be infinite or NaN, or hold such numbers, which JSON has as null.
         optional: that may be absent, see `key`.
         without: that are not written.
         shares: that lie from 0 to 1, or hold such numbers.
         ref: see `Record`.
+        called: field -> key, where the key has another name, as one that ends in its unit.
+        percent: fields that are shares and are written in %; their keys end in `_pct`.
         others: keys in place of a field's, or behind them.
     """
     said, hints, keys = _said_of_fields(result), get_type_hints(result), {}
-    for name in (each.name for each in fields(result) if each.name not in without):
-        kind, more = _kind(hints[name])
-        if name in null and isinstance(kind, str):
-            kind = (
-                re.sub(r"number(?!\?)(?=[\]}])", "number?", kind) if kind[0] in "[{" else f"{kind.removesuffix('?')}?"
-            )
-        if name in shares:
-            within = {"minimum": 0, "maximum": 1}
-            more |= {"each": within} if isinstance(kind, str) and kind[0] in "[{" else within
-        keys[name] = others.get(name) or key(kind, said.get(name, ""), optional=name in optional, **more)
+    names = {name: f"{name}_pct" for name in percent} | dict(called or {})
+    for name in (each for each in result.__annotations__ if each not in without):
+        if name not in others:
+            kind, more = _kind(hints[name], name in null)
+            if name in shares:
+                within = {"minimum": 0, "maximum": 1}
+                more |= {"each": within} if isinstance(kind, str) and kind[0] in "[{" else within
+            meaning = re.sub(r"\bshares? of\b", "% of", said.get(name, "")) if name in percent else said.get(name, "")
+            scale = 100.0 if name in percent else 1.0
+            others[name] = key(kind, meaning, name, scale, optional=name in optional, **more)
+        keys[names.get(name, name)] = others.pop(name)
     return Record(cleandoc(result.__doc__).partition("\n")[0], ref, **keys | others)
 
 
@@ -247,26 +257,26 @@ def _said_of_fields(result: Any) -> dict[str, str]:
 
 
 def _sentence(text: str) -> str:
-    text = re.sub(r"\b(None|NaN|infinite)\b", "null", text).removesuffix(".") + "."
+    text = re.sub(r", shape \([^)]*\)", "", re.sub(r"\b(None|NaN|infinite)\b", "null", text)).removesuffix(".") + "."
     return text if re.match(r"s\b", text) else text[0].upper() + text[1:]
 
 
 _KINDS = {float: "number", int: "whole", bool: "flag", str: "text", np.ndarray: "[number]"}
 
 
-def _kind(hint: Any) -> tuple[str | Record | Many, dict[str, Any]]:
-    """What `key` calls a type, and further keywords for it."""
+def _kind(hint: Any, null: bool = False) -> tuple[str | Record | Many, dict[str, Any]]:
+    """What `key` calls a type, of which a number may be null, and further keywords for it."""
     inner = [each for each in get_args(hint) if each not in (NoneType, Ellipsis)]
     if hint in _KINDS:
-        return _KINDS[hint], {}
+        return re.sub(r"\w+", r"\g<0>?", _KINDS[hint]) if null else _KINDS[hint], {}
     if get_origin(hint) is Literal:
-        return "text", {"enum": inner}
+        return ("text?" if null else "text"), {"enum": inner}
     if NoneType in get_args(hint):
-        kind, more = _kind(inner[0])
-        return (f"{kind}?", more) if isinstance(kind, str) else (kind, {"null": True})
+        kind, more = _kind(inner[0], null and get_origin(inner[0]) is not None)
+        return (f"{kind.removesuffix('?')}?", more) if isinstance(kind, str) else (kind, {"null": True})
     if is_dataclass(hint):
         return record_of(hint), {}
-    kind, _ = _kind(inner[-1])
+    kind, _ = _kind(inner[-1], null)
     listed = get_origin(hint) is tuple
     if isinstance(kind, Record):
         return (list_of if listed else by_name)(kind), {}
@@ -338,16 +348,13 @@ def versions() -> dict[str, str]:
 
 
 SYMBOL = {"pattern": "^[A-Za-z][A-Za-z0-9_.]*$"}
-RIG = key("text", "Name of the rig, from rig.toml.", "rig.config.name")
-SYNTHETIC = key("flag", "The data came from a simulation.", "rig.config.synthetic")
+RIG = key("text", "Name of the rig, from rig.toml.")
+SYNTHETIC = key("flag", "The data came from a simulation.")
 VERSIONS = key("{text}", "Versions of etcfit, Python and the numerical libraries that made this file.",
     lambda _: versions())  # fmt: skip
 CONVERGED = key("flag", "Whether the end is an optimum. False also means exit status 3.")
 REASON = key("text", "Why (not), in words.")
 WARNINGS = key("[text]", "What a reader must know, one sentence each.")
-FOLDER = key("text", "The measurement folder as it was given.", "rig.folder")
-FILES = key("{text?}", "SHA-256 of every measurement file that was read, by its path in the measurement folder; null "
-    "for one that was gone by then.", "rig.digests", each={"pattern": "^[0-9a-f]{64}$"})  # fmt: skip
 MODEL = Record(
     effects=key("[text]", "Names of all its effects, those of Eqs. 1-2 among them (see the catalogue of effects).",
         effects_of),
@@ -359,3 +366,29 @@ FIT_STATE = Record(
     compromise=key("text?", "Why its parameters are no estimates; null where they are. Else errors and draws are as "
         "wide as the ranges that subsets of the data give, and a share of draws is no probability."),
 )  # fmt: skip
+MEASURED = Record(
+    folder=key("text", "The measurement folder as it was given."),
+    files=key("{text?}", "SHA-256 of every measurement file that was read, by its path in the measurement folder; null "
+        "for one that was gone by then.", "digests", each={"pattern": "^[0-9a-f]{64}$"}),
+)  # fmt: skip
+
+
+def file_of(
+    meaning: str, config: str, made_from: str = "", measured: str = "", called: str = "rig", /, **keys: Key
+) -> Record:
+    """A file: the rig, the model behind it, its own keys, the measurements, and the versions that made it.
+
+    Args:
+        config: attribute, dotted, with the configuration of the rig.
+        made_from: with the fitted model that it was made from; "" for none.
+        measured: with the rig whose measurements it shows; "" for none.
+        called: its key for the name of the rig.
+    """
+    of_fit = Record(
+        model=key(MODEL, "The model.", ""),
+        fit=key(FIT_STATE, "State of the fit that this was made from.", "state", optional=True),
+    )
+    begin = {called: RIG.taken_from(f"{config}.name"), "synthetic": SYNTHETIC.taken_from(f"{config}.synthetic")}
+    begin |= of_fit.within(made_from) if made_from else {}
+    end = MEASURED.within(measured) if measured else {}
+    return Record(meaning, "", **begin, **keys, **end, versions=VERSIONS)

@@ -7,43 +7,40 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..diagnosis.findings import Candidate, Diagnosis, Question, SetTried, Share, Statement, Whiteness
+from ..diagnosis.findings import (
+    Candidate,
+    Diagnosis,
+    Discrepancy,
+    Question,
+    SetTried,
+    Share,
+    Statement,
+    Unexplained,
+    Whiteness,
+)
 from ..diagnosis.rounds import Progress
 from ..diagnosis.settings import DEFAULT, DiagnosisSettings
 from ..errors import command
 from ..estimation.identifiability import listed
 from ..estimation.intervals import intervals
 from ..estimation.result import FitResult
-from ..files import plain, put_aside
+from ..files import put_aside
 from . import codec
 from .declared import (
     CONVERGED,
-    FILES,
-    FOLDER,
     REASON,
-    RIG,
     SYMBOL,
-    SYNTHETIC,
-    VERSIONS,
     WARNINGS,
     Record,
     by_name,
     effects_of,
+    file_of,
     key,
     list_of,
     record_of,
 )
 from .fit import AGREEMENT, PARAMETER, ROW, SCORE, described, rows_of, score_of
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
-
-
-def diagnosis_json(diagnosis: Diagnosis, *keys: str) -> dict[str, Any]:
-    """The object of diagnosis.json, or some keys of it.
-
-    Effects are those of the whole model, Eqs. 1-2 among them, as in fit.json; numbers are in the unit that
-    stands beside them.
-    """
-    return plain(DIAGNOSIS.written(diagnosis, *keys))
 
 
 def _rounds(found: Diagnosis) -> list[dict[str, Any]]:
@@ -107,32 +104,22 @@ SHAPE = Record(
     unit=key("text", "Of it."),
     sd=key("[number?]", "Its standard deviation."),
 )  # fmt: skip
-UNEXPLAINED = Record(
-    enters=key("text", "torque, friction, voltage or position."),
-    depends_on=key("text", "angle, speed, load, current or time."),
-    shape=key(SHAPE, "The curve.", ""),
-    size=key("number?", "Root mean square of it along the measured motion, in the unit of the curve."),
-    sentence=key("text", "All that in words.", optional=True),
+UNEXPLAINED = record_of(
+    Unexplained,
+    null=("size", "fit_rms_ratio", "holdout_rms_ratio", "bic_change"),
+    optional=("sentence", "fit_rms_ratio", "holdout_rms_ratio", "bic_change", "doubts", "corrects"),
+    without=("unit", "axis_unit", "axis", "curve", "sd", "fit", "holdout"),
     fit_rms_ratio=key("number?", "Free-running error with it over that without it, fitted traces.", optional=True),
     holdout_rms_ratio=key("number?", "The same, held-out traces.", optional=True),
-    bic_change=key("number?", "Of adding it.", optional=True),
-    doubts=key("[text]", "Named effects that it replaces as well as they explain the data: they are not proven.",
-        optional=True),
-    corrects=key("[text]", "Named effects whose formulas it corrects: no effect is missing there.", optional=True),
-)  # fmt: skip
+    shape=key(SHAPE, "The curve.", ""),
+)
 STATEMENT = record_of(
     Statement,
     shares=("probability",),
     certainty=key("text", "found from 0.90, probably from 0.70, may be below.", enum=["found", "probably", "may be"]),
 )
 QUESTION = record_of(Question, shares=("answers",))
-DISCREPANCY = Record(
-    "One curve.",
-    enters=key("text", '"torque", "friction", "voltage" or "position".'),
-    depends_on=key("text", '"angle", "speed", "load", "current" or "time".'),
-    size=key("number", "Its standard deviation at any value of the axis."),
-    unit=key("text", "Of the size."),
-)  # fmt: skip
+DISCREPANCY = record_of(Discrepancy)
 WITH_UNKNOWN = Record(
     fit=key(list_of(ROW), "Fitted traces.", lambda unknown: rows_of(unknown.fit)),
     holdout=key(list_of(ROW), "Held-out traces.", lambda unknown: rows_of(unknown.holdout)),
@@ -157,10 +144,9 @@ ERRORS = Record(
     "Errors.", "score",
     **SCORE.keys | {name: SCORE.keys[name]._replace(optional=True) for name in ("explained", "explained_holdout")},
 )  # fmt: skip
-DIAGNOSIS = Record(
+DIAGNOSIS = file_of(
     "What the fitted model lacks, and the final model: written by `etcfit diagnose`.",
-    name=RIG.taken_from("after.rig.config.name"),
-    synthetic=SYNTHETIC.taken_from("after.rig.config.synthetic"),
+    "after.rig.config", "", "after.rig", "name",
     converged=CONVERGED.taken_from("after.converged"),
     reason=REASON.taken_from("after.reason"),
     verdict=key("[text]", "The whole in a few sentences."),
@@ -200,9 +186,6 @@ DIAGNOSIS = Record(
     **AGREEMENT.within("after"),
     settings=key("object", "What the diagnosis decided by: every field of `etcfit.DiagnosisSettings`."),
     warnings=WARNINGS.taken_from("after.warnings"),
-    folder=FOLDER.taken_from("after.rig.folder"),
-    files=FILES.taken_from("after.rig.digests"),
-    versions=VERSIONS,
 )  # fmt: skip
 
 
@@ -216,11 +199,7 @@ class _Kept:
 
 
 class KeptRounds:
-    """RUN/diagnosis_rounds.npz, there while a diagnosis is under way: `save_diagnosis` deletes it.
-
-    Args:
-        run: the run folder, which holds the fit.
-    """
+    """RUN/diagnosis_rounds.npz, there while a diagnosis is under way: `save_diagnosis` deletes it."""
 
     remark = ""  # that rounds which were there could not be taken up, and where they lie now
 

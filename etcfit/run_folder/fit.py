@@ -13,36 +13,14 @@ from ..estimation.explained import Explained, by_place, explained, share_of
 from ..estimation.identifiability import sentences
 from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.result import FitResult, Reason, StartSummary
-from ..files import plain
 from ..problem.prediction_error import PredictionError
 from ..rig.base import Rig
-from .declared import (
-    CONVERGED,
-    FILES,
-    FOLDER,
-    MODEL,
-    REASON,
-    RIG,
-    SYMBOL,
-    SYNTHETIC,
-    VERSIONS,
-    WARNINGS,
-    Record,
-    by_name,
-    key,
-    list_of,
-    record_of,
-)
+from .declared import CONVERGED, MODEL, REASON, SYMBOL, WARNINGS, Record, by_name, file_of, key, list_of, record_of
 
 GEAR_RATIO = "gear ratio, motor turns per plate turn"
 STATUSES = ["estimated", "fixed", "tied", "not identifiable", "compromise"]  # of a parameter
 _STATISTICAL, _STATED = "statistical only", "statistical and stated accuracy"
 _LEAST, _MOST = 0.5, 50  # standard errors a pull must have to be written, and how many are
-
-
-def fit_json(result: FitResult, *keys: str) -> dict[str, Any]:
-    """The object of fit.json, or some keys of it."""
-    return plain(FIT.written(result, *keys))
 
 
 def ends(interval: Interval) -> list[float] | None:
@@ -208,10 +186,9 @@ AGREEMENT = Record(
         "does.", _contradictions),
     compromise=key("text?", "Why parameters are a compromise; null where they are estimates.", "compromise.why"),
 )  # fmt: skip
-FIT = Record(
+FIT = file_of(
     "The joint fit of all traces: written by `etcfit fit`.",
-    rig=RIG,
-    synthetic=SYNTHETIC,
+    "rig.config", "", "rig",
     converged=CONVERGED,
     reason=REASON,
     reason_code=key("text?", "The same for programs; null where no joint fit judged the end.", optional=True,
@@ -237,7 +214,4 @@ FIT = Record(
     widening=key("{number?}", "By symbol: factor by which intervals were widened, because residuals are larger than "
         "their noise or not independent."),
     settings=key("object", "What the fit decided by: every field of `etcfit.FitSettings`."),
-    folder=FOLDER,
-    files=FILES,
-    versions=VERSIONS,
 )  # fmt: skip

@@ -14,9 +14,10 @@ from ..errors import UsageError, command, require_extra
 from ..estimation.fitted_model import FleetModel, PopulationLaw, fleet_model
 from ..estimation.intervals import LUMPS
 from ..files import plain, whole, write_json
+from ..fleets.config import Member
 from ..fleets.line import FIGURE_BY_NAME, FigureResult, Spread
 from ..fleets.statistics.capability import Capability, Gauge
-from ..fleets.statistics.charts import DECISION, Drift, run_length
+from ..fleets.statistics.charts import DECISION, Chart, Drift, run_length
 from ..fleets.statistics.odd import EffectInFleet, OddUnit, TraceScore
 from ..fleets.study import FleetStudy
 from ..model.parameters import Real
@@ -213,14 +214,10 @@ FAILED = Record(
 UNFINISHED = Record("One unit.", unit=FAILED.keys["unit"], why=FAILED.keys["why"].taken_from("reason"))
 MEMBER = Record(
     "One unit.",
-    serial=key("text?", "Serial number.", "member.serial"),
-    batch=key("text?", "Batch.", "member.batch"),
-    rig=key("text?", "Rig that it was measured on.", "member.rig"),
-    operator=key("text?", "Who measured it.", "member.operator"),
-    part=key("text?", "The physical throttle; units that share it are repeats of it.", "member.part"),
-    date=key("text?", "When it was measured, ISO 8601.",
-        lambda each: each["member"].date and each["member"].date.isoformat()),
-    temperature=key("number?", "Of the surroundings, K (units.csv has degrees Celsius).", "member.temperature"),
+    **record_of(
+        Member,
+        date=key("text?", "When it was measured, ISO 8601.", lambda member: member.date and member.date.isoformat()),
+    ).within("member"),
     chi2_per_dof=key("number?", "Of the whitened residual of its own fit; 1 where only noise is left."),
     converged=key("flag", "Whether its fit is at an optimum."),
     seconds=key("number?", "That its fit took."),
@@ -255,14 +252,14 @@ DRIFT = record_of(
     since=key("text", "First unit after it; of a trend the first of all."),
     unit=UNIT,
 )
-CHART = Record(
-    "One chart.",
-    unit=key("text", "Unit of measure, SI."),
-    order=key("[text]", "Names of the units, in the chart's order; every list below goes by it.", "units"),
-    value=key("[number?]", "Of each unit, SI."),
-    stderr=key("[number?]", "Of each unit, SI."),
-    centre=key("number?", "Centre line, SI."),
-    sd=key("number?", "Standard deviation that limits and sums are counted in, SI."),
+_OF_EACH_UNIT = key("[number?]", "Of each unit, in the chart's order, SI.")
+CHART = record_of(
+    Chart,
+    null=("centre", "sd"),
+    called={"units": "order"},
+    units=key("[text]", "Names of the units, in the chart's order; every list below goes by it.", "units"),
+    value=_OF_EACH_UNIT,
+    stderr=_OF_EACH_UNIT,
     lower=key("number?", "Lower control limit of a unit known as well as most, SI; of one known worse it is further "
         "out.", lambda chart: float(np.median(chart["lower"]))),
     upper=key("number?", "Upper control limit, likewise.", lambda chart: float(np.median(chart["upper"]))),
@@ -271,6 +268,7 @@ CHART = Record(
     decision=key("number?", "Cumulative sum beyond which the process has moved.", lambda _: DECISION),
     run_length=key("number?", "Mean number of units between false alarms of the cumulative sums.",
         lambda _: run_length()),
+    unit=UNIT,
 )  # fmt: skip
 CAPABILITY = record_of(
     Capability,

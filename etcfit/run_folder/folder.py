@@ -24,23 +24,20 @@ class RunFolder:
         self._fit: FitResult | None = None
         self._diagnosis: Diagnosis | None = None
 
-    def fit(self) -> FitResult:
-        """The fit in it.
+    @classmethod
+    def named(cls, run: Path | str | RunFolder) -> RunFolder:
+        """A run folder by its path, or itself."""
+        return run if isinstance(run, RunFolder) else cls(run)
 
-        Raises:
-            UsageError: see `load_fit`.
-        """
+    def fit(self) -> FitResult:
+        """The fit in it."""
         from .state import load_fit
 
         self._fit = self._fit or load_fit(self.path)
         return self._fit
 
     def diagnosis(self) -> Diagnosis | None:
-        """The diagnosis in it; None where none was made.
-
-        Raises:
-            UsageError: see `load_diagnosis`.
-        """
+        """The diagnosis in it; None where none was made."""
         from .state import has_diagnosis, load_diagnosis
 
         if self._diagnosis is None and has_diagnosis(self.path):
@@ -49,11 +46,7 @@ class RunFolder:
         return self._diagnosis
 
     def final(self) -> FitResult:
-        """The final model of the diagnosis, or the fit where none was made.
-
-        Raises:
-            UsageError: see `load_final`.
-        """
+        """The final model of the diagnosis, or the fit where none was made."""
         diagnosis = self.diagnosis()
         return self.fit() if diagnosis is None else diagnosis.after
 

@@ -149,11 +149,7 @@ def read_records(run: Path) -> dict[str, Record]:
 
 
 def settings_before(run: Path) -> dict[str, Mapping[str, Any]]:
-    """What each stage last ran with, by name, whether its files still hold or not.
-
-    Raises:
-        UsageError: as `read_records`.
-    """
+    """What each stage last ran with, by name, whether its files still hold or not."""
     return _read(run).settings
 
 
@@ -357,11 +353,7 @@ def require(run: Path, stage: str) -> Record:
 
 
 def set_aside_stale(run: Path) -> None:
-    """Move what no longer holds out of the way, so that a page can be made of the others before it is redone.
-
-    Raises:
-        UsageError: RUN was written by another version.
-    """
+    """Move what no longer holds out of the way, so that a page can be made of the others before it is redone."""
     results = [name for name in STAGE_FILES if name not in ("fit", "report")]
     with held(run):
         _write(run, _without_stale(run, results, read_records(run)))

@@ -13,17 +13,19 @@ import numpy as np
 
 from ..control.design import Design
 from ..control.loop_figures import MARGINS, REQUIRED, LoopFigures
-from ..control.on_units import Share
+from ..control.on_units import OddOne, Share
 from ..control.own_numbers import said, shares
 from ..control.pid import Gains, Task
-from ..control.pid.feedforward import Sliding
+from ..control.pid.feedforward import Bias, Sliding
+from ..control.pid.optimal import FrontPoint
+from ..control.safety.faults import Envelope, JamCheck, Runaway, Sag
+from ..control.safety.unpowered import Holding, Return
 from ..control.supply_table import NEAR, AtSupply, OverPosition, SupplyTable
-from ..files import plain
 from ..model.ecu import Ecu, Notation, Terms
 from ..model.ecus import GENERIC, NOT_DIVIDED, RUSEFI, BiasTable, EcuProfile, Scheduling, differences
 from ..model.feed_forward import Term, listed
 from ..model.pid import UNIT
-from .declared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS, Record, by_name, figures, key, list_of
+from .declared import Record, by_name, figures, file_of, key, list_of, record_of
 
 _FOLLOWS = {Scheduling.NONE: ": fixed gains it must be", Scheduling.UNKNOWN: ": look for one before you plan with it"}
 
@@ -179,13 +181,7 @@ def _formula(sliding: Sliding, supply: float, travel: float) -> str:
 
 
 def supply_table_json(task: Task, gains: Gains, table: SupplyTable) -> dict[str, Any]:
-    """Gains at each supply, what they are worth at the ends of a car's supply, and what is said of other tables.
-
-    Args:
-        task: what they were found for.
-        gains: of the ECU's own supply.
-        table: made of them.
-    """
+    """Gains at each supply, what they are worth at the ends of a car's supply, and what is said of other tables."""
     profile, body = task.profile, task.loop.body
     notation = (profile or GENERIC).notation
     if notation is None:
@@ -239,11 +235,6 @@ def _of_position(over: OverPosition) -> str:
             "which feed-forward and integral carry")  # fmt: skip
 
 
-def design_json(design: Design) -> dict[str, Any]:
-    """The object of pid.json. A settling time is null where no response settles, a margin where there is none."""
-    return plain(PID.written(design))
-
-
 def _ends(share: Share) -> list[float]:
     return [share.low, share.high]
 
@@ -259,31 +250,24 @@ GAINS = Record(
     Kd=key("number", "V s/rad."),
     unit=key("text", "Of Kp.", lambda _: UNIT, const="V/rad"),
 )  # fmt: skip
-ECU = Record(
+ECU = record_of(
+    Ecu,
+    optional=("duty", "slew", "dead_band", "setpoint_weight", "derivative_weight", "noise", "lag"),
+    called={
+        "period": "period_s", "supply": "supply_V", "filter": "derivative_filter_s", "delay": "delay_s",
+        "pwm": "pwm_V", "resolution": "resolution_rad", "duty": "duty_limit", "integral": "integral_limit",
+        "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "noise": "noise_rad", "lag": "input_filter_s",
+        "compensated": "divides_by_battery",
+    },
+    integral=key("number?", "Largest that its integral may hold, share of the supply; null where it stands still at "
+        "the output's limit instead.", lambda ecu: ecu["integral"] or None, optional=True),
+    slew=key("number?", "Largest change of its output; null for none.", lambda ecu: ecu["slew"] or None, optional=True),
+    compensated=key("flag", "Whether it divides its output by the battery voltage, so that the output means volts.",
+        lambda ecu: bool(ecu["compensated"]), optional=True),
     P=key("number", "V/rad."),
     I=key("number", "V/rad for each tick."),
     D=key("number", "V/rad times ticks."),
-    period_s=key("number", "T, its clock.", "period"),
     unit=key("text", "Of the three.", lambda _: UNIT),
-    supply_V=key("number", "Its output stays within plus and minus this.", "supply"),
-    derivative_filter_s=key("number", "Low-pass of the derivative.", "filter"),
-    delay_s=key("number", "From reading to acting.", "delay"),
-    pwm_V=key("number", "Step of its output; 0 for none.", "pwm"),
-    resolution_rad=key("number", "Step of the position it reads.", "resolution"),
-    duty_limit=key("number", "Largest that it puts out, share of the supply.", "duty", optional=True),
-    integral_limit=key("number?", "Largest that its integral may hold, share of the supply; null where it stands "
-        "still at the output's limit instead.", lambda ecu: ecu["integral"] or None, optional=True),
-    slew_V_per_s=key("number?", "Largest change of its output; null for none.",
-        lambda ecu: ecu["slew"] or None, optional=True),
-    dead_band_rad=key("number", "Error within which its integral does not change.", "dead_band", optional=True),
-    setpoint_weight=key("number", "b, its proportional part acts on b setpoint - position.", optional=True),
-    derivative_weight=key("number", "c, its derivative is that of c setpoint - position; 0 for a derivative of the "
-        "position alone.", optional=True),
-    noise_rad=key("number", "Standard deviation of one position reading.", "noise", optional=True),
-    input_filter_s=key("number", "Time constant of the filter ahead of its converter; 0 for none.",
-        "lag", optional=True),
-    divides_by_battery=key("flag", "Whether it divides its output by the battery voltage, so that the output means "
-        "volts.", lambda ecu: bool(ecu["compensated"]), optional=True),
 )  # fmt: skip
 AS_WRITTEN = Record(
     P=key("number", "Proportional."),
@@ -342,71 +326,45 @@ SUPPLY_TABLE = Record(
     position=key(OVER_POSITION, "Whether a table over the position had anything to do."),
     says=key("[text]", "The same in words."),
 )  # fmt: skip
-FRONT_POINT = Record(
-    "One point.",
+FRONT_POINT = record_of(
+    FrontPoint,
+    null=("limit",),
+    called={"limit": "duty_activity_limit_pct", "activity": "duty_activity_pct", "rmse": "rmse_pct", "meets": "met"},
     gains=key(GAINS, "v = Kp e + Ki integral of e + Kd de/dt, e in rad, v in V."),
-    duty_activity_limit_pct=key("number?", "Null for none.", "limit"),
-    duty_activity_pct=key("number", "Of these gains.", "activity"),
-    rmse_pct=key("number", "Tracking error, of the travel.", "rmse"),
-    met=key("flag", "They meet everything else, with the search's reserve.", "meets"),
-)  # fmt: skip
-ENVELOPE = Record(
-    error_pct=key("[number]", "Thresholds of the error that the ECU sees, rising.", "errors", 100.0),
-    longest_s=key("[number]", "For how long the error was larger without a break, the longest of all.", "longest"),
-    largest_pct=key("number", "The largest error of all.", "largest", 100.0),
-    models=key("whole", "Number of models simulated."),
-)  # fmt: skip
+)
+ENVELOPE = record_of(Envelope, percent=("errors", "largest"), called={"errors": "error_pct", "longest": "longest_s"})
 JAM = Record(
-    error_pct=key("number", "Threshold.", "check.error", 100.0),
-    timeout_s=key("number", "Timeout.", "check.timeout"),
-    longest_above_s=key("number", "Longest time of a sound throttle above the threshold.", "check.longest"),
-    sustained_pct=key("number", "Largest error that a sound throttle has for as long as the timeout; 0: none tried.",
-        "check.sustained", 100.0),
-    told_after_s=key("{number?}", "By scenario, from its first change, at which the plate is held, until the check "
-        "detects it; null for never.", "check.detected_after"),
+    **record_of(
+        JamCheck,
+        percent=("error", "sustained"),
+        called={"timeout": "timeout_s", "longest": "longest_above_s", "detected_after": "told_after_s"},
+    ).within("check"),
     written=key("{number}?", "As the named ECU writes it; null where its settings are not known."),
-)  # fmt: skip
-SENSOR_FAULT = Record(
-    "One fault.",
-    fault=key("text", "In words."),
-    asked_pct=key("number", "Setpoint after the failure.", "setpoint", 100.0),
-    opens_pct=key("number", "Widest opening without a check.", "opens", 100.0),
-    jam_after_s=key("number?", "Until the jam check has detected it; null where it misses one model.", "jam_after"),
-    jam_opens_pct=key("number", "Widest opening with the jam check.", "jam_opens", 100.0),
-    apart_after_s=key("number?", "Likewise with the comparison of two sensors as a second check.", "apart_after"),
-    apart_opens_pct=key("number", "Widest opening with both.", "apart_opens", 100.0),
-)  # fmt: skip
-SAG = Record(
-    "One sag at one opening.",
-    name=key("text", "dip or crank."),
-    opening_pct=key("number", "Setpoint.", "opening", 100.0),
-    closes_pct=key("number", "By how much the plate falls.", "closes", 100.0),
-    opens_pct=key("number", "By how much it overshoots.", "opens", 100.0),
-    back_after_s=key("number?", "From the supply's return until the plate stays near its setpoint; null for not while "
-        "watched.", "back_after"),
-    integral_pct=key("number", "Largest change of the integral, of the supply.", "wound", 100.0),
-    false_trip=key("flag?", "The jam check would take it for a jam; null where none is proposed."),
-)  # fmt: skip
-RETURN = Record(
-    "From one opening.",
-    opening_pct=key("number", "At which the current is cut.", "opening", 100.0),
-    open_terminals_s=key("number?", "Until it stays near the limp-home position, or the closed stop where there is "
-        "none; null for not while watched.", "cut_s"),
-    shorted_terminals_s=key("number?", "Likewise on shorted terminals.", "shorted_s"),
-    rests_pct=key("[number]", "Where it comes to rest, least and largest.", "rests", 100.0),
-)  # fmt: skip
-HOLDING = Record(
-    position_pct=key("[number]", "Of the other rows.", "shares", 100.0),
-    current_A=key("[number]", "In the middle of the dry friction.", "current"),
-    closing_A=key("[number]", "About to close.", "closing"),
-    opening_A=key("[number]", "About to open.", "opening"),
-    winding_W=key("[number]", "Heat in the winding.", "watts"),
-    winding_rise_K=key("[number]?", "By which the winding is warmer in the long run; null where its heating is not "
-        "known.", "rise"),
-    full_duty_A=key("number", "Current at the full duty against a stop.", "stall_A"),
-    full_duty_W=key("number", "Heat of it in the winding.", "stall_W"),
-    full_duty_s=key("number?", "Until the winding is as hot as the settings allow; null for never, or where its "
-        "heating is not known.", "longest"),
+)
+SENSOR_FAULT = record_of(
+    Runaway,
+    percent=("setpoint", "opens", "jam_opens", "apart_opens"),
+    called={"setpoint": "asked_pct", "jam_after": "jam_after_s", "apart_after": "apart_after_s"},
+)
+SAG = record_of(
+    Sag,
+    percent=("opening", "closes", "opens", "wound"),
+    called={"back_after": "back_after_s", "wound": "integral_pct"},
+)
+RETURN = record_of(
+    Return,
+    percent=("opening", "rests"),
+    called={"cut_s": "open_terminals_s", "shorted_s": "shorted_terminals_s"},
+)
+HOLDING = record_of(
+    Holding,
+    null=("rise",),
+    percent=("shares",),
+    called={
+        "shares": "position_pct", "current": "current_A", "closing": "closing_A", "opening": "opening_A",
+        "watts": "winding_W", "rise": "winding_rise_K", "stall_A": "full_duty_A", "stall_W": "full_duty_W",
+        "longest": "full_duty_s",
+    },
     heating_known=key("flag", "The model has the winding's heating.", lambda holding: holding.rise is not None),
 )  # fmt: skip
 SAFETY = Record(
@@ -435,12 +393,9 @@ SETPOINT = Record(
     shares_of_travel=key("[number]", "Corners, 0 to 1.", "shares"),
     scenarios=key("[text]", "Names, in their order.", optional=True),
 )  # fmt: skip
-BIAS_CURVE = Record(
-    angles_rad=key("[number]", "Rising.", "angles"),
-    hold_V=key("[number]", "In the middle of the dry friction: the bias curve.", "hold"),
-    closing_V=key("[number]", "At which it is about to close.", "closing"),
-    opening_V=key("[number]", "At which it is about to open.", "opening"),
-)  # fmt: skip
+BIAS_CURVE = record_of(
+    Bias, called={"angles": "angles_rad", "hold": "hold_V", "closing": "closing_V", "opening": "opening_V"}
+)
 FRICTION_AHEAD = Record(
     opening_V=key("number", "Ahead while the setpoint rises.", "opening"),
     closing_V=key("number", "Taken off while it falls.", "closing"),
@@ -520,14 +475,7 @@ FUTURE = Record(
         _ends, minItems=2, maxItems=2),
     draws=key("whole", "How many were drawn.", "of"),
 )  # fmt: skip
-UNIT_VERDICT = Record(
-    "One of them.",
-    unit=key("text", "Its name."),
-    requirement=key("text", "What it misses by most, or meets most narrowly; \"stable\" where its linear loop is not."),
-    figure=key("number?", "What it reaches of it; null is infinite."),
-    limit=key("number", "The limit."),
-    meets=key("flag", "Whether it meets everything all the same."),
-)  # fmt: skip
+UNIT_VERDICT = record_of(OddOne, null=("figure",))
 FLEET = Record(
     share_met=key("number", "Share of the units that meet every requirement by a stable loop.", "share.value"),
     share_ci95=key("[number]", "95 % interval of that share in the population, exact for independent units.",
@@ -579,12 +527,9 @@ PARTS = Record(
     rules=key(by_name(RULE_ON_PARTS), "By rule that has gains."),
     conditions=key(PARTS_CONDITIONS, "The proposed gains under the conditions of a car, see `conditions`.", ""),
 )  # fmt: skip
-PID = Record(
+PID = file_of(
     "PID gains, every rule compared: written by `etcfit design`.",
-    rig=RIG.taken_from("fitted.config.name"),
-    synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
-    model=key(MODEL, "The model.", "fitted"),
-    fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
+    "fitted.config", "fitted",
     anyway=key("flag", "The gains were requested with --anyway: table and page give what is typed into an ECU even "
         "where the fit did not converge or is a compromise (`fit`). Absent in older files, then false.", optional=True),
     rule=key("text", "Whose gains are proposed.", "chosen.rule"),
@@ -639,5 +584,4 @@ PID = Record(
     parts=key(PARTS, "How gains fare on the parts of one design; only where a fleet was given (--parts), over whose "
         "drawn units `optimal` was sought then.", optional=True),
     settings=key("object", "What the design decided by: every field of `etcfit.DesignSettings`."),
-    versions=VERSIONS,
 )  # fmt: skip

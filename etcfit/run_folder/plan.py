@@ -14,12 +14,12 @@ import numpy as np
 
 from ..errors import MeasurementError
 from ..experiment.advice import Advice
-from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, band, logger
+from ..experiment.campaign import Campaign, LoggedColumn, PlannedTest, Winding, band, logger
 from ..experiment.candidates import FULL, Played
-from ..files import held, plain, write_json
+from ..files import held, write_json
 from ..rig.config import parse_config
 from ..rig.user_text import c_comment, hash_comment
-from .declared import RIG, SYNTHETIC, VERSIONS, Record, by_name, key, list_of, record_of
+from .declared import Record, by_name, file_of, key, list_of, record_of
 
 _POINTS = 300  # of an expected curve
 
@@ -28,11 +28,6 @@ class _Numbered(NamedTuple):
     campaign: Campaign
     number: int
     test: PlannedTest
-
-
-def plan_json(campaign: Campaign) -> dict[str, Any]:
-    """The object of plan.json."""
-    return plain(PLAN.written(campaign))
 
 
 def _room(campaign: Campaign) -> list[float]:
@@ -68,11 +63,7 @@ LIMITS = Record(
     position_rad=key("[number]", "Between what the plate stays while it is driven about, rad.", _room,
         each={"description": "rad."}),
 )  # fmt: skip
-WINDING = Record(
-    capacity_J_per_K=key("number", "J/K.", "capacity"),
-    cooling_s=key("number", "Time constant, s.", "cooling"),
-    fitted=key("flag", "From the fitted winding_heating; else assumed."),
-)  # fmt: skip
+WINDING = record_of(Winding, called={"capacity": "capacity_J_per_K", "cooling": "cooling_s"})
 STDERR = Record(
     now=key("number", "Before."),
     expected=key("number", "After."),
@@ -113,10 +104,9 @@ LEFT_OUT = Record(
     how=key("text", "What would be played."),
     why=key("text", "Which limit."),
 )  # fmt: skip
-PLAN = Record(
+PLAN = file_of(
     "The next tests: written by `etcfit plan RUN|FOLDER --out PLAN`.",
-    rig=RIG,
-    synthetic=SYNTHETIC,
+    "rig.config",
     model=key("text", "By what it was planned.",
         lambda campaign: "fit" if campaign.at_fit else "graph readings", enum=["fit", "graph readings"]),
     cautions=key("[text]", "How far that fit can be believed.", each={"description": "A sentence."}),
@@ -132,7 +122,6 @@ PLAN = Record(
     left_out=key(list_of(LEFT_OUT), "Candidates that would pass a limit.",
         lambda campaign: [{"how": how, "why": why} for how, why in campaign.left_out]),
     settings=key("object", "What it was planned by: every field of `etcfit.CampaignSettings`."),
-    versions=VERSIONS,
 )  # fmt: skip
 
 
@@ -309,12 +298,7 @@ void loop() {
 def save_advice(run: Path, advice: Advice) -> None:
     """RUN/advice.json; it is of no stage, so it has no entry in RUN/run.json."""
     with held(run):
-        write_json(run / "advice.json", "advice", advice_json(advice))
-
-
-def advice_json(advice: Advice) -> dict[str, Any]:
-    """The object of advice.json."""
-    return plain(ADVICE.written(advice))
+        write_json(run / "advice.json", "advice", ADVICE.json(advice))
 
 
 def _by_symbol(advice: Advice, values: np.ndarray) -> dict[str, float]:
@@ -338,10 +322,9 @@ OPTION = Record(
     widths=key("{number}", "Width of each interval after it, as a share of what it is now."),
     separates=key(SEPARATES, "The pair of parameters that it separates best.", "option.separates", null=True),
 )  # fmt: skip
-ADVICE = Record(
+ADVICE = file_of(
     "What one more trace of each rig test would tell: written by `etcfit check FOLDER --advise --out RUN`.",
-    rig=RIG,
-    synthetic=SYNTHETIC,
+    "rig.config",
     stderr_now=key("{number}", "Standard error of each free parameter with the traces that are there, relative: of a "
         "factor, where the parameter is positive.", lambda advice: _by_symbol(advice, advice.sd)),
     options=key(list_of(OPTION), "One more trace each, best first.",
@@ -349,5 +332,4 @@ ADVICE = Record(
     not_judged=key("{text}", "Rig tests that no trace can be simulated of, with the reason.",
         lambda advice: dict(advice.not_judged)),
     settings=key("object", "What the advice decided by: every field of `etcfit.AdviceSettings`."),
-    versions=VERSIONS,
 )  # fmt: skip

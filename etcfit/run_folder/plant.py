@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,30 +14,19 @@ from ..control.frequency import FrequencyResponse, Lag, Ratio, phases
 from ..control.frequency.response import DRIVE, POSITION, SETPOINT
 from ..control.linearise import INPUTS, SYMBOLS, UNITS, Reduction
 from ..estimation.fitted_model import Fitted
-from ..files import plain
-from .declared import FIT_STATE, MODEL, RIG, SYNTHETIC, VERSIONS, WARNINGS, Key, Record, by_name, key, list_of
-
-
-class _Reduced(NamedTuple):
-    fitted: Fitted
-    reduction: Reduction
-    pade_order: int
+from .declared import WARNINGS, Key, Record, by_name, file_of, key, list_of
 
 
 def reduction_json(fitted: Fitted, reduction: Reduction, pade_order: int) -> dict[str, Any]:
-    """The object of transfer_function.json.
-
-    Args:
-        pade_order: of the approximated delay in `with_delay_and_lag`; 0 leaves that out.
-    """
-    return plain(TRANSFER_FUNCTION.written(_Reduced(fitted, reduction, pade_order)))
+    """The object of transfer_function.json."""
+    return TRANSFER_FUNCTION.json({"fitted": fitted, "reduction": reduction, "pade_order": pade_order})
 
 
-def _appended(of: _Reduced) -> dict[str, Any] | None:
-    if not of.pade_order:
+def _appended(of: Mapping[str, Any]) -> dict[str, Any] | None:
+    if not of["pade_order"]:
         return None
-    appended = of.reduction.to_control(of.pade_order)
-    return {"pade_order": of.pade_order, "num": appended.num[0][0].tolist(), "den": appended.den[0][0].tolist()}
+    appended = of["reduction"].to_control(of["pade_order"])
+    return {"pade_order": of["pade_order"], "num": appended.num[0][0].tolist(), "den": appended.den[0][0].tolist()}
 
 
 INPUT = Record(
@@ -83,12 +72,9 @@ FEEDFORWARD = Record(
         "Unit of each.", "",
     ),
 )  # fmt: skip
-TRANSFER_FUNCTION = Record(
+TRANSFER_FUNCTION = file_of(
     "The linear plant about an operating point: written by `etcfit reduce`.",
-    rig=RIG.taken_from("fitted.config.name"),
-    synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
-    model=key(MODEL, "The model.", "fitted"),
-    fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
+    "fitted.config", "fitted",
     **Record(
         input=key(INPUT, "The input.", ""),
         output=key(OUTPUT, "The output.", ""),
@@ -108,7 +94,6 @@ TRANSFER_FUNCTION = Record(
     ).within("reduction"),
     with_delay_and_lag=key(WITH_DELAY_AND_LAG, "The same with delay and sensor lag appended, where `--pade` asked for "
         "it; else null.", _appended, null=True),
-    versions=VERSIONS,
 )  # fmt: skip
 
 
@@ -119,7 +104,7 @@ def frequency_json(fitted: Fitted, response: FrequencyResponse) -> dict[str, Any
     `measured` has position over setpoint, position over drive, and drive over setpoint - position; `modelled` the same
     plant of the fitted model (run free on the logged drive, and linear) and the loops that the ECU would make of them.
     """
-    return plain(FREQUENCY_RESPONSE.written({"fitted": fitted, "response": response}))
+    return FREQUENCY_RESPONSE.json({"fitted": fitted, "response": response})
 
 
 def _points(response: FrequencyResponse) -> list[dict[str, Any]]:
@@ -229,13 +214,10 @@ LINEAR = Record(
     sensor_lag_s=key("number?", "Sensor lag.", "linear.lag"),
     position_pct=key("number?", "Operating point, per cent of the travel.", "share", scale=100.0),
 )  # fmt: skip
-FREQUENCY_RESPONSE = Record(
+FREQUENCY_RESPONSE = file_of(
     "What sine traces say, beside the fitted and the linear model: written by `etcfit reduce` where the rig has sine "
     "traces.",
-    rig=RIG.taken_from("fitted.config.name"),
-    synthetic=SYNTHETIC.taken_from("fitted.config.synthetic"),
-    fit=key(FIT_STATE, "State of the fit that this was made from.", "fitted.state", optional=True),
-    model=key(MODEL, "The model.", "fitted"),
+    "fitted.config", "fitted",
     units=key("{text}", "Units of the magnitudes and of the phase.",
         lambda _: {"closed_loop": "1", "plant": "rad/V", "controller": "V/rad", "phase": "rad"}),
     **Record(
@@ -246,5 +228,4 @@ FREQUENCY_RESPONSE = Record(
         settings=key("object", "Which traces count, and when their points tell an order of lag: every field of "
             "`etcfit.FrequencySettings`."),
     ).within("response"),
-    versions=VERSIONS,
 )  # fmt: skip

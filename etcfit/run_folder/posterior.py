@@ -21,21 +21,7 @@ from ..files import plain, whole
 from ..posterior.profile import Profile
 from ..posterior.sampling import DRAWS_PER_TAU, Band, Marginal, Posterior, apart
 from ..posterior.target import tempering
-from .declared import (
-    FILES,
-    FIT_STATE,
-    FOLDER,
-    MODEL,
-    REASON,
-    RIG,
-    SYNTHETIC,
-    VERSIONS,
-    WARNINGS,
-    Record,
-    by_name,
-    key,
-    list_of,
-)
+from .declared import REASON, WARNINGS, Record, by_name, file_of, key, list_of
 from .fit import STATUSES
 
 _ENGINE = "h5netcdf"  # of xarray
@@ -135,15 +121,12 @@ BAND = Record(
     inside95=key("{number?}", "By channel, 0 to 1.",
         lambda band: dict(zip(band.trace.channels, band.inside, strict=True))),
 )  # fmt: skip
-POSTERIOR = Record(
+POSTERIOR = file_of(
     "The posterior in numbers, and how far its chain came: written by `etcfit sample`.",
-    rig=RIG.taken_from("posterior.fit.rig.config.name"),
-    synthetic=SYNTHETIC.taken_from("posterior.fit.rig.config.synthetic"),
+    "posterior.fit.rig.config", "posterior.fit", "posterior.fit.rig",
     converged=key("flag", "Whether the chain is long enough to be called a posterior. False also means exit status 3.",
         "posterior.convergence.converged"),
     reason=REASON.taken_from("posterior.convergence.reason"),
-    model=key(MODEL, "The model.", "posterior.fit"),
-    fit=key(FIT_STATE, "State of the fit that this was made from.", "posterior.fit.state", optional=True),
     parameters=key(by_name(MARGINAL), "By symbol, parameters and combinations.", _marginals),
     draws=key("whole", "Draws kept after the burn-in.",
         lambda of: int(np.prod(of.posterior.points.shape[:3]))),
@@ -168,18 +151,11 @@ POSTERIOR = Record(
     settings=key("object", "What the sampling decided by: every field of `etcfit.SamplingSettings`.",
         "posterior.settings"),
     warnings=WARNINGS.taken_from(lambda of: _warnings(of.posterior)),
-    folder=FOLDER.taken_from("posterior.fit.rig.folder"),
-    files=FILES.taken_from("posterior.fit.rig.digests"),
-    versions=VERSIONS,
 )  # fmt: skip
 
 
 def require_netcdf() -> None:
-    """A netCDF file can be written here, found out before hours of sampling by writing one.
-
-    Raises:
-        UsageError: it cannot.
-    """
+    """A netCDF file can be written here, found out before hours of sampling by writing one."""
     import xarray
 
     try:

@@ -18,7 +18,7 @@ from ..files import held, write_json
 from ..rig.base import FRAMES, Rig
 from ..rig.reader import KNOWN_TESTS, digests_of
 from . import codec
-from .fit import fit_json
+from .fit import FIT
 from .manifest import (
     CONVERGED,
     DIAGNOSIS_ROUNDS,
@@ -61,7 +61,7 @@ def save_fit(run: Path, result: FitResult, beside: Callable[[Path], None] | None
     folder = FRAMES if result.rig.folder == FRAMES else seen_from(run, Path(result.rig.folder))
     with replacing(run, "fit", exit_of(result), asdict(result.settings), result.rig.digests, folder) as draft:
         codec.save(draft / FIT_STATE, result)
-        write_json(draft / "fit.json", "fit", fit_json(result))
+        write_json(draft / "fit.json", "fit", FIT.json(result))
         if beside is not None:
             beside(draft)
 
@@ -70,15 +70,8 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[Path], Non
     """RUN/diagnosis.json and RUN/diagnosis_state.npz; the fit it began from is saved first where RUN holds another.
 
     The rounds that were kept while it was under way are deleted.
-
-    Args:
-        run: the run folder; made if absent. What later stages made from another model is moved to RUN/superseded.
-        diagnosis: converged or not.
-        beside: see `save_fit`.
-    Raises:
-        UsageError: RUN was written by another version, or another process writes there.
     """
-    from .diagnosis import diagnosis_json
+    from .diagnosis import DIAGNOSIS
 
     with held(run):
         # the fit in RUN is this very one where its file would be the same byte for byte
@@ -87,7 +80,7 @@ def save_diagnosis(run: Path, diagnosis: Diagnosis, beside: Callable[[Path], Non
             save_fit(run, diagnosis.before)
         with replacing(run, "diagnose", exit_of(diagnosis.after), asdict(diagnosis.settings)) as draft:
             codec.save(draft / DIAGNOSIS_STATE, diagnosis, {FIT_STATE: diagnosis.before})
-            write_json(draft / "diagnosis.json", "diagnosis", diagnosis_json(diagnosis))
+            write_json(draft / "diagnosis.json", "diagnosis", DIAGNOSIS.json(diagnosis))
             if beside is not None:
                 beside(draft)
         (run / DIAGNOSIS_ROUNDS).unlink(missing_ok=True)
@@ -105,11 +98,7 @@ def load_fit(run: Path) -> FitResult:
 
 
 def load_diagnosis(run: Path) -> Diagnosis:
-    """The diagnosis that `save_diagnosis` wrote, bit for bit, with the fit that it began from.
-
-    Raises:
-        UsageError: as `load_fit`, and where it was made from another fit.
-    """
+    """The diagnosis that `save_diagnosis` wrote, bit for bit, with the fit that it began from."""
     from ..diagnosis.findings import Diagnosis
 
     record = require(run, "diagnose")
@@ -117,11 +106,7 @@ def load_diagnosis(run: Path) -> Diagnosis:
 
 
 def load_final(run: Path) -> FitResult:
-    """The final model of the diagnosis where RUN holds one, else the fit.
-
-    Raises:
-        UsageError: as `load_fit` and `load_diagnosis`.
-    """
+    """The final model of the diagnosis where RUN holds one, else the fit."""
     return load_diagnosis(run).after if has_diagnosis(run) else load_fit(run)
 
 
@@ -175,11 +160,7 @@ def changes_of(folder: Path, record: Record) -> list[str]:
 
 
 def is_done(run: Path, stage: str, folder: Path) -> bool:
-    """Whether a stage need not run again: its files are those it wrote, from what lies in RUN and in FOLDER now.
-
-    Raises:
-        UsageError: another version wrote RUN.
-    """
+    """Whether a stage need not run again: its files are those it wrote, from what lies in RUN and in FOLDER now."""
     records = read_records(run)
     if not is_latest(run, stage, records):
         return False
@@ -197,11 +178,7 @@ def last_failure(run: Path) -> str:
 
 
 def refuse_among_measurements(folder: Path, run: Path) -> None:
-    """A run folder must be no measurement folder and lie in none of its rig tests: files of both would be mixed.
-
-    Raises:
-        UsageError: so it is.
-    """
+    """A run folder must be no measurement folder and lie in none of its rig tests: files of both would be mixed."""
     place, target = folder.resolve(), run.resolve()
     if not target.is_relative_to(place):
         return
@@ -213,11 +190,7 @@ def refuse_among_measurements(folder: Path, run: Path) -> None:
 
 
 def refuse_measurement_folder(out: Path) -> None:
-    """As `refuse_among_measurements`, of whichever measurement folder is nearest: `out` itself or one that it lies in.
-
-    Raises:
-        UsageError: so it is.
-    """
+    """As `refuse_among_measurements`, of the nearest measurement folder: `out` itself or one that it lies in."""
     target = out.resolve()
     nearest = next((each for each in (target, *target.parents) if (each / "rig.toml").is_file()), None)
     if nearest is not None:
@@ -225,11 +198,7 @@ def refuse_measurement_folder(out: Path) -> None:
 
 
 def must_belong(run: Path, folder: Path) -> None:
-    """Refuse a run folder that was made from other measurements.
-
-    Raises:
-        UsageError: so it was, or another version wrote it.
-    """
+    """Refuse a run folder that was made from other measurements."""
     record = read_records(run).get("fit")
     made_from = None if record is None else measurements_of(run, record)
     if record is not None and (made_from is None or made_from.resolve() != folder.resolve()):

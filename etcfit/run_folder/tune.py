@@ -72,8 +72,8 @@ STEP = Record(
 TUNE = Record(
     "From logs of a car to gains: written by `etcfit tune`.",
     verdict=key("text", "Whether there are gains to type in.",
-        lambda at: "not from this log" if at.found.why_not else "gains", enum=["gains", "not from this log"]),
-    why_not=key("text?", "Why there are none.", lambda at: at.found.why_not or None),
+        lambda at: "not from this log" if at["found"].why_not else "gains", enum=["gains", "not from this log"]),
+    why_not=key("text?", "Why there are none.", lambda at: at["found"].why_not or None),
     doubts=key("[text]", "Why gains would be withheld without `--anyway`, a sentence each.", "found.doubts",
         each={"description": "One."}),
     says=key(SAYS, "What terminal and page say in words."),
@@ -86,7 +86,7 @@ TUNE = Record(
         "where the logs stop it before.", "found.borne"),
     supply_V=key("number", "Of the ECU's output, V.", "found.input.supply"),
     present=key(_each("number"), "Gains that are in the ECU now, as it writes them; null where not given.",
-        lambda at: at.found.request.gains and dict(zip("PID", at.found.request.gains, strict=True)), null=True),
+        lambda at: at["found"].request.gains and dict(zip("PID", at["found"].request.gains, strict=True)), null=True),
     unit=key(_each("text"), "Unit of each gain."),
     large_steps=key(LARGE_STEPS, "The steps of which overshoot, settling and error of each set of gains are foretold, "
         "up and back; null where the logs stop it.", "found.design.settings.scenarios", null=True),
@@ -94,7 +94,7 @@ TUNE = Record(
         "former; none where the logs stop it."),
     options=key("[text]", "Options of `etcfit tune` that another log of this car is given too: make of ECU, its "
         "times, supply, columns; without present gains and run folder.",
-        lambda at: at.found.request.options(), each={"description": "A word."}),
+        lambda at: at["found"].request.options(), each={"description": "A word."}),
     record_next=key(list_of(record_of(Lack)), "What to record next, what wins most first.", "found.lacks"),
     pid=key("text?", "SHA-256 of the pid.json that it goes with; null where there is none."),
 )  # fmt: skip

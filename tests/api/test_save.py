@@ -16,6 +16,7 @@ from etcfit.api.fit import Fit
 from etcfit.api.fleet import Fleet
 from etcfit.errors import UsageError
 from etcfit.estimation.result import FitResult
+from etcfit.run_folder.folder import RunFolder
 
 
 class Made:
@@ -87,7 +88,7 @@ def saved(kind: str, fit: Fit, run: Path) -> None:
     """Save something that was made from a fit."""
     made: Any = Made(fit.result.taken_as_exact())
     doors = {
-        "keep_design": lambda: fit.keep_design(run, made, {}),
+        "keep_design": lambda: fit.keep_design(RunFolder(run), made, {}),
         "keep_reduction": lambda: Reduced(fit, made).save(run),
         "keep_posterior": lambda: Sampled(made).save(run),
     }
@@ -125,4 +126,4 @@ def test_gains_of_a_fleet_are_not_saved_beside_a_fit_or_another_fleet(fitted: Fi
     (tmp_path / "other" / "fleet.json").write_text("{}")
     for name in ("fit", "other"):
         with pytest.raises(UsageError, match=f"{name} holds results of another fleet than .*mine"):
-            Fleet(tmp_path / "mine", files).keep_design(tmp_path / name, gains, {})
+            Fleet(tmp_path / "mine", files).keep_design(RunFolder(tmp_path / name), gains, {})

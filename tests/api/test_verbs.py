@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -25,12 +25,12 @@ from etcfit.api.measurements import Checked
 from etcfit.cli import app
 from etcfit.control.pid import RULES, Requirements
 from etcfit.control.pid.optimal import SHARES
+from etcfit.control.request import DesignRequest
 from etcfit.errors import MeasurementError, UsageError
 from etcfit.estimation.settings import FitSettings
 from etcfit.experiment.advice import Advice, Option, Pair
 from etcfit.experiment.plan import PLANS, Setting
 from etcfit.experiment.settings import AdviceSettings
-from etcfit.model.ecu import Ecu
 from etcfit.rig.base import Rig
 from etcfit.run_folder.manifest import read_records
 
@@ -179,10 +179,10 @@ def test_gains_that_are_saved_say_with_what_a_run_makes_them_anew(designed: Desi
         patch.setattr("etcfit.reporting.draw_design", lambda *_: None)
         designed.save(tmp_path)
     settings = read_records(tmp_path)["design"].settings
-    assert (settings["rule"], settings["feed_forward"]) == ("manual", False)
+    assert (settings["rule"], settings["feed_forward"], settings["ecu"]) == ("manual", False, {"period": 1e-3})
     assert Requirements(**settings["limits"]) == designed.design.task.requirements
-    assert Ecu(**settings["ecu"]) == designed.design.task.ecu
-    assert settings["profile"] is None
+    asked = {each.name: settings[each.name] for each in fields(DesignRequest)}
+    assert DesignRequest(**asked) == designed.request
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def test_a_name_is_shortened_and_made_up_data_are_called_so() -> None:
 
 def test_nothing_that_a_user_wrote_is_markup() -> None:
     table = views.table(Table("t", (Column("x<", 0),), [("<td>",)]))
-    shown = views.card(RigConfig("<b>rig</b>"), "a & b", views.paragraph("<i>"), table,
+    shown = views.html_card(RigConfig("<b>rig</b>"), "a & b", views.paragraph("<i>"), table,
                        views.folded("more <", ["<script>"]), alarm="<u>")  # fmt: skip
     for tag in ("<b>rig", "<i>", "<script>", "<u>", "<td><td>", "x<<"):
         assert tag not in shown

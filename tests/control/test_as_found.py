@@ -28,7 +28,7 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
 from etcfit.rig.base import Fixed, RigConfig
-from etcfit.run_folder.pid import design_json
+from etcfit.run_folder.pid import PID
 from independent import draw_truth
 from independent.control import Computer, follow, score, trapezoids
 from independent.simulate import throttle
@@ -169,7 +169,7 @@ def test_the_table_shows_them_and_says_whose_ecu_it_is(present: Design) -> None:
 
 @pytest.mark.slow
 def test_pid_json_has_the_same_keys_with_them(present: Design) -> None:
-    found = design_json(present)
+    found = PID.json(present)
     assert found["rule"] == "as_found"
     assert set(found["gains"]) == {"Kp", "Ki", "Kd", "unit"}
     assert found["ecu"]["period_s"] == LOGGED.period
@@ -185,8 +185,8 @@ def test_gains_stand_in_the_users_unit_and_form_where_rig_toml_names_them(presen
     """12 V over 11 V of the supply, 90 deg of travel; ticks of 2 ms."""
     mine = noted(present, Notation("%", "deg", "ticks"))
     per_degree = np.pi / 180.0 * 100.0 / LOGGED.supply  # % of duty for a degree, of V/rad
-    shown = design_json(mine)["as_written"]
-    assert shown == design_json(mine)["rules"]["as_found"]["as_written"]
+    shown = PID.json(mine)["as_written"]
+    assert shown == PID.json(mine)["rules"]["as_found"]["as_written"]
     assert (shown["unit"], shown["form"]) == ("%/deg", "ticks")
     assert shown["P"] == pytest.approx(60.0 * per_degree)
     assert shown["I"] == pytest.approx(400.0 * per_degree * 2e-3)
@@ -213,4 +213,4 @@ def test_an_unstable_loop_meets_nothing_whatever_its_response_looks_like() -> No
     assert "UNSTABLE" in titles[0]
     assert "meets" not in titles[0]
     assert "unstable" in render(design_table(shown))
-    assert design_json(shown)["stable"] is False
+    assert PID.json(shown)["stable"] is False

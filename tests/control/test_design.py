@@ -33,7 +33,7 @@ from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.sentence import hardest_place, misses
 from etcfit.run_folder.manifest import replacing
-from etcfit.run_folder.pid import design_json, rusefi
+from etcfit.run_folder.pid import PID, rusefi
 from etcfit.run_folder.plant import reduction_json
 from etcfit.run_folder.reading import read_draws
 from etcfit.run_folder.state import load_final, save_fit
@@ -90,7 +90,7 @@ def test_to_control_is_the_same_plant(fitted: Fitted, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Path) -> None:
-    found = written_valid(tmp_path, "pid", design_json(designed))
+    found = written_valid(tmp_path, "pid", PID.json(designed))
     assert from_json(DesignSettings, found["settings"]) == BRIEF
     gains, ecu = found["gains"], found["ecu"]
     assert set(gains) == {"Kp", "Ki", "Kd", "unit"}
@@ -151,7 +151,7 @@ def test_every_rule_is_drawn_where_it_is_hardest_for_it(designed: Design) -> Non
 
 @pytest.mark.slow
 def test_gains_for_another_controller_are_none_for_rusefi(designed: Design) -> None:
-    found = design_json(designed)
+    found = PID.json(designed)
     assert rusefi(designed) is None
     assert found["rusefi"] is None
     assert found["profile"] is None
@@ -182,7 +182,7 @@ def test_rusefi_gains_drive_the_same_duty(fitted: Fitted) -> None:
     friction = 100.0 * per_torque * v["T_f"] / ecu.supply
     assert his["duty_opening"] - his["etbBiasValues"] == pytest.approx(np.full(8, friction), abs=0.02)
     assert his["etbBiasValues"] - his["duty_closing"] == pytest.approx(np.full(8, friction), abs=0.02)
-    validator("pid").validate({"schema": "etcfit.pid/1"} | json.loads(json.dumps(design_json(made))))
+    validator("pid").validate({"schema": "etcfit.pid/1"} | json.loads(json.dumps(PID.json(made))))
     pasted = render(design_table(made))
     for name in ("pFactor", "iFactor", "dFactor"):
         assert f'name="etb_{name}">{his[name]:.8g}</constant>' in pasted
@@ -200,7 +200,7 @@ def array(pasted: str, name: str) -> list[str]:
 def test_a_curve_that_gains_were_found_without_is_pasted_as_zero(fitted: Fitted) -> None:
     made = made_for(fitted, RUSEFI, feed_forward=False)
     assert set(array(render(design_table(made)), "etbBiasValues")) == {"0.0"}
-    bias = design_json(made)["profile"]["bias"]
+    bias = PID.json(made)["profile"]["bias"]
     assert bias["etbBiasValues"] == [0.0] * 8
     assert np.ptp(made.bias.hold) > 0.1
 
@@ -246,7 +246,7 @@ def test_the_lines_of_code_put_ahead_what_was_simulated(
 ) -> None:
     """The printed lines, run as they stand behind the PID of that library, see the simulated plate."""
     made = made_for(fitted, ECUS[name], terms)
-    lines = design_json(made)["profile"]["code"]
+    lines = PID.json(made)["profile"]["code"]
     assert all(line in render(design_table(made)) for line in lines)
     loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
     assert ours is not None
@@ -302,7 +302,7 @@ def test_gains_without_the_terms_are_those_of_before(fitted: Fitted) -> None:
 @pytest.mark.slow
 def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
     made = made_for(fitted, FOME, feed_forward=True)
-    bias = design_json(made)["profile"]["bias"]
+    bias = PID.json(made)["profile"]["bias"]
     bins, values = (np.array(bias[name]) for name in ("etbBiasBins", "etbBiasValues"))
     assert 2.0 * bins == pytest.approx(np.round(2.0 * bins), abs=1e-9)
     assert 10.0 * values == pytest.approx(np.round(10.0 * values), abs=1e-9)
@@ -311,7 +311,7 @@ def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
     assert ahead is not None
     assert 100.0 * np.asarray(made.task.loop.share(ahead.angles)) == pytest.approx(bins, abs=1e-9)
     assert 100.0 * ahead.hold / made.task.ecu.supply == pytest.approx(values, abs=0.05 + 1e-9)
-    curve = design_json(made)["bias_curve"]  # what the page's loop runs through
+    curve = PID.json(made)["bias_curve"]  # what the page's loop runs through
     assert (curve["angles_rad"], curve["hold_V"]) == (ahead.angles.tolist(), ahead.hold.tolist())
 
 
@@ -319,7 +319,7 @@ def test_fomes_curve_is_one_that_its_table_holds(fitted: Fitted) -> None:
 @pytest.mark.parametrize("profile", ECUS.values(), ids=ECUS)
 def test_every_make_of_ecu_has_settings_that_give_the_same_controller(fitted: Fitted, profile: EcuProfile) -> None:
     made = made_for(fitted, profile, feed_forward=False)
-    found = json.loads(json.dumps(design_json(made), allow_nan=False))
+    found = json.loads(json.dumps(PID.json(made), allow_nan=False))
     validator("pid").validate({"schema": "etcfit.pid/1"} | found)
     written, ecu = found["profile"], made.task.ecu
     assert (written["name"], written["source"]) == (profile.name, profile.source)

@@ -26,7 +26,7 @@ from etcfit.estimation.fitted_model import Fitted
 from etcfit.reporting.blocks import render
 from etcfit.reporting.control.gains import design_table
 from etcfit.reporting.control.pictures import draw_responses
-from etcfit.run_folder.pid import design_json
+from etcfit.run_folder.pid import PID
 from independent.truth import CONSISTENT, Truth
 from schemas import written_valid
 
@@ -149,7 +149,7 @@ def test_the_share_promised_is_met_by_fresh_units_of_an_independent_simulation(d
 @pytest.mark.slow
 def test_the_files_and_the_table_say_how_the_fleet_fares(designed: Design, tmp_path: Path) -> None:
     assert designed.fleet is not None
-    written = written_valid(tmp_path, "pid", design_json(designed))
+    written = written_valid(tmp_path, "pid", PID.json(designed))
     fleet = written["fleet"]
     assert fleet["units"] == 60
     assert fleet["share_met"] == designed.fleet.share.value
@@ -311,7 +311,7 @@ def test_gains_sought_over_the_parts_hold_on_more_fresh_units_and_as_many_as_pro
 def test_file_table_and_picture_say_how_the_parts_fare(compared: Compared, tmp_path: Path) -> None:
     design, found = compared.design, compared.design.parts
     assert found is not None
-    written = written_valid(tmp_path, "pid", design_json(design))
+    written = written_valid(tmp_path, "pid", PID.json(design))
     parts, each = written["parts"], found.rules["optimal"]
     assert (parts["fleet"], parts["name"]) == ("runs/line", "line 4")
     assert parts["left_out"] == {"u100": "odd: a stiff spring"}

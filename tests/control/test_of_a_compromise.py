@@ -31,7 +31,7 @@ from etcfit.reporting.control.gains import (
 from etcfit.reporting.control.pictures import draw_responses
 from etcfit.reporting.control.plant import reduction_table
 from etcfit.reporting.control.sentence import cautions, sentence
-from etcfit.run_folder.pid import design_json
+from etcfit.run_folder.pid import PID
 from etcfit.run_folder.plant import reduction_json
 from schemas import written_valid
 
@@ -100,7 +100,7 @@ def designed(sound: FitResult) -> Design:
 
 @pytest.mark.slow
 def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> None:
-    made = design_json(designed)
+    made = PID.json(designed)
     found = written_valid(tmp_path, "pid", made)
     assert found["fit"]["compromise"] == FAR
     shown = " ".join(render(design_table(designed)).split())
@@ -120,11 +120,11 @@ def test_nothing_of_them_is_to_be_pasted_until_it_is_asked_for(designed: Design)
     shown = render(design_table(designed))
     assert not [each for each in PASTED if each in shown]
     assert "Nothing to paste" in shown
-    assert "--anyway" in sentence(design_json(designed))
+    assert "--anyway" in sentence(PID.json(designed))
     (row,) = (line for line in shown.splitlines() if line.startswith("damping_optimum") and "of a compromise" in line)
     assert row.split()[-2:] == ["-", "-"]
     assert not {"yes", "no"} & {word for line in shown.splitlines() for word in line.split() if line.startswith("simc")}
-    found = json.loads(json.dumps(design_json(designed)))
+    found = json.loads(json.dumps(PID.json(designed)))
     assert settings_table(found) is None
     assert supply_table(found) is None
     assert gains_table(found) is None
@@ -139,10 +139,10 @@ def test_asked_for_all_the_same_everything_is_given_and_the_caution_still_comes_
     assert " ".join(shown.split()).startswith("Caution - The parameters behind this are a compromise")
     assert [each for each in ("<constant", "etb_pFactor", "continuous time") if each not in shown] == []
     assert "of a compromise" in shown
-    found = json.loads(json.dumps(design_json(asked)))
+    found = json.loads(json.dumps(PID.json(asked)))
     assert found["anyway"] is True
     assert settings_table(found) is not None
-    assert sentence(design_json(asked)) == sentence(found)
+    assert sentence(PID.json(asked)) == sentence(found)
     assert "says little of the plant" in sentence(found)
 
 

@@ -23,7 +23,7 @@ from etcfit.reporting.blocks import render
 from etcfit.reporting.control.gains import design_table, gains_table, pasted, settings_table
 from etcfit.reporting.control.sentence import sentence
 from etcfit.reporting.table import Notes
-from etcfit.run_folder.pid import design_json
+from etcfit.run_folder.pid import PID
 from schemas import written_valid
 
 PROPOSED = Gains(60.0, 300.0, 0.6)
@@ -114,7 +114,7 @@ def test_terminal_file_page_and_sentence_have_the_same_shares(fitted: Fitted, tm
     given = task_of(fitted, ecu, settings=brief, profile=make,
                     feed_forward=True, present={"P": 60.0, "I": 80.0, "D": 120.0, "swings_at": 120.0})  # fmt: skip
     found = results.proposed(fitted, replace(given, as_found=Gains(100.0, 200.0, 1.0)), "manual")
-    pid = design_json(found)
+    pid = PID.json(found)
     written_valid(tmp_path, "pid", pid)
     gain = pid["profile"]["gains"]["P gain"]
     assert gain["value"] == pytest.approx(0.6 * found.proposed.Kp)

@@ -24,7 +24,7 @@ from etcfit.model.rig_effects import OtherRig, Place
 from etcfit.rig.base import OTHER_RIG, Rig
 from etcfit.rig.paper_readings import read_graphs
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder.diagnosis import diagnosis_json
+from etcfit.run_folder.diagnosis import DIAGNOSIS
 from independent import CONSISTENT, Truth, draw_truth
 from independent.mistakes import Mistake, make_mistaken
 
@@ -162,7 +162,7 @@ def test_the_others_tell_the_truth_without_it(mixed: Case) -> None:
 
 @pytest.mark.slow
 def test_the_file_of_the_diagnosis_has_the_mistake_and_its_mend(mixed: Case) -> None:
-    written = diagnosis_json(mixed.found)
+    written = DIAGNOSIS.json(mixed.found)
     assert written["added"][0] == f"other_rig[{mixed.made.file}]"
     entry = written["rig"][0]
     assert (entry["kind"], entry["file"]) == ("other_rig", mixed.made.file)

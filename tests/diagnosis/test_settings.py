@@ -45,7 +45,7 @@ from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
-from etcfit.run_folder.diagnosis import diagnosis_json
+from etcfit.run_folder.diagnosis import DIAGNOSIS
 
 DEFAULT = DiagnosisSettings()
 NAMES = [each.name for each in fields(DiagnosisSettings)]
@@ -110,7 +110,7 @@ def test_every_setting_is_explained() -> None:
 
 def test_diagnosis_json_records_what_was_decided_by(rig: Rig) -> None:
     mine = with_(rounds=3, refit_rise=0.05)
-    recorded = diagnosis_json(diagnoses.diagnosis(rig, settings=mine))["settings"]
+    recorded = DIAGNOSIS.json(diagnoses.diagnosis(rig, settings=mine))["settings"]
     assert from_json(DiagnosisSettings, json.loads(json.dumps(recorded))) == mine
 
 

@@ -40,7 +40,7 @@ from etcfit.model.parameters import parameters_of
 from etcfit.model.rig_effects import rig_effect
 from etcfit.rig.base import Rig
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder.diagnosis import diagnosis_json
+from etcfit.run_folder.diagnosis import DIAGNOSIS
 from independent import CONSISTENT, Truth, draw_truth
 from independent.mistakes import Mistake, make_mistaken
 
@@ -103,7 +103,7 @@ def test_before_nothing_is_called_estimated_that_the_mistake_moved_far(resistor:
 
 @pytest.mark.slow
 def test_the_line_it_tells_mends_the_folder(resistor: Case) -> None:
-    told = next(each for each in diagnosis_json(resistor.found)["rig"] if each["effect"])
+    told = next(each for each in DIAGNOSIS.json(resistor.found)["rig"] if each["effect"])
     assert told["mend"] == '[tests.inductance] series_ohm = "free"'
     table, line = told["mend"].split(" ", 1)
     toml = resistor.folder / "rig.toml"

@@ -32,7 +32,7 @@ from etcfit.estimation.joint_fit import FitResult, fit
 from etcfit.estimation.settings import ContradictionSettings, FitSettings
 from etcfit.estimation.statement import pieces_at
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder.fit import fit_json
+from etcfit.run_folder.fit import FIT
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_intervals_are_hardly_wider_than_noise_makes_them(clean: FitResult) -> N
 
 @pytest.mark.slow
 def test_what_is_written_has_the_keys_of_the_contract(clean: FitResult) -> None:
-    written = fit_json(clean)
+    written = FIT.json(clean)
     assert written["influence"]
     assert {"test", "file", "parameter", "pull"} == set(written["influence"][0])
     assert (written["contradictions"], written["compromise"]) == ([], None)

@@ -19,7 +19,7 @@ from etcfit.reporting.check_table import check_table
 from etcfit.reporting.page import write_page
 from etcfit.reporting.table import of_texts
 from etcfit.reporting.tables import fit_table
-from etcfit.run_folder.fit import fit_json
+from etcfit.run_folder.fit import FIT
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_without_influences_there_is_no_table(pulled: FitResult) -> None:
 
 def test_the_page_names_the_test_in_its_verdict(pulled: FitResult, tmp_path: Path) -> None:
     run = runs.run_folder(tmp_path)
-    written = fit_json(pulled)
+    written = FIT.json(pulled)
     runs.changed(run, "fit", **{key: written[key] for key in ("influence", "contradictions", "parameters")})
     page = write_page(run).path.read_text(encoding="utf-8")
     verdict = page.partition('aria-label="Verdict"')[2].partition("</section>")[0]

@@ -19,7 +19,7 @@ from etcfit.errors import UsageError
 from etcfit.experiment.campaign import Campaign
 from etcfit.rig.config import parse_config
 from etcfit.rig.reader import read_folder
-from etcfit.run_folder.plan import plan_json, play_files, rig_toml, waiting_folder
+from etcfit.run_folder.plan import PLAN, play_files, rig_toml, waiting_folder
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def test_the_folder_is_readable_once_the_records_are_there(plan: Campaign, tmp_p
     for path, text in waiting_folder(plan).items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text, encoding="utf-8")
-    for test, record in zip(plan.tests, plan_json(plan)["tests"], strict=True):
+    for test, record in zip(plan.tests, PLAN.json(plan)["tests"], strict=True):
         head = [column["header"] for column in record["logger"]]
         rng = np.random.default_rng(1)
         time = test.candidate.plan.time

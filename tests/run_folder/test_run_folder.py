@@ -16,8 +16,8 @@ from etcfit.diagnosis.findings import Diagnosis, RigMistake
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.files import whole, write_json
 from etcfit.rig.base import Finding
-from etcfit.run_folder.diagnosis import diagnosis_json
-from etcfit.run_folder.fit import fit_json, readings_of
+from etcfit.run_folder.diagnosis import DIAGNOSIS
+from etcfit.run_folder.fit import FIT, readings_of
 from golden import check_view
 from schemas import validator
 
@@ -79,7 +79,7 @@ def test_each_key_of_a_file_is_as_it_was_by_the_schema(
     mistake = RigMistake("gear_ratio", "gear_ratio", None, None, 0.05, "", "[rig] gear_ratio: times 1.05", "It is.")
     both = replace(found, after=replace(found.after, rig=rig), rig=(mistake,))
     result = results.compromised(fitted)
-    write_json(tmp_path / "it.json", kind, fit_json(result) if kind == "fit" else diagnosis_json(both))
+    write_json(tmp_path / "it.json", kind, FIT.json(result) if kind == "fit" else DIAGNOSIS.json(both))
     written = strict(tmp_path / "it.json")
     validator(kind).validate(written)
     short = json.loads(json.dumps(written), parse_float=lambda text: float(f"{float(text):.6g}"))
@@ -89,7 +89,7 @@ def test_each_key_of_a_file_is_as_it_was_by_the_schema(
 
 
 def test_fit_json_has_the_hash_of_each_file_and_the_versions(fitted: FitResult) -> None:
-    fit = fit_json(fitted)
+    fit = FIT.json(fitted)
     path = Path(fitted.rig.folder) / "response/1.csv"
     assert fit["files"]["response/1.csv"] == hashlib.sha256(path.read_bytes()).hexdigest()
     assert set(fit["versions"]) >= {"etcfit", "jax", "optimistix", "python"}
@@ -104,11 +104,11 @@ def test_a_value_assumed_by_a_graph_is_not_a_reading(fitted: FitResult) -> None:
 def test_effects_known_from_the_start_stand_in_every_round(found: Diagnosis) -> None:
     bare = replace(found.rounds[1], effects=())
     known = replace(found, before=found.after, start=found.final, rounds=(bare,))
-    assert diagnosis_json(known)["rounds"][0]["effects"] == diagnosis_json(known)["start"]["effects"]
+    assert DIAGNOSIS.json(known)["rounds"][0]["effects"] == DIAGNOSIS.json(known)["start"]["effects"]
 
 
 def test_where_everything_is_explained_nothing_is_left(found: Diagnosis) -> None:
-    none = diagnosis_json(replace(found, unexplained=None))
+    none = DIAGNOSIS.json(replace(found, unexplained=None))
     assert none["unexplained"] is None
     assert none["after_with_unknown"] is None
 
@@ -116,7 +116,7 @@ def test_where_everything_is_explained_nothing_is_left(found: Diagnosis) -> None
 def test_what_cannot_be_computed_is_null(found: Diagnosis, tmp_path: Path) -> None:
     lost = tuple(replace(row, rms=float("nan")) for row in found.before.score_fit)
     odd = replace(found, before=replace(found.before, score_fit=lost, chi2_per_dof=float("inf")))
-    write_json(tmp_path / "diagnosis.json", "diagnosis", diagnosis_json(odd))
+    write_json(tmp_path / "diagnosis.json", "diagnosis", DIAGNOSIS.json(odd))
     before = strict(tmp_path / "diagnosis.json")["before"]
     assert before["fit"][0]["rms"] is None
     assert before["chi2_per_dof"] is None

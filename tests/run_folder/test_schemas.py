@@ -28,9 +28,9 @@ from etcfit.experiment.settings import AdviceSettings, CampaignSettings, PlanSet
 from etcfit.model.linear import TransferFunction
 from etcfit.ranges import from_json
 from etcfit.rig.base import Rig
-from etcfit.run_folder.diagnosis import diagnosis_json
-from etcfit.run_folder.fit import fit_json
-from etcfit.run_folder.plan import advice_json, plan_json
+from etcfit.run_folder.diagnosis import DIAGNOSIS
+from etcfit.run_folder.fit import FIT
+from etcfit.run_folder.plan import ADVICE, PLAN
 from etcfit.run_folder.plant import frequency_json
 from schemas import assert_refused, read_valid, validator, written_valid
 
@@ -122,7 +122,7 @@ def test_what_a_fit_writes_fits_its_schema(tmp_path: Path) -> None:
 def advice(rig: Rig, settings: AdviceSettings) -> dict[str, Any]:
     again = Option("viscous", "once more", "noise assumed", np.array([0.5, 1.0]), Pair(("a", "b"), 0.9, 0.1), None)
     apart = Option("response", "a sweep", "", np.array([0.9, 1.0]), None, None)
-    return advice_json(Advice(rig, ("a", "b"), np.array([0.1, 0.2]), (again, apart), (("sine", "no ECU"),), settings))
+    return ADVICE.json(Advice(rig, ("a", "b"), np.array([0.1, 0.2]), (again, apart), (("sine", "no ECU"),), settings))
 
 
 def sines(rig: Rig, settings: FrequencySettings) -> dict[str, Any]:
@@ -134,15 +134,15 @@ def sines(rig: Rig, settings: FrequencySettings) -> dict[str, Any]:
 
 
 MINE: dict[str, tuple[Any, Callable[[Rig, Any], dict[str, Any]]]] = {
-    "fit": (FitSettings(starts=1), lambda rig, mine: fit_json(results.result(rig, settings=mine))),
+    "fit": (FitSettings(starts=1), lambda rig, mine: FIT.json(results.result(rig, settings=mine))),
     "diagnosis": (
         DiagnosisSettings(rounds=3),
-        lambda rig, mine: diagnosis_json(diagnoses.diagnosis(rig, settings=mine)),
+        lambda rig, mine: DIAGNOSIS.json(diagnoses.diagnosis(rig, settings=mine)),
     ),
     "advice": (AdviceSettings(apart=0.7, plan=PlanSettings(lowest=0.5)), advice),
     "plan": (
         CampaignSettings(current=4.0, plan=PlanSettings(lowest=0.5)),
-        lambda rig, mine: plan_json(campaigns.campaign(rig, mine)),
+        lambda rig, mine: PLAN.json(campaigns.campaign(rig, mine)),
     ),
     "frequency_response": (FrequencySettings(poor=0.2), sines),
 }

@@ -30,11 +30,10 @@ class Bias:
     Source: rusEFI, electronic_throttle.cpp (bias table over the target position). Differs from source: no.
     """
 
-    angles: np.ndarray  # rad, rising, shape (P,)
-    hold: np.ndarray  # V that hold the plate there in the middle of its dry friction, shape (P,)
-    # closing, opening: V at which it is about to close and to open, shape (P,): the range that dry friction leaves
-    closing: np.ndarray
-    opening: np.ndarray
+    angles: np.ndarray  # angles of the curve, rad, rising, shape (P,)
+    hold: np.ndarray  # voltage that holds the plate there in the middle of its dry friction, V, shape (P,)
+    closing: np.ndarray  # voltage at which it is about to close, V, shape (P,)
+    opening: np.ndarray  # voltage at which it is about to open, V, shape (P,)
 
     def volts(self, setpoint: np.ndarray) -> np.ndarray:
         """Feed-forward at setpoints (rad), shape (K,), V."""

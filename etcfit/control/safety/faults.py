@@ -32,7 +32,7 @@ class JamCheck:
     timeout: float  # time above the threshold after which the plate counts as stuck, s
     longest: float  # longest time for which the error of a sound throttle exceeds the threshold, s
     sustained: float  # largest error that a sound throttle has for as long as the timeout, share of the travel
-    # detection time of a held plate by scenario, s from a change of the setpoint; None where that change is too small
+    # detection time of a held plate by scenario, from a change of the setpoint, s; None where that change is too small
     detected_after: dict[str, float | None]
 
 
@@ -40,7 +40,7 @@ class JamCheck:
 class Envelope:
     """Control errors of a sound throttle, over all scenarios, draws and conditions."""
 
-    errors: np.ndarray  # thresholds, shares of the travel, rising, shape (T,)
+    errors: np.ndarray  # thresholds of the error, shares of the travel, rising, shape (T,)
     longest: np.ndarray  # longest time for which the error was larger without a break, s, shape (T,)
     models: int  # number of models simulated
     largest: float  # largest error, share of the travel
@@ -101,7 +101,7 @@ class Runaway:
     fault: str  # in words
     setpoint: float  # setpoint after the failure, share of the travel
     opens: float  # widest opening without a check, share of the travel
-    jam_after: float | None  # s until the jam check has detected it in every model; None where it misses one
+    jam_after: float | None  # time until the jam check has detected it in every model, s; None where it misses one
     jam_opens: float  # widest opening with that check, share of the travel
     # apart_after, apart_opens: likewise with the comparison of two sensors as a second check
     apart_after: float | None
@@ -156,7 +156,8 @@ class Sag:
     opening: float  # setpoint, share of the travel
     closes: float  # distance by which the plate falls, share of the travel
     opens: float  # distance by which it then overshoots, likewise
-    # s from the end of the sag until the plate stays near its setpoint; None where it does not in the simulated time
+    # time from the end of the sag until the plate stays near its setpoint, s; None where it does not in the simulated
+    # time
     back_after: float | None
     wound: float  # largest change of the integral, share of the ECU's supply
     false_trip: bool | None  # whether the proposed jam check falsely detects a jam; None where none is proposed

@@ -84,17 +84,15 @@ def _known(seconds: float) -> float | None:
 class Holding:
     """Current and heat of holding a plate still, by the nominal model at the temperature of the bench."""
 
-    shares: np.ndarray  # of the travel, shape (S,)
-    current: np.ndarray  # A in the middle of the dry friction, shape (S,)
-    # closing, opening: A at which it is about to close and to open, shape (S,)
-    closing: np.ndarray
-    opening: np.ndarray
-    watts: np.ndarray  # heat of the winding in the middle of the dry friction, shape (S,)
+    shares: np.ndarray  # positions of the other rows, shares of the travel, shape (S,)
+    current: np.ndarray  # current in the middle of the dry friction, A, shape (S,)
+    closing: np.ndarray  # current at which it is about to close, A, shape (S,)
+    opening: np.ndarray  # current at which it is about to open, A, shape (S,)
+    watts: np.ndarray  # heat of the winding in the middle of the dry friction, W, shape (S,)
     # final temperature rise of the winding, K, shape (S,); None where its heating is unknown
     rise: np.ndarray | None
-    # stall_A, stall_W: current and heat at the full duty against a stop
-    stall_A: float
-    stall_W: float
+    stall_A: float  # current at the full duty against a stop
+    stall_W: float  # heat of it in the winding
     # time at a stop until the winding warms from the bench's temperature to the allowed one, s; infinite where it never
     # does; None where its heating is unknown
     longest: float | None

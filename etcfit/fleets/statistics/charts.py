@@ -47,7 +47,7 @@ class Chart:
     # value, stderr: the units' own estimates and standard errors, shape (N,)
     value: Float[np.ndarray, " N"]
     stderr: Float[np.ndarray, " N"]
-    centre: float  # weighed median
+    centre: float  # centre line: the weighed median
     sd: float  # short-term standard deviation between units, without their own uncertainty
     # lower, upper: limits of each unit, shape (N,)
     lower: Float[np.ndarray, " N"]

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...errors import command
 from ...model.ecus import ECUS, Pasting
-from ...run_folder.pid import design_json
+from ...run_folder.pid import PID
 from ..control.sentence import sentence
 from ..numbers import counted, short
 from ..page import tuned_of
@@ -54,7 +54,7 @@ def of_plant(reduction: Reduction, state: FitState, run: Path) -> Closing:
 
 def said_of(design: Design) -> str:
     """The verdict on the proposed gains in one sentence."""
-    return sentence(design_json(design))
+    return sentence(PID.json(design))
 
 
 def of_design(design: Design, state: FitState, run: Path) -> Closing:

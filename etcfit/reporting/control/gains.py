@@ -513,9 +513,9 @@ def design_table(design: Design) -> RenderableType:
     If the model is no estimate, the caution comes first, and settings of an ECU are left out unless the user requests
     them nevertheless (`Design.withheld`).
     """
-    from ...run_folder.pid import design_json
+    from ...run_folder.pid import PID
 
-    pid = design_json(design)
+    pid = PID.json(design)
     typed = gains_table(pid)
     parts = []
     for part in design_parts(pid):

@@ -11,7 +11,7 @@ from ...diagnosis.findings import Diagnosis
 from ...diagnosis.probabilities import CALIBRATED, likely_in_one_line
 from ...estimation.intervals import Interval, intervals
 from ...estimation.joint_fit import FitResult
-from ...run_folder.diagnosis import diagnosis_json
+from ...run_folder.diagnosis import DIAGNOSIS
 from ..blocks import outcome, rig_title, spaced, stacked
 from ..numbers import Digits, short
 from ..table import Column, Kind, Notes, Part, Table, of_texts, there
@@ -27,7 +27,7 @@ def diagnosis_table(diagnosis: Diagnosis) -> RenderableType:
     """A diagnosis for stdout."""
     from .ledger import ledger  # it imports the drawing modules
 
-    after, found = diagnosis.after, diagnosis_json(diagnosis, *_KEYS)
+    after, found = diagnosis.after, DIAGNOSIS.json(diagnosis, *_KEYS)
     ended = "The final fit converged", "THE FINAL FIT DID NOT CONVERGE"
     return stacked(
         rig_title(after.rig.config, " + ".join(["Eqs. 1-2", *diagnosis.final])),
