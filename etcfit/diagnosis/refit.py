@@ -174,6 +174,7 @@ def held_out_shows_noise(new: CandidateModel, before: CandidateModel) -> bool:
     """
     if new.far or before.far or new.holdout is None or before.holdout is None:
         return False
-    (after, data), (was, _) = ((problem.chi2(s.x, own), own) for s in (new, before) for problem, own in [s.holdout])
+    (problem, data), (problem_before, data_before) = new.holdout, before.holdout
+    after, was = problem.chi2(new.x, data), problem_before.chi2(before.x, data_before)
     noise = after < HELD_OUT_NOISE * data.samples
     return bool(noise and after - was < SPARED_GAIN * (before.chi2 - new.chi2))
