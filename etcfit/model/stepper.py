@@ -314,23 +314,23 @@ class _Contact(NamedTuple):
 
         A rebound that would end within a step comes to rest."""
         low, high = (x.theta < self.lower) & (x.omega < 0.0), (x.theta > self.upper) & (x.omega > 0.0)
-        stop = jnp.clip(x.theta, self.lower, self.upper)
-        if self.play is None and isinstance(self.restitution, float):
-            return State(x.i, stop, jnp.where(low | high, 0.0, x.omega))
-        hit, change, beyond = low | high, x.omega - before.omega, x.theta - stop
-        after = change * beyond / jnp.where(hit, x.theta - before.theta, 1.0)
+        hit, stop = low | high, jnp.clip(x.theta, self.lower, self.upper)
+        change, beyond = x.omega - before.omega, x.theta - stop
+        bounces = self.restitution > 0.0  # a constant in a model without such an effect: kernels then skip all of it
+        after = jnp.where(bounces, change * beyond / jnp.where(hit, x.theta - before.theta, 1.0), 0.0)
         back = -self.restitution * (x.omega - after)
         below = above = back + after
         if self.play is not None:
             below = jnp.where(self.play.there, self.play.closing(x.omega), below)
             above = jnp.where(self.play.alone, self.play.opening(x.omega), above)
-        omega = jnp.where(low, below, above)
-        rests = jnp.where(low, self.on_lower, self.on_upper) | (jnp.abs(omega) <= 2.0 * jnp.abs(change))
-        away = hit & ~rests
+            # of teeth: as if they met at the end of the step
+            bounces &= ~jnp.where(low, self.play.there, self.play.alone)
+        rebound = jnp.where(low, below, above)
+        rests = jnp.where(low, self.on_lower, self.on_upper) | (jnp.abs(rebound) <= 2.0 * jnp.abs(change))
+        away = bounces & hit & ~rests
         way = (back + 0.5 * after) * beyond / jnp.where(away, x.omega - 0.5 * after, 1.0)
-        if self.play is not None:  # of teeth: as if they met at the end of the step
-            way = jnp.where(jnp.where(low, self.play.there, self.play.alone), 0.0, way)
-        return State(x.i, stop + jnp.where(away, way, 0.0), jnp.where(away, omega, jnp.where(hit, 0.0, x.omega)))
+        omega = jnp.where(hit, jnp.where(rests, 0.0, rebound), x.omega)
+        return State(x.i, jnp.where(away, stop + way, stop), omega)
 
 
 class _Stage(NamedTuple):
