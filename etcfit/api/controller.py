@@ -140,7 +140,7 @@ class Designed(View):
 
     Args:
         fit: the model, or the fleet.
-        request: what was asked for.
+        request: rule, ECU and limits for which the gains were designed.
     """
 
     fit: Fit | Fleet

@@ -4,8 +4,8 @@
 
 Each takes the result of an earlier one, or a run folder, and returns an object of this room. The commands call these
 functions. Most only compute and return; `report`, `export`, `fetch`, `tune`, `fleet`, `sample` with a folder, and
-`save` of a result write files. `quiet` may be a function instead, which is told each step and the share that is done.
-Heavy modules are imported when a function is called.
+`save` of a result write files. `quiet` may be a function instead, which is called with each step and the share that is
+done. Heavy modules are imported when a function is called.
 """
 
 from __future__ import annotations
@@ -470,9 +470,9 @@ def drive(
         from ..reporting.car_log import Held
         from ..run_folder.reading import read_foretold
 
-        told, name, content = read_foretold(Path(foretold), made_with and made_with.replace("-", "_"))
+        prediction, name, content = read_foretold(Path(foretold), made_with and made_with.replace("-", "_"))
         return Driven(config, every, Held(every[0].log.name, Path(foretold), name, content,
-                                          held_against(every[0], told)))  # fmt: skip
+                                          held_against(every[0], prediction)))  # fmt: skip
 
 
 @verb

@@ -169,11 +169,11 @@ def diagnose(
         left = unexplained(result, progress.model, worth, report)
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
-    contradicted = not held_out_shows_noise(progress.model, first) and runs_free_worse(after, result, settings)
-    if progress.model.added and contradicted:
+    worse = progress.model.added and runs_free_worse(after, result, settings)
+    if worse and not held_out_shows_noise(progress.model, first):
         added = listed(e.name for e in progress.model.added)
-        worse = f"Run free, the model with {added} is further from the data: all these effects are taken away again."
-        progress = progress.back_to(first, worse)
+        why = f"Run free, the model with {added} is further from the data: all these effects are taken away again."
+        progress = progress.back_to(first, why)
         left, after = unexplained(result, first, {}, report), result
     rest = Allowed(after)
     if left is not None or not progress.rounds[-1].evidence.white:

@@ -162,12 +162,12 @@ def is_no_worse(new: CandidateModel, before: CandidateModel, was: Score) -> bool
     if refit_worsened(new, before):
         return False
     rise = new.settings.rise_in_refit(new.far)
-    return held_out_shows_noise(new, before) or not holdout_worsened(holdout_rms(new), was.holdout_rms, rise)
+    return not holdout_worsened(holdout_rms(new), was.holdout_rms, rise) or held_out_shows_noise(new, before)
 
 
 def held_out_shows_noise(new: CandidateModel, before: CandidateModel) -> bool:
     """Whether each held-out sample, predicted from those before it, differs from the new model by noise alone, and
-    their chi2 rises little beside the fall of that of the fitted traces.
+    their chi2 rises by less than `SPARED_GAIN` of the fall of that of the fitted traces.
 
     Then nothing in them contradicts the new model, even where their free-run RMS rises: a free run adds up what the
     noise of the input and small errors of the parameters do. False far from the data, and where nothing is held out.

@@ -171,10 +171,11 @@ def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], be
 
 
 def second_trial(first: Trial, full: CandidateModel, before: Score) -> Trial:
-    """The trial of the same effect, contradicted by the held-out traces, once more: at the coordinates where a full
-    refit ended, with the allowed rise of the held-out RMS of a full refit.
+    """The second trial of an effect that the held-out traces contradicted: they judge the model of a full refit, with
+    the rise that is allowed there.
 
-    What the effect explains is the larger of both: the whitening of the model before may hold it from either place.
+    The fitted traces judge the better of both models, because the whitening of the model before can make the chi2 of
+    either too large.
     """
     again = judge_trial(first.verdict.effect, before, replace(first.model, x=full.x))
     best = min(first, again, key=lambda t: t.verdict.score.chi2)

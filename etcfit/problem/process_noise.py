@@ -223,7 +223,7 @@ def impact(before: State, after: State, steps: Step) -> Float[AnyArray, "*batch"
     stopped = (after.omega == 0.0) & (before.omega != 0.0)
     on_stop = (after.theta <= steps.lower) | (after.theta >= steps.upper)
     turned = after.omega * before.omega < 0.0
-    way = after.omega * steps.dt  # at most, since a rebound in this step
+    way = after.omega * steps.dt  # the most that a plate moves after a rebound within the step
     rebounded = turned & ((after.theta - steps.lower <= way) | (after.theta - steps.upper >= way))
     # a motor that rattles in the play of its gear, beyond the stop of the plate
     rattled = turned & (jnp.minimum(after.theta, before.theta) < steps.lower)

@@ -26,53 +26,53 @@ if TYPE_CHECKING:
 _SECONDS = 8.0  # s of the held-out part in the picture
 
 
-def tune_table(told: Mapping[str, Any]) -> RenderableType:
+def tune_table(content: Mapping[str, Any]) -> RenderableType:
     """Contents of the logs, errors of the model on them, and the steps from the present to the proposed gains.
 
     Args:
-        told: the object of tune.json, which the page of the run shows too.
+        content: the object of tune.json, which the page of the run shows too.
     """
-    says, withheld = told["says"], told["why_not"]
-    doubts = [] if withheld else told["doubts"]
+    says, withheld = content["says"], content["why_not"]
+    doubts = [] if withheld else content["doubts"]
     rows = [(c["name"], "ok" if c["passed"] else "STOPS" if c["stops"] else "doubtful",
-             c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in told["checks"]]  # fmt: skip
+             c["says"] if c["passed"] else f"{c['says']}. {c['cure']}") for c in content["checks"]]  # fmt: skip
     checks = of_texts("The logs", ("check", "", "found"), rows, 2, {"found": "prose"})
     lacks = [f"{each['name']} ({each['found']:.3g} of {each['needed']:g} {each['unit']}): {each['record']}"
-             for each in told["record_next"]]  # fmt: skip
+             for each in content["record_next"]]  # fmt: skip
     return stacked(
-        Text(f"{named(told['ecu']).title}: gains from logs of the car", style="bold"),
+        Text(f"{named(content['ecu']).title}: gains from logs of the car", style="bold"),
         *([spaced(Text(f"NOT FROM THIS LOG. {withheld}", style="bold red"))] if withheld else []),
         *([spaced(Text(" ".join(doubts), style="bold red"))] if doubts else []),
         checks,
         Notes("Model", says["model"]),
-        *tables_of_steps(told),
+        *tables_of_steps(content),
         Notes("Requirements", [says["requirements"]] if says["requirements"] else []),
         Notes("Next", says["next"]),
         Notes("To record next, for surer gains", lacks),
     )
 
 
-def tables_of_steps(told: Mapping[str, Any]) -> tuple[Table, ...]:
+def tables_of_steps(content: Mapping[str, Any]) -> tuple[Table, ...]:
     """The gains of each step in the ECU's own numbers, and their simulated results; none if withheld."""
-    if told["why_not"] or not told["steps"]:
+    if content["why_not"] or not content["steps"]:
         return ()
-    return _gains(told), _figures(told)
+    return _gains(content), _figures(content)
 
 
-def _gains(told: Mapping[str, Any]) -> Table:
+def _gains(content: Mapping[str, Any]) -> Table:
     rows = []
-    for step in told["steps"]:
-        factors = (step["factors"] or {}) if step is not told["steps"][0] else {}
+    for step in content["steps"]:
+        factors = (step["factors"] or {}) if step is not content["steps"][0] else {}
         cells = [short(gain, 4) + (f"  x {factors[key]:.2f}" if factors.get(key) else "")
                  for key, gain in step["gains"].items()]  # fmt: skip
         rows.append((_spoken(step["name"]), *cells))
-    head = (f"{name}\n{told['unit'][key]}" for name, key in zip(named(told["ecu"]).gains, "PID", strict=True))
+    head = (f"{name}\n{content['unit'][key]}" for name, key in zip(named(content["ecu"]).gains, "PID", strict=True))
     title = "Gains, as this ECU writes them; x: over the present gain; half way: about the root of that factor"
     return of_texts(title, ("step", *head), rows)
 
 
-def _figures(told: Mapping[str, Any]) -> Table:
-    rows, steps = [], told["steps"]
+def _figures(content: Mapping[str, Any]) -> Table:
+    rows, steps = [], content["steps"]
     for step in steps:
         chances = (None if value is None else f"{value:.2f}"
                    for value in (step["probability_met"], step["probability_better"]))  # fmt: skip

@@ -259,7 +259,7 @@ ECU = record_of(
         "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "noise": "noise_rad", "lag": "input_filter_s",
         "compensated": "divides_by_battery",
     },
-    integral=key("number?", "Largest that its integral may hold, share of the supply; null where it stands still at "
+    integral=key("number?", "Largest value of its integral, share of the supply; null where the integral stops at "
         "the output's limit instead.", lambda ecu: ecu["integral"] or None, optional=True),
     slew=key("number?", "Largest change of its output; null for none.", lambda ecu: ecu["slew"] or None, optional=True),
     compensated=key("flag", "Whether it divides its output by the battery voltage, so that the output means volts.",
