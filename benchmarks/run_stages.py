@@ -2,8 +2,8 @@
 
     ETCFIT_CACHE=EMPTY python -m benchmarks.run_stages FOLDER --out RUN --quiet
 
-Seconds of user and system time of this process, and of the one that draws pictures beside it. Times of the clock say
-little on a machine that others use; these say what the command asks of it. Linux alone tells them of the helper.
+Seconds of user and system time of this process, of the one that draws pictures beside it, and of the clock, which says
+little on a machine that others use. Linux alone tells the helper's.
 """
 
 from __future__ import annotations
@@ -35,12 +35,15 @@ def timed(stage: stages.Stage) -> stages.Stage:
     """The stage, which says what it took."""
 
     def work(*args: Any, **options: Any) -> stages.Done:
-        own, beside = time.process_time(), helpers()
+        wall, own, beside = time.perf_counter(), time.process_time(), helpers()
         try:
             return stage.work(*args, **options)
         finally:
             own, beside = time.process_time() - own, helpers() - beside
-            print(f"{stage.name:10s} {own:7.2f} s  helper {beside:6.2f} s", file=sys.stderr, flush=True)
+            wall = time.perf_counter() - wall
+            print(
+                f"{stage.name:10s} {own:7.2f} s  helper {beside:6.2f} s  wall {wall:6.2f} s", file=sys.stderr, flush=True
+            )
 
     return replace(stage, work=work)
 
