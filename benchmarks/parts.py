@@ -24,7 +24,7 @@ from etcfit.backend import use_compilation_cache
 from etcfit.control.design import ecu_of, task_of
 from etcfit.control.fleet import Parts, best_for_parts, sought_over
 from etcfit.control.judged import over_models
-from etcfit.control.loop_figures import OF_THE_PAPER, Run, judge, with_effort
+from etcfit.control.loop_figures import OF_THE_PAPER, Ran, judge_all
 from etcfit.control.on_units import Share
 from etcfit.control.pid import RULES, Gains, Refusal, Task
 from etcfit.estimation.fitted_model import Fitted
@@ -79,8 +79,7 @@ def on_plant(task: Task, gains: Gains, truth: Truth, seed: int) -> OnPlant:
     wanted = body.lower + setpoint.at(time) * (body.upper - body.lower)
     angle, volts = noisy(throttle(truth, NONE), computer, wanted, np.random.default_rng(seed)).T
     share = (angle - body.lower) / (body.upper - body.lower)
-    run = Run(setpoint, time, volts[None] / ecu.supply, np.zeros((1, time.size)))
-    figures = with_effort(judge(setpoint, time, share[None]), run)
+    figures = judge_all(setpoint, time, Ran(share[None], volts[None] / ecu.supply, np.zeros((1, time.size))))
     meets = all(asked.met(figures, (*OF_THE_PAPER, "duty_activity_pct")).values())
     return OnPlant(bool(meets), float(figures.rmse_pct[0]))
 
@@ -113,7 +112,7 @@ def of_truth(fitted: Fitted, units: tuple[UnitTruth, ...]) -> Throttle:
 
 def met_on(task: Task, gains: Gains) -> np.ndarray:
     """Whether the models of a task, but for the nominal one, meet everything."""
-    return over_models(task, task.loop, Gains.stacked(gains)).of_rule(0).met(task.requirements)[1:]
+    return task.requirements.all_met(over_models(task, task.loop, Gains.stacked(gains)).of_gains(0))[1:]
 
 
 def main() -> None:

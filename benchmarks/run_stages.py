@@ -42,7 +42,9 @@ def timed(stage: stages.Stage) -> stages.Stage:
             own, beside = time.process_time() - own, helpers() - beside
             wall = time.perf_counter() - wall
             print(
-                f"{stage.name:10s} {own:7.2f} s  helper {beside:6.2f} s  wall {wall:6.2f} s", file=sys.stderr, flush=True
+                f"{stage.name:10s} {own:7.2f} s  helper {beside:6.2f} s  wall {wall:6.2f} s",
+                file=sys.stderr,
+                flush=True,
             )
 
     return replace(stage, work=work)

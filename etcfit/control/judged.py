@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from .loop_figures import FIGURES, OF_THE_PAPER, judge, judge_each
 from .on_units import OneByOne
-from .pid import Gains, LoopFigures, Refusal, Requirements, Task
+from .pid import Gains, LoopFigures, Refusal, Task
 from .pid.conditions import Conditions, at_corners, corners, scattered, under
 from .pid.linear_loop import margins, respond
 from .pid.loop import Loop
@@ -71,14 +70,17 @@ def judged(task: Task, found: Mapping[str, Gains | Refusal]) -> dict[str, Tuned]
     """Figures of every rule's gains, on the linear plant and over the draws of the nonlinear one."""
     have = {name: gains for name, gains in found.items() if isinstance(gains, Gains)}
     gains = Gains.stacked(*have.values())
-    at_bench, out = over_models(task, task.loop, gains), {}
-    anew = over_models(task, task.loop.with_new_noise_seed(), gains) if task.ecu.noise > 0.0 else at_bench
+    share, figures = task.loop.tried(gains, task.setpoint)
+    at_bench, out = with_margins(task, task.loop, gains, figures), {}
+    anew = at_bench
+    if task.ecu.noise > 0.0:
+        anew = over_models(task, task.loop.with_new_noise_seed(), gains)
     for name, refusal in found.items():
         if isinstance(refusal, Refusal):
             out[name] = Tuned(name, None, refusal.why)
         else:
             k = list(have).index(name)
-            out[name] = _tuned(task, name, refusal, at_bench.of_rule(k), anew.of_rule(k))
+            out[name] = _tuned(task, name, refusal, share[:, k], at_bench.of_gains(k), anew.of_gains(k))
     return out
 
 
@@ -88,19 +90,23 @@ def outside_the_bench(task: Task, gains: Gains) -> Robust:
     conditions = scattered(ranges, task.loop.draws, np.random.default_rng(ranges.seed))
     loops = at_corners(task.loop, ranges), under(task.loop, conditions, ranges)
     one = Gains.stacked(gains)
-    there, anywhere = (over_models(task, loop, one).of_rule(0) for loop in loops)
-    worst = there.figures.worst()
+    there, anywhere = (over_models(task, loop, one).of_gains(0) for loop in loops)
+    worst = there.worst()
     met = {symbol: bool(met) for symbol, met in requirements.met(worst).items()}
-    k = int(np.argmax(np.max(list(requirements.strain(there.figures).values()), axis=0)))
+    k = int(np.argmax(np.max(list(requirements.strain(there).values()), axis=0)))
     corner = Conditions(*(float(ends[k]) for ends in corners(ranges)))
-    return Robust(worst, corner, met, worst.gain_margin_db > 0.0, float(np.mean(anywhere.met(requirements))))
+    return Robust(worst, corner, met, worst.gain_margin_db > 0.0, float(np.mean(requirements.all_met(anywhere))))
 
 
-def over_models(task: Task, loop: Loop, gains: Gains) -> OverDraws:
-    """Results of gains of shape (G,) on every model of a loop."""
-    share, figures = loop.tried(gains, task.setpoint)
+def over_models(task: Task, loop: Loop, gains: Gains) -> LoopFigures:
+    """Figures of gains of shape (G,) on every model of a loop, with the margins of the linear loops, shape (D, G)."""
+    return with_margins(task, loop, gains, loop.figures(gains, task.setpoint))
+
+
+def with_margins(task: Task, loop: Loop, gains: Gains, figures: LoopFigures) -> LoopFigures:
+    """The figures with the margins of the linear loops."""
     safe = margins(gains, loop.linear(), task.ecu)
-    return OverDraws(replace(figures, gain_margin_db=safe.gain_db, phase_margin_deg=safe.phase_deg), share)
+    return replace(figures, gain_margin_db=safe.gain_db, phase_margin_deg=safe.phase_deg)
 
 
 def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, at_once: int) -> tuple[OneByOne, ...]:
@@ -115,32 +121,16 @@ def unit_by_unit(task: Task, loop: Loop, units: tuple[str, ...], gains: Gains, a
     rows: list[LoopFigures] = []
     for begin in range(0, count, room):
         found = over_models(task, loop.taking(np.minimum(np.arange(begin, begin + room), count - 1)), gains)
-        shape = found.share.shape[:2]
-        rows.append(found.figures.each(lambda figure, shape=shape: np.broadcast_to(figure, shape)))
+        shape = found.rmse_pct.shape
+        rows.append(found.each(lambda figure, shape=shape: np.broadcast_to(figure, shape)))
     joined = ((symbol, np.concatenate([getattr(row, symbol) for row in rows])[:count]) for symbol in FIGURES)
     every = LoopFigures(**dict(joined))
     return tuple(OneByOne(units, every.each(lambda figure, k=k: figure[:, k]), task.requirements)
                  for k in range(np.size(gains[0])))  # fmt: skip
 
 
-class OverDraws(NamedTuple):
-    """Results of gains over models; for one rule's gains without the axis G."""
-
-    figures: LoopFigures  # of the responses, and margins of the linear loops, shape (D, G) each
-    share: np.ndarray  # position at each tick, share of the travel, shape (D, G, K)
-
-    def of_rule(self, k: int) -> OverDraws:
-        """Results of one rule's gains."""
-        return OverDraws(self.figures.each(lambda figure: figure[:, k]), self.share[:, k])
-
-    def met(self, requirements: Requirements) -> np.ndarray:
-        """Whether each model meets every requirement with a stable loop, shape (D,)."""
-        return np.all(list(requirements.met(self.figures).values()), axis=0) & (self.figures.gain_margin_db > 0.0)
-
-
-def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: OverDraws) -> Tuned:
-    """The result of one rule, under the noise of the search (`over_draws`) and under other noise (`anew`)."""
-    figures, share = over_draws
+def _tuned(task: Task, name: str, gains: Gains, share: np.ndarray, figures: LoopFigures, anew: LoopFigures) -> Tuned:
+    """The result of one rule: responses of the draws, shape (D, K), their figures, and those under other noise."""
     requirements, time = task.requirements, task.setpoint.instants(task.ecu.period)
     gain, phase = (float(m) for m in margins(gains, task.plant, task.ecu))
     straight = respond(task.plant, gains, task.ecu, PAPERS_SETPOINT)
@@ -160,7 +150,7 @@ def _tuned(task: Task, name: str, gains: Gains, over_draws: OverDraws, anew: Ove
         scenarios={scenario: figures.each(float) for scenario, figures in each.items()},
         met={symbol: bool(met) for symbol, met in requirements.met(nonlinear).items()},
         met_linear={symbol: bool(met) for symbol, met in requirements.met(linear, OF_THE_PAPER).items()},
-        probability_met=float(np.mean(anew.met(requirements))),
+        probability_met=float(np.mean(requirements.all_met(anew))),
         probability_stable=float(np.mean(stable)),
         band=np.quantile(share, (0.025, 0.5, 0.975), axis=0),
     )

@@ -7,7 +7,7 @@ A new figure is one line of `LoopFigures`: JSON and its schema, terminal, page, 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, NamedTuple, TypeVar
@@ -29,83 +29,157 @@ from ..model.figure import Figure, figure, figures_of
 from .setpoint import Level, Setpoint, Stretch
 
 
-class AtLevel(NamedTuple):
-    """A response between two changes of the setpoint."""
+class Ran(NamedTuple):
+    """A response, shape (..., K), or one tick of it."""
 
-    size: float  # of the change, share of the travel
-    since: np.ndarray  # s since the change began, shape (K,)
-    # distance of the position beyond the new level, in the direction of the change, shares of the travel, shape (...,
-    # K)
-    beyond: np.ndarray
-    tail: int  # number of the first tick of the level's last quarter
+    share: Any  # position, share of the travel
+    duty: Any  # share of the supply
+    current: Any  # A
+
+
+class Asked(NamedTuple):
+    """What is judged at each tick of a setpoint, shape (K,), or at one tick. Weights are 0 where nothing is judged."""
+
+    wanted: Any  # setpoint, share of the travel
+    level: Any  # level that holds, share of the travel
+    overshot: Any  # % for a share of the travel beyond the level; negative where the level lies below the one before
+    held: Any  # % for a share of the travel off the level, in its last quarter
+    band: Any  # distance from the level within which it is settled; infinite outside every level
+    after: Any  # s, from the change to the next tick; infinite at the last tick of a level
+    tracked: Any  # 1 / ticks of the stretch
+    tracked_ends: Any  # whether a stretch ends here
+    tail: Any  # 1 / (ticks of the level's last quarter)
+    tail_begins: Any  # whether that quarter begins here
+    tail_ends: Any  # 1 / number of levels where it ends
+    effort: Any  # 1 / ticks from the first change on
 
     @classmethod
-    def of_responses(cls, level: Level, time: np.ndarray, share: np.ndarray) -> AtLevel:
-        """Args: level; time: s, shape (K,); share: of the travel, shape (..., K)."""
-        begin, end = index(time, level.begins), index(time, level.ends)
-        beyond = (share[..., begin:end] - level.after) * np.sign(level.change)
-        return cls(abs(level.change), time[begin:end] - level.begins, beyond, _tail(begin, end) - begin)
-
-    @property
-    def far(self) -> np.ndarray:
-        """Distance from the level."""
-        return np.abs(self.beyond)
-
-
-class Run(NamedTuple):
-    """A whole response."""
-
-    setpoint: Setpoint  # the setpoint that it follows
-    time: np.ndarray  # s, shape (K,)
-    duty: np.ndarray  # share of the supply, shape (..., K)
-    current: np.ndarray  # A, shape (..., K)
-
-
-def overshoot(at: AtLevel) -> np.ndarray:
-    """%, of the change."""
-    return 100.0 * np.maximum(np.max(at.beyond, axis=-1), 0.0) / max(at.size, LEAST_OVERSHOT)
-
-
-def settling(at: AtLevel) -> np.ndarray:
-    """s, until the first tick after the last one outside."""
-    since = np.append(at.since, np.inf)
-    outside = at.far > max(SETTLED * at.size, NEGLIGIBLE)
-    last = outside.shape[-1] - np.argmax(outside[..., ::-1], axis=-1)
-    return np.where(outside.any(axis=-1), since[last], 0.0)
+    def of(
+        cls,
+        setpoint: Setpoint,
+        time: np.ndarray,
+        levels: Sequence[Level] | None = None,
+        stretches: Sequence[Stretch] | None = None,
+    ) -> Asked:
+        """Args: setpoint; time: s, shape (K,); levels, stretches: those that are judged, all if None, none within
+        another."""
+        levels = setpoint.levels if levels is None else levels
+        stretches = setpoint.stretches if stretches is None else stretches
+        at = cls(*np.zeros((len(cls._fields), time.size)))
+        at.wanted[:], at.band[:] = setpoint.at(time), np.inf
+        for level in levels:
+            begin, end, size = *_ticks(time, level), abs(level.change)
+            tail = begin + round((1.0 - TAIL) * (end - begin))
+            at.level[begin:end] = level.after
+            at.overshot[begin:end] = 100.0 * np.sign(level.change) / max(size, LEAST_OVERSHOT)
+            at.held[tail:end] = 100.0 / max(size, LEAST_HELD)
+            at.band[begin:end] = max(SETTLED * size, NEGLIGIBLE)
+            at.after[begin:end] = np.append(time[begin + 1 : end] - level.begins, np.inf)
+            at.tail[tail:end] = 1.0 / (end - tail)
+            at.tail_begins[tail], at.tail_ends[end - 1] = 1.0, 1.0 / len(levels)
+        for stretch in stretches:
+            begin, end = _ticks(time, stretch)
+            at.tracked[begin:end], at.tracked_ends[end - 1] = 1.0 / (end - begin), 1.0
+        begin = _tick(time, min(part.begins for part in (*setpoint.levels, *setpoint.stretches)))
+        at.effort[begin:] = 1.0 / (time.size - begin)
+        return at
 
 
-def steady_state_error(at: AtLevel) -> np.ndarray:
-    """%, of the change."""
-    return 100.0 * np.max(np.abs(at.beyond[..., at.tail :]), axis=-1) / max(at.size, LEAST_HELD)
+def _ticks(time: np.ndarray, part: Level | Stretch) -> tuple[int, int]:
+    return _tick(time, part.begins), _tick(time, part.ends)
 
 
-def tracking_error(setpoint: Setpoint, stretch: Stretch, time: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Root mean square over a stretch, % of the travel (Eq. 9)."""
-    part = slice(index(time, stretch.begins), index(time, stretch.ends))
-    return 100.0 * np.sqrt(np.mean(np.square(share[..., part] - setpoint.at(time[part])), axis=-1))
-
-
-def duty_activity(run: Run) -> np.ndarray:
-    """Standard deviation of the duty in the last quarter of a level, root mean square of all levels, %."""
-    ends = ((index(run.time, level.begins), index(run.time, level.ends)) for level in run.setpoint.levels)
-    moved = [np.var(run.duty[..., _tail(begin, end) : end], axis=-1) for begin, end in ends]
-    return 100.0 * np.sqrt(np.mean(np.stack(moved), axis=0))
-
-
-def current_rms(run: Run) -> np.ndarray:
-    """A."""
-    judged = run.current[..., index(run.time, run.setpoint.judged_from) :]
-    return np.sqrt(np.mean(np.square(judged), axis=-1))
-
-
-def index(time: np.ndarray, instant: float) -> int:
+def _tick(time: np.ndarray, instant: float) -> int:
     """First tick at or after an instant (s)."""
     return int(np.searchsorted(time, instant - 0.5 * (time[1] - time[0])))
 
 
-def _tail(begin: int, end: int) -> int:
-    """First tick of a level's last quarter."""
-    return begin + round((1.0 - TAIL) * (end - begin))
+# the formulas: xp is NumPy for a whole response and JAX for a tick, from which a loop's kernel is made
+
+
+def overshoot(xp: Any, at: Asked, ran: Ran) -> Any:
+    """%, of the change."""
+    return xp.where(at.overshot != 0.0, at.overshot * (ran.share - at.level), 0.0)
+
+
+def settling(xp: Any, at: Asked, ran: Ran) -> Any:
+    """s, until the first tick after the last one outside."""
+    return xp.where(xp.abs(ran.share - at.level) > at.band, at.after, 0.0)
+
+
+def steady_state_error(xp: Any, at: Asked, ran: Ran) -> Any:
+    """%, of the change."""
+    return xp.where(at.held > 0.0, at.held * xp.abs(ran.share - at.level), 0.0)
+
+
+def tracking_error(xp: Any, at: Asked, ran: Ran) -> Any:
+    """Square of %, of the travel (Eq. 9)."""
+    return xp.where(at.tracked > 0.0, at.tracked * xp.square(100.0 * (ran.share - at.wanted)), 0.0)
+
+
+def duty_activity(xp: Any, at: Asked, ran: Ran) -> Any:
+    """%."""
+    return 100.0 * ran.duty
+
+
+def current_rms(xp: Any, at: Asked, ran: Ran) -> Any:
+    """Square of A."""
+    return xp.where(at.effort > 0.0, at.effort * xp.square(ran.current), 0.0)
+
+
+class Reduction(NamedTuple):
+    """The way from a formula's values at the ticks to one figure: of all ticks together, or tick by tick."""
+
+    of_all: Callable[[np.ndarray, Asked], np.ndarray]  # values, shape (..., K) -> (...)
+    begin: tuple[float, ...]  # before the first tick; the figure is the first number after the last one
+    add: Callable[[Any, tuple[Any, ...], Any, Asked], tuple[Any, ...]]  # xp, numbers before, value, tick -> after
+    root: bool = False  # whether the figure is the square root of that
+
+
+def _largest(values: np.ndarray, at: Asked) -> np.ndarray:
+    return np.maximum(np.max(values, axis=-1), 0.0)
+
+
+def _add_largest(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+    return (xp.maximum(before[0], value),)
+
+
+def _sum(values: np.ndarray, at: Asked) -> np.ndarray:
+    return np.sum(values, axis=-1)
+
+
+def _add_sum(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+    return (before[0] + value,)
+
+
+def _worst_stretch(values: np.ndarray, at: Asked) -> np.ndarray:
+    begins = np.append(0, np.flatnonzero(at.tracked_ends)[:-1] + 1)
+    return np.max(np.add.reduceat(values, begins, axis=-1), axis=-1)
+
+
+def _add_stretch(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+    worst, total = before[0], before[1] + value
+    ends = at.tracked_ends > 0.0
+    return xp.where(ends, xp.maximum(worst, total), worst), xp.where(ends, 0.0, total)
+
+
+def _variance(values: np.ndarray, at: Asked) -> np.ndarray:
+    tails = list(zip(np.flatnonzero(at.tail_begins), np.flatnonzero(at.tail_ends) + 1, strict=True))
+    return (
+        np.mean([np.var(values[..., begin:end], axis=-1) for begin, end in tails], axis=0)
+        if tails
+        else _sum(values, at)
+    )
+
+
+def _add_variance(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+    """The sums are of what is left of a tail's first value: the variance of a constant is 0."""
+    every, first, mean, square = before
+    first = xp.where(at.tail_begins > 0.0, value, first)
+    mean, square = mean + at.tail * (value - first), square + at.tail * xp.square(value - first)
+    more = every + at.tail_ends * xp.maximum(square - xp.square(mean), 0.0)
+    ends = at.tail_ends > 0.0
+    return more, first, xp.where(ends, 0.0, mean), xp.where(ends, 0.0, square)
 
 
 Same = TypeVar("Same", bound="LoopFigures")
@@ -114,11 +188,20 @@ Same = TypeVar("Same", bound="LoopFigures")
 class By(Enum):
     """The data from which a figure is computed."""
 
-    LEVEL = "the response at each level, the worst of them: AtLevel -> (...)"
-    STRETCH = "the response over each stretch, the worst of them: Setpoint, Stretch, time, share -> (...)"
-    RUN = "the whole response and its effort: Run -> (...)"
+    LEVEL = "the response at each level, the worst of them"
+    STRETCH = "the response over each stretch, the worst of them"
+    TAIL = "the duty in the last quarter of a level, all of them"
+    RUN = "the whole response"
     HEAT = "current (rms, A), resistances of winding and bridge (ohm) -> W"
     MARGIN = "the linear loop; more is better"
+
+
+REDUCTIONS = {
+    By.LEVEL: Reduction(_largest, (0.0,), _add_largest),
+    By.STRETCH: Reduction(_worst_stretch, (0.0, 0.0), _add_stretch, root=True),
+    By.TAIL: Reduction(_variance, (0.0,) * 4, _add_variance, root=True),
+    By.RUN: Reduction(_sum, (0.0,), _add_sum, root=True),
+}
 
 
 @dataclass(frozen=True)
@@ -146,7 +229,7 @@ class LoopFigures:
         "phase\nmargin", limit=30.0, by=By.MARGIN)  # fmt: skip
     duty_activity_pct: Any = figure(
         "%", "duty activity at rest", "Standard deviation of the duty in the last quarter of a level, root mean "
-        "square of all levels.", "duty", limit=ACTIVITY.limit, by=By.RUN, formula=duty_activity)  # fmt: skip
+        "square of all levels.", "duty", limit=ACTIVITY.limit, by=By.TAIL, formula=duty_activity)  # fmt: skip
     current_rms_A: Any = figure(
         "A", "current, root mean square", "Root mean square of the current over all scenarios.",
         by=By.RUN, formula=current_rms)  # fmt: skip
@@ -164,6 +247,10 @@ class LoopFigures:
     def each(self: Same, function: Callable[[Any], Any]) -> Same:
         """The figures with a function applied to each that is not None."""
         return replace(self, **{symbol: function(value) for symbol, value in self.known().items()})
+
+    def of_gains(self: Same, k: int) -> Same:
+        """The figures of one of the gains, from figures of shape (D, G)."""
+        return self.each(lambda figure: figure[:, k])
 
     def worst(self, of: Any = slice(None)) -> LoopFigures:
         """Each figure at its worst: the largest, for a margin the least.
@@ -185,8 +272,9 @@ def symbols_by(*kinds: By) -> tuple[str, ...]:
 
 TRACKING = symbols_by(By.LEVEL, By.STRETCH)
 MARGINS = symbols_by(By.MARGIN)
-EFFORT = symbols_by(By.RUN, By.HEAT)
+EFFORT = symbols_by(By.TAIL, By.RUN, By.HEAT)
 REQUIRED = (*TRACKING, *EFFORT)
+BY_RESPONSE = symbols_by(*REDUCTIONS)
 OF_THE_PAPER = symbols_by(By.LEVEL)
 
 
@@ -221,6 +309,10 @@ class Requirements(LoopFigures):
         """figure < limit, entry by entry; False for a figure that is infinite or NaN."""
         return {symbol: getattr(figures, symbol) < limit for symbol, limit in self.limits(symbols).items()}
 
+    def all_met(self, figures: LoopFigures) -> np.ndarray:
+        """Whether everything is met with a stable loop, entry by entry."""
+        return np.all(list(self.met(figures).values()), axis=0) & (figures.gain_margin_db > 0.0)
+
 
 def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigures:
     """The figures of a response: each is the worst of all levels, or of all stretches.
@@ -229,7 +321,12 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigure
         time: s, shape (K,), from 0 with an even step.
         share: position, share of the travel, shape (..., K); a value that is not finite counts as an infinite error.
     """
-    return _tracking(setpoint, setpoint.levels, setpoint.stretches, time, _infinite_where_none(share))
+    return _known(TRACKING, setpoint, time, Ran(_infinite_where_none(share), None, None))
+
+
+def judge_all(setpoint: Setpoint, time: np.ndarray, ran: Ran) -> LoopFigures:
+    """The same, and the figures of the effort but heat."""
+    return _known(BY_RESPONSE, setpoint, time, ran._replace(share=_infinite_where_none(ran.share)))
 
 
 def _infinite_where_none(share: np.ndarray) -> np.ndarray:
@@ -244,33 +341,61 @@ def judge_each(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> dict[
 
     A log has no levels: only its tracking error is known, and its other figures are NaN.
     """
-    share, out = _infinite_where_none(share), {}
+    ran, out = Ran(_infinite_where_none(share), None, None), {}
     for name in setpoint.scenarios:
         levels = setpoint.only(name)
         parts = [part for part in (*levels, *setpoint.stretches) if part.scenario == name]
         whole = Stretch(min(part.begins for part in parts), max(part.ends for part in parts))
-        out[name] = _tracking(setpoint, levels, (whole,), time, share)
+        out[name] = _known(TRACKING, setpoint, time, ran, levels, (whole,))
     return out
 
 
-def _tracking(setpoint: Setpoint, levels: Any, stretches: Any, time: np.ndarray, share: np.ndarray) -> LoopFigures:
-    at = [AtLevel.of_responses(level, time, share) for level in levels]
-    nothing = np.full(share.shape[:-1], np.nan)
+def _known(
+    symbols: Sequence[str],
+    setpoint: Setpoint,
+    time: np.ndarray,
+    ran: Ran,
+    levels: Sequence[Level] | None = None,
+    stretches: Sequence[Stretch] | None = None,
+) -> LoopFigures:
+    levels = setpoint.levels if levels is None else levels
+    at = Asked.of(setpoint, time, levels, stretches)
 
-    def worst(symbol: str) -> np.ndarray:
-        formula = FIGURES[symbol].how["formula"]
-        if FIGURES[symbol].how["by"] is By.LEVEL:
-            every = [formula(each) for each in at]
-        else:
-            every = [formula(setpoint, stretch, time, share) for stretch in stretches]
-        return np.max(np.stack(every), axis=0) if every else nothing
+    def figure_of(symbol: str) -> np.ndarray:
+        by, formula = FIGURES[symbol].how["by"], FIGURES[symbol].how["formula"]
+        with np.errstate(invalid="ignore", over="ignore"):
+            return _read(by, REDUCTIONS[by].of_all(formula(np, at, ran), at), levels)
 
-    return LoopFigures(**{symbol: worst(symbol) for symbol in TRACKING})
+    return LoopFigures(**{symbol: figure_of(symbol) for symbol in symbols})
 
 
-def with_effort(figures: LoopFigures, run: Run) -> LoopFigures:
-    """The figures with those of the effort of the response."""
-    return replace(figures, **{symbol: FIGURES[symbol].how["formula"](run) for symbol in symbols_by(By.RUN)})
+Tally = dict[str, tuple[Any, ...]]  # numbers of each reduction between ticks, by figure
+
+
+def tally() -> Tally:
+    """The numbers before the first tick."""
+    return {symbol: REDUCTIONS[FIGURES[symbol].how["by"]].begin for symbol in BY_RESPONSE}
+
+
+def tallied(xp: Any, before: Tally, at: Asked, ran: Ran) -> Tally:
+    """The numbers after a tick."""
+    ran = ran._replace(share=xp.where(xp.isfinite(ran.share), ran.share, np.inf))
+    how = {symbol: FIGURES[symbol].how for symbol in before}
+    return {symbol: REDUCTIONS[how[symbol]["by"]].add(xp, numbers, how[symbol]["formula"](xp, at, ran), at)
+            for symbol, numbers in before.items()}  # fmt: skip
+
+
+def of_tally(after: Tally, setpoint: Setpoint) -> LoopFigures:
+    """The figures of `judge_all`, from the numbers after the last tick of a setpoint."""
+    return LoopFigures(**{symbol: _read(FIGURES[symbol].how["by"], found, setpoint.levels)
+                          for symbol, (found, *_) in after.items()})  # fmt: skip
+
+
+def _read(by: By, found: np.ndarray, levels: Sequence[Level]) -> np.ndarray:
+    """A figure from what its reduction found; NaN where there is no level to judge."""
+    if by in (By.LEVEL, By.TAIL) and not levels:
+        return np.full_like(found, np.nan)
+    return np.sqrt(found) if REDUCTIONS[by].root else found
 
 
 def with_heat(figures: LoopFigures, winding: Any, bridge: float) -> LoopFigures:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .design import Design
-from .judged import over_models
+from .judged import with_margins
 from .loop_figures import LoopFigures, judge_each
 from .pid import Gains
 from .pid.linear_loop import margins
@@ -78,24 +78,24 @@ def gain_steps(design: Design, present: Gains | None) -> tuple[GainStep, ...]:
         every = {PRESENT: present, HALF_WAY: safe_half_way(design, present), **every}
     task = design.task
     stacked = Gains.stacked(*every.values())
-    found = over_models(task, task.loop.with_new_noise_seed() if task.ecu.noise > 0.0 else task.loop, stacked)
+    loop = task.loop.with_new_noise_seed() if task.ecu.noise > 0.0 else task.loop
+    share, figures = loop.tried(stacked, task.setpoint)
+    found = with_margins(task, loop, stacked, figures)
     time = task.setpoint.instants(task.ecu.period)
     levels = task.setpoint.only(SHOWN)
     seen = (time >= levels[0].begins - 0.1) & (time < levels[-1].ends)
     steps = []
     for k, (name, gains) in enumerate(every.items()):
-        one, each = found.of_rule(k), judge_each(task.setpoint, time, found.share[:, k])
+        one, each = found.of_gains(k), judge_each(task.setpoint, time, share[:, k])
         better = (
-            float(np.mean(one.figures.rmse_pct < found.of_rule(0).figures.rmse_pct))
-            if name != PRESENT and len(every) > 1
-            else None
+            float(np.mean(one.rmse_pct < found.of_gains(0).rmse_pct)) if name != PRESENT and len(every) > 1 else None
         )
         steps.append(GainStep(
-            name, Gains(*(float(gain) for gain in gains)), one.figures.each(_nominal),
+            name, Gains(*(float(gain) for gain in gains)), one.each(_nominal),
             {scenario: figures.each(_nominal) for scenario, figures in each.items()},
             _spread(each[SHOWN].overshoot_pct), _spread(each[SHOWN].settling_s), _spread(each[SHOWN].rmse_pct),
-            float(np.mean(one.met(task.requirements))), float(np.mean(one.figures.gain_margin_db > 0.0)), better,
-            time[seen] - levels[0].begins, task.setpoint.at(time[seen]), found.share[0, k, seen],
+            float(np.mean(task.requirements.all_met(one))), float(np.mean(one.gain_margin_db > 0.0)), better,
+            time[seen] - levels[0].begins, task.setpoint.at(time[seen]), share[0, k, seen],
         ))  # fmt: skip
     return tuple(steps)
 

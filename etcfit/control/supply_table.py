@@ -90,8 +90,7 @@ def ecu_for_supply(ecu: Ecu, supply: float) -> Ecu:
 def _worst(task: Task, loop: Loop, gains: Gains, supply: float) -> LoopFigures:
     """Each figure at its worst over the corners that have this supply (V)."""
     there = corners(task.settings.conditions).supply == supply
-    found = over_models(task, loop, Gains.stacked(gains)).of_rule(0)
-    return found.figures.worst(there)
+    return over_models(task, loop, Gains.stacked(gains)).of_gains(0).worst(there)
 
 
 def over_position(task: Task, gains: Gains) -> OverPosition:

@@ -161,15 +161,17 @@ class _Writer:
                 self.values[node] = f"%carried{place}"
         at = len(self.lines)
         for k, record in enumerate(loop.records):
-            self.lines.append(f"  %size{k} = mul i64 %stride, {len(record)}")
+            stride = "1" if k in loop.common else "%stride"
+            self.lines.append(f"  %size{k} = mul i64 {stride}, {len(record)}")
             self.lines.append(f"  %skip{k} = mul i64 %row, %size{k}")
             self.lines.append(f"  %at{k} = getelementptr double, ptr %record{k}, i64 %skip{k}")
         used = set(loop.nodes)
         for k, record in enumerate(loop.records):
             for place, node in enumerate(record):
                 if node in used:
-                    offset = self.new(f"mul i64 %stride, {place}")
-                    self.values[node] = self.load(f"%at{k}", offset, along)
+                    common = k in loop.common
+                    offset = place if common else self.new(f"mul i64 %stride, {place}")
+                    self.values[node] = self.load(f"%at{k}", offset, along and not common)
         if not kept:
             for place, (node, _) in enumerate(loop.carried):
                 self.values[node] = self.load("%carried", place * self.width, True)

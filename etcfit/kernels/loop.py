@@ -36,6 +36,7 @@ class Loop:
     # sizes of the groups of stored nodes; each group is stored as one block of shape (rows, nodes, numbers in a
     # vector), as a record is; () for one block
     blocks: tuple[int, ...] = ()
+    common: frozenset[int] = frozenset()  # records, by their numbers, that hold one number for all of a vector
 
     @cached_property
     def nodes(self) -> list[int]:
@@ -46,7 +47,7 @@ class Loop:
     @cached_property
     def differing(self) -> frozenset[int]:
         """Nodes that differ along a vector."""
-        entries = [node for record in self.records for node in record]
+        entries = [node for k, record in enumerate(self.records) if k not in self.common for node in record]
         begun = {*(self.fixed if self.across is not Across.LANES else ())}
         begun |= {*(entries if self.across is not Across.POINTS else ())}
         return self._reached_from(begun | {node for node, _ in self.carried})

@@ -191,19 +191,25 @@ class Kernel:
     def run(
         self, rows: int, stride: int, records: Sequence[int], fixed: np.ndarray, begun: np.ndarray, stored: np.ndarray
     ) -> np.ndarray:
+        """The sums, shape (sums, width), of `run_to_end`; arguments as there."""
+        return self.run_to_end(rows, stride, records, fixed, begun, stored)[0]
+
+    def run_to_end(
+        self, rows: int, stride: int, records: Sequence[int], fixed: np.ndarray, begun: np.ndarray, stored: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Run the loop; it releases Python's lock.
 
         Args:
             rows: number of entries.
-            stride: numbers between two columns of a record.
+            stride: numbers between two columns of a record; in a common record they are neighbours.
             records: address of the first number of each record.
             fixed: parameters, one number each, or `width` numbers each for vectors of points.
             begun: the carry into the first entry, shape (carried, width).
             stored: array for the stored numbers: blocks of shape (rows, nodes, width), see `Loop.blocks`, one after the
                 other.
         Returns:
-            The sums, shape (sums, width).
+            The sums, shape (sums, width), and the carry out of the last entry, shape (carried, width).
         """
         sums, carried = np.zeros((self.sums, self.width)), np.array(begun)
         self._function(rows, stride, *records, *(each.ctypes.data for each in (fixed, carried, sums, stored)))
-        return sums
+        return sums, carried

@@ -98,6 +98,7 @@ class TracedEntry:
         sums: Sequence[Sequence[tuple[int, int]]] = (),
         stored: Sequence[int] = (),
         blocks: Sequence[int] = (),
+        common: frozenset[int] = frozenset(),
     ) -> Loop:
         """A loop that computes entry after entry.
 
@@ -105,6 +106,7 @@ class TracedEntry:
             across: the contents of a vector.
             carried: the carry in addition to the entry's own.
             sums, stored, blocks: see `Loop`.
+            common: leaves of the entries whose numbers a whole vector shares.
         """
         return Loop(
             self.graph,
@@ -115,6 +117,7 @@ class TracedEntry:
             tuple(map(tuple, sums)),
             tuple(stored),
             tuple(blocks),
+            frozenset(k for k, leaf in enumerate(self.leaves) if leaf in common),
         )
 
 

@@ -41,7 +41,7 @@ def manual(task: Task) -> Gains | Refusal:
 
     def tried(p: np.ndarray, i: np.ndarray, d: np.ndarray) -> LoopFigures:
         p, i, d = np.broadcast_arrays(p, i, d)
-        return loop.judged(Gains(p, i, d), setpoint).each(lambda figure: np.asarray(figure)[0])
+        return loop.figures(Gains(p, i, d), setpoint).each(lambda figure: np.asarray(figure)[0])
 
     quick = tried(proportional, np.zeros(1), np.zeros(1)).rmse_pct
     kp = proportional[np.argmax(quick <= _QUICK * quick.min())]

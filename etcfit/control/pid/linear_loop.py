@@ -225,13 +225,15 @@ class OpenLoop(NamedTuple):
         log, turn = np.log(np.abs(loop)), np.angle(-loop)
         sign = np.where(closed(gains, self.plants, self.ecu).spectral_radius < 1.0, 1.0, -1.0)
         # the gain: smallest |log |L|| where the loop passes the negative real axis, and at its real ends L(1) and L(-1)
-        share = _crossing(turn, np.abs(np.diff(turn, axis=-1)) < np.pi)
-        between = _least(np.abs(log[..., :-1] + share * np.diff(log, axis=-1)))
+        passes = _changes_sign(turn) & (np.abs(np.diff(turn, axis=-1)) < np.pi)
+        between = _least(passes, np.abs(_at_zero(_ends(turn, passes), *_ends(log, passes))))
         still = np.where(np.asarray(gains.Ki) == 0.0, np.asarray(gains.Kp) * self.at_rest, np.inf)
         gain = np.minimum(between, np.minimum(_gain_at(still), _gain_at(np.real(loop[..., -1]))))
         # the phase: smallest |angle of -L| where it passes the unit circle
-        share = _crossing(log, np.ones(1, dtype=bool))
-        phase = _least(np.abs(_wrapped(turn[..., :-1] + share * _wrapped(np.diff(turn, axis=-1)))))
+        passes = _changes_sign(log)
+        first, then = _ends(turn, passes)
+        angle = _at_zero(_ends(log, passes), first, first + _wrapped(then - first))
+        phase = _least(passes, np.abs(_wrapped(angle)))
         return Margins(sign * 20.0 / np.log(10.0) * gain, sign * np.degrees(phase))
 
 
@@ -245,17 +247,28 @@ def _gain_at(value: np.ndarray) -> np.ndarray:
     return np.where(value < 0.0, np.abs(np.log(np.where(value < 0.0, -value, 1.0))), np.inf)
 
 
-def _crossing(value: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Share of the interval at which a value crosses 0 between two adjacent frequencies that are `near`; otherwise
-    NaN."""
-    first, then = value[..., :-1], value[..., 1:]
-    passes = ((first > 0.0) != (then > 0.0)) & near
-    return np.where(passes, first / np.where(passes, first - then, 1.0), np.nan)
+def _changes_sign(value: np.ndarray) -> np.ndarray:
+    """Whether a value crosses 0 between adjacent frequencies, shape (..., W - 1)."""
+    above = value > 0.0
+    return above[..., :-1] != above[..., 1:]
 
 
-def _least(value: np.ndarray) -> np.ndarray:
-    """The smallest value along the frequencies; infinite where all are NaN."""
-    return np.min(np.where(np.isnan(value), np.inf, value), axis=-1)
+def _ends(value: np.ndarray, passes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A value at both ends of the intervals that are chosen, shape (N,) each."""
+    return value[..., :-1][passes], value[..., 1:][passes]
+
+
+def _at_zero(crossing: tuple[np.ndarray, np.ndarray], first: np.ndarray, then: np.ndarray) -> np.ndarray:
+    """Another value where one crosses 0, from their values at both ends of intervals."""
+    share = crossing[0] / (crossing[0] - crossing[1])
+    return first + share * (then - first)
+
+
+def _least(passes: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The smallest of the values of the chosen intervals, along the frequencies; infinite where none is chosen."""
+    every = np.full(passes.shape, np.inf)
+    every[passes] = values
+    return np.min(every, axis=-1)
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:

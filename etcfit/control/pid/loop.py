@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -22,7 +21,7 @@ from ...model.stepper import step
 from ...model.tangents import fusion_barrier
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
-from ..loop_figures import LoopFigures, Run, judge, with_effort, with_heat
+from ..loop_figures import Asked, LoopFigures, Ran, of_tally, tallied, tally, with_heat
 from ..motion import free_step
 from ..setpoint import Setpoint
 from ..settings import LoopSettings
@@ -61,18 +60,37 @@ class _Carry(NamedTuple):
     shown: Scalar  # position at the ECU's converter, rad
     memory: Any
     sent: Any  # output voltages of the last ticks, newest first, V
+    tally: Any  # of the figures, where they are computed tick by tick
 
 
 _LATEST = 64  # most ticks of delay
 _UNROLLED = 4  # most integration steps of a tick that are unrolled: fast to run, and fast to compile
-_MANY = 200  # number of responses above which they are not kept together
 
 Controller = Callable[[Any, Ecu, Any, Scalar, Scalar, Scalar], Any]
 Keep = Callable[[Path, Any], Any]  # from a tick's path and the controller's memory after it to the values that are kept
 
 
+class Tallied(NamedTuple):
+    """A way to reduce a response to some numbers tick by tick, so that little or nothing of it is stored."""
+
+    keep: Keep  # what is stored all the same
+    begin: Callable[[], Any]  # the numbers before the first tick
+    # from the numbers before, a tick's path, the run and what is judged at this tick to the numbers after it
+    add: Callable[[Any, Path, Any, Any], Any]
+
+
 def _path(path: Path, memory: Any) -> Path:
     return path
+
+
+def _figures_of(before: Any, path: Path, run: _Run, at: Asked) -> Any:
+    body = run.body
+    share = (path.position - body.lower) / (body.upper - body.lower)
+    return tallied(jnp, before, at, Ran(share, path.voltage / run.ecu.supply, path.current))
+
+
+_FIGURES = Tallied(lambda path, memory: (), tally, _figures_of)
+_FIGURES_AND_POSITION = Tallied(lambda path, memory: path.position, tally, _figures_of)
 
 
 def _acting(late: Scalar, parts: int, room: int) -> Any:
@@ -100,6 +118,7 @@ class _Run(NamedTuple):
     wanted: Any  # setpoint at each tick, rad, shape (K,); or the demand of another kind of controller, see `Loop.run`
     bias: Any  # feed-forward at each tick, V, shape (K,)
     start: State  # initial state
+    judged: Any = ()  # what is judged at each tick, entries of shape (K,), where the response is tallied
 
 
 class _Plant(NamedTuple):
@@ -127,20 +146,22 @@ def lagging(shown: Scalar, before: Scalar, now: Scalar, steps: Scalar) -> Scalar
 
 class _Simulation(NamedTuple):
     """The initial state of a run, and the function of one tick: from the state and the tick's (setpoint, feed-forward,
-    noise, instant) to the next state and the values that are kept."""
+    what is judged, instant, noise) to the next state and the values that are kept."""
 
     begin: _Carry
     advance: Callable[[_Carry, Any], tuple[_Carry, Any]]
 
 
-def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts: int, room: int) -> _Simulation:
+def _simulation(
+    control: Controller, keep: Keep | Tallied, plant: _Plant, run: _Run, parts: int, room: int
+) -> _Simulation:
     """One plant under one controller.
 
     Args:
         parts: number of integration steps in a tick.
         room: number of ticks of delay that are stored.
     """
-    settings, first, ecu, body, _, _, start = run
+    settings, first, ecu, body, _, _, start, _ = run
     throttle, drive, ceiling, _ = plant
     late = (ecu.delay + throttle.delays().input) / ecu.period
     seen_with = Inputs(0.0, 0.0, 0.0, 1.0, 0.0, body.gear_ratio, body.lower, body.upper)
@@ -152,7 +173,7 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
         return throttle.observe(x, z, seen_with._replace(voltage=volts, time=time))["position"]
 
     def advance(carry: _Carry, entry: Any) -> tuple[_Carry, Any]:
-        wanted, ahead, error, time = entry
+        wanted, ahead, judged, time, error = entry
         volts, memory = fusion_barrier(
             control(settings, ecu, carry.memory, wanted, fusion_barrier(carry.shown + error), ahead)
         )
@@ -170,21 +191,27 @@ def _simulation(control: Controller, keep: Keep, plant: _Plant, run: _Run, parts
         begin = (carry.x, carry.z, carry.shown)
         each = jnp.arange(float(parts)), acting
         (x, z, shown), _ = jax.lax.scan(part, begin, each, unroll=min(parts, _UNROLLED))
-        return _Carry(x, z, shown, memory, sent), keep(Path(carry.x.theta, volts, carry.x.i), memory)
+        path = Path(carry.x.theta, volts, carry.x.i)
+        numbers = keep.add(carry.tally, path, run, judged) if isinstance(keep, Tallied) else ()
+        kept = (keep.keep if isinstance(keep, Tallied) else keep)(path, memory)
+        return _Carry(x, z, shown, memory, sent, numbers), kept
 
     x = State(*(jnp.asarray(each, dtype=float) for each in start))
     z = tuple(jnp.asarray(each, dtype=float) for each in throttle.z0)
-    return _Simulation(_Carry(x, z, seen(x, z, 0.0, 0.0), first, jnp.zeros(room)), advance)
+    tallied = jax.tree.map(jnp.asarray, keep.begin()) if isinstance(keep, Tallied) else ()
+    return _Simulation(_Carry(x, z, seen(x, z, 0.0, 0.0), first, jnp.zeros(room), tallied), advance)
 
 
-def _each(control: Controller, keep: Keep, parts: int, room: int, plants: _Plant, run: _Run) -> Any:
-    """Every plant (D) under every controller (G), whose settings and memories have shape (G,): shape (D, G, K)."""
+def _each(control: Controller, keep: Keep | Tallied, parts: int, room: int, plants: _Plant, run: _Run) -> Any:
+    """Every plant (D) under every controller (G), whose settings and memories have shape (G,): the kept values, shape
+    (D, G, K), and the tally, shape (D, G)."""
     time = run.ecu.period * jnp.arange(run.bias.shape[0])
 
     def each(plant: _Plant, settings: Any, first: Any, wanted: Any) -> Any:
         own = run._replace(settings=settings, first=first)
         begin, advance = _simulation(control, keep, plant, own, parts, room)
-        return jax.lax.scan(advance, begin, (wanted, run.bias, plant.misread, time))[1]
+        end, kept = jax.lax.scan(advance, begin, (wanted, run.bias, run.judged, time, plant.misread))
+        return kept, end.tally
 
     each_its_own = 0 if jnp.ndim(jax.tree.leaves(run.wanted)[0]) > 1 else None
     over_gains = jax.vmap(each, in_axes=(None, 0, 0, each_its_own))
@@ -293,12 +320,11 @@ class Loop:
         b0, a2, a1, a0, delay, lag = (np.asarray(v)[:, None] for v in (*rows.T, delay, lag))
         return TransferFunction(b0 * self._driven[:, None], a2, a1, a0, delay, lag)  # pyright: ignore[reportArgumentType]
 
-    def respond(self, gains: Gains, setpoint: Setpoint, reduced: Callable[[Path], Any] = lambda path: path) -> Any:
-        """Responses to a setpoint, shape (D, G, K), of gains of shape (G,) each: a `Path`, or the result of `reduced`
-        on a path of shape (..., K)."""
+    def respond(self, gains: Gains, setpoint: Setpoint, keep: Keep | Tallied = _path) -> Any:
+        """Responses to a setpoint, shape (D, G, K), of gains of shape (G,): a `Path`, or what `keep` makes of it."""
         gains = Gains(*(np.asarray(g, dtype=float) for g in gains))
         first = Memory.at_rest(gains, self.ecu, self.angle(setpoint.shares[0]))
-        return self.run(tick, gains, first, setpoint, reduced=reduced)
+        return self.run(tick, gains, first, setpoint, keep=keep)
 
     def run(
         self,
@@ -307,11 +333,12 @@ class Loop:
         first: Any,
         setpoint: Setpoint,
         start: State | None = None,
-        keep: Keep = _path,
+        keep: Keep | Tallied = _path,
         reduced: Callable[[Any], Any] = lambda kept: kept,
         demand: Any = None,
     ) -> Any:
-        """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or the values that `keep` takes of it.
+        """Responses to a setpoint, shape (D, G, K), of any controller: a `Path`, or the values that `keep` takes of it;
+        where it tallies them, also the numbers after the last tick, shape (D, G).
 
         Args:
             control: as `ecu.tick`: settings, ECU, memory, setpoint, position, bias -> voltage, memory.
@@ -322,29 +349,28 @@ class Loop:
             reduced: function of these values, shape (..., K), whose result is returned instead, shape (...).
             demand: input of each controller in place of the setpoint, entries of shape (G, K).
         """
-        wanted = self.angle(setpoint.at(setpoint.instants(self.ecu.period)))
+        time = setpoint.instants(self.ecu.period)
+        wanted = self.angle(setpoint.at(time))
+        judged = Asked.of(setpoint, time) if isinstance(keep, Tallied) else ()
         ahead = self.ahead(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         shape = np.shape(jax.tree.leaves(settings)[0])
         first = jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf, dtype=float), shape), first)
         parts = max(1, math.ceil(self.ecu.period / self.settings.longest_step - 1e-9))
-        run = _Run(settings, first, self.ecu, self.body, wanted if demand is None else demand, ahead, start)
+        run = _Run(settings, first, self.ecu, self.body, wanted if demand is None else demand, ahead, start, judged)
         rng = np.random.default_rng(self.settings.seed)
         misread = self.ecu.noise * rng.standard_normal((self.draws, wanted.size))
         ceiling = np.full(self.draws, np.inf) if self.ceiling is None else self.ceiling
         plants, room = _Plant(self.throttles, self._driven, ceiling, misread), self._room()
-        kept = kernel_of(_simulation, control, keep, parts, room, plants, run)
-        if kept is not None:
-            return kept.run(plants, run, reduced)
+        kernel = kernel_of(_simulation, control, keep, parts, room, plants, run)
+        if kernel is not None:
+            kept, numbers = kernel.run(plants, run, reduced)
+            return (kept, numbers) if isinstance(keep, Tallied) else kept
         share = self.draws // CORES if self.draws % CORES == 0 else self.draws
         pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
         paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
-        return reduced(jax.tree.map(lambda *each: np.concatenate(each), *paths))
-
-    def judged(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
-        """The tracking figures of the responses, shape (D, G) each."""
-        path = self.respond(gains, setpoint)
-        return judge(setpoint, setpoint.instants(self.ecu.period), self.share(np.asarray(path.position)))
+        kept, numbers = jax.tree.map(lambda *each: np.concatenate(each), *paths)
+        return (reduced(kept), numbers) if isinstance(keep, Tallied) else reduced(kept)
 
     @property
     def _driven(self) -> np.ndarray:
@@ -352,26 +378,15 @@ class Loop:
 
     def tried(self, gains: Gains, setpoint: Setpoint) -> Tried:
         """Responses to a setpoint, and all their figures."""
-        path = Path(*(np.asarray(each) for each in self.respond(gains, setpoint)))
-        return Tried(self.share(path.position), self._with_heat(self._measured(setpoint, path)))
+        position, numbers = self.respond(gains, setpoint, _FIGURES_AND_POSITION)
+        return Tried(self.share(np.array(position)), self._with_heat(of_tally(numbers, setpoint)))
 
     def figures(self, gains: Gains, setpoint: Setpoint) -> LoopFigures:
-        """The same figures, shape (D, G) each, without the responses: many responses do not fit the caches, so each is
-        evaluated when it is complete."""
-        if self.draws * np.size(gains[0]) < _MANY:
-            return self.tried(gains, setpoint).figures
-        return self._with_heat(self.respond(gains, setpoint, partial(self._measured, setpoint)))
+        """The same figures, shape (D, G) each, without the responses."""
+        return self._with_heat(of_tally(self.respond(gains, setpoint, _FIGURES)[1], setpoint))
 
-    def _measured(self, setpoint: Setpoint, path: Path) -> dict[str, Any]:
-        """The figures that are computed from one response alone."""
-        time = setpoint.instants(self.ecu.period)
-        position, voltage, current = (np.asarray(each) for each in path)
-        follows = judge(setpoint, time, self.share(position))
-        return with_effort(follows, Run(setpoint, time, voltage / self.ecu.supply, current)).known()
-
-    def _with_heat(self, measured: dict[str, Any]) -> LoopFigures:
-        winding = np.asarray(self.throttles.parameter("R_a"))[:, None]
-        return with_heat(LoopFigures(**measured), winding, self.settings.bridge_ohm)
+    def _with_heat(self, figures: LoopFigures) -> LoopFigures:
+        return with_heat(figures, np.asarray(self.throttles.parameter("R_a"))[:, None], self.settings.bridge_ohm)
 
     def _room(self) -> int:
         """Number of ticks of delay to store: a power of two, so that loops of similar delays share a compiled

@@ -40,7 +40,8 @@ class Kind(NamedTuple):
     room: int
     tree: Any  # structure of the constant numbers
     shapes: tuple[tuple[int, ...], ...]  # shapes of its leaves, for one plant and one controller
-    wanted: Any  # structure of the controller's demand at a tick
+    entry: Any  # structure of what a tick reads: demand, feed-forward, what is judged, instant, noise
+    common: frozenset[int]  # leaves of it that all loops share
 
 
 class LoopKernel:
@@ -61,13 +62,12 @@ class LoopKernel:
         like = jax.eval_shape(lambda: simulated(dict.fromkeys(names, 0.5)).begin)
         nothing = Shape(jax.tree.structure(()), (), (), ())
         first = TracedEntry(lambda values, *_: ((), simulated(values).begin), names, nothing, ())
-        entry = jax.tree.structure((jax.tree.unflatten(kind.wanted, [0.0] * kind.wanted.num_leaves), *(0.0,) * 3))
-        entries = Shape(entry, ((),) * entry.num_leaves, (), ())
+        entries = Shape(kind.entry, ((),) * kind.entry.num_leaves, (), ())
         tick = TracedEntry(lambda values, carry, e: simulated(values).advance(carry, e), names, entries, like)
         self._begin: Kernel = compiled(first.loop(Across.BOTH, stored=nodes_of(first.results)))
-        self._tick: Kernel = compiled(tick.loop(Across.BOTH, stored=nodes_of(tick.results)))
+        self._tick: Kernel = compiled(tick.loop(Across.BOTH, stored=nodes_of(tick.results), common=kind.common))
         self._read = tick.leaves
-        self._kept = jax.tree.structure(tick.results)
+        self._kept, self._end = jax.tree.structure(tick.results), jax.tree.structure(like)
 
     def run(self, plants: Any, run: Any, reduced: Callable[[Any], Any] = lambda kept: kept) -> Any:
         """Every plant (D) under every controller (G).
@@ -77,7 +77,7 @@ class LoopKernel:
             reduced: function of the tree of kept values, shape (N, K), to arrays of shape (N, ...); it is called while
                 they are in the processor's caches.
         Returns:
-            the tree of its results, shape (D, G, ...).
+            the tree of its results and the tally after the last tick, shape (D, G, ...).
         """
         lasting = _lasting(plants, run)
         draws, gains = len(plants.drive), len(jax.tree.leaves(run.settings)[0])
@@ -87,26 +87,23 @@ class LoopKernel:
                                    for each in jax.tree.leaves(lasting.all))])  # fmt: skip
         ticks = np.size(run.bias)
         time = float(run.ecu.period) * np.arange(ticks)
-        # for each, whether its rows, if it has any, are of controllers or of plants
-        entry = [*((leaf, True) for leaf in jax.tree.leaves(run.wanted)),
-                 (run.bias, False), (plants.misread, False), (time, False)]  # fmt: skip
-        columns = [(np.asarray(entry[k][0]), entry[k][1]) for k in self._read]
+        entry = jax.tree.leaves(_entry(plants, run, time))
+        columns = [np.ascontiguousarray(entry[k], dtype=float) for k in self._read]
+        own = len(entry) - 1  # the noise of each plant; other leaves with rows are of controllers
         this_run, first_result = object(), Lock()
         out: list[Any] = []
 
         def records_of(plant: np.ndarray, controller: np.ndarray) -> list[int]:
-            records = _room_for("records", (len(columns), ticks, POINTS))
+            apart = [k for k, column in enumerate(columns) if column.ndim > 1]
+            records = dict(zip(apart, _room_for("records", (len(apart), ticks, POINTS)), strict=True))
             by, before = getattr(_ROOMS, "records_of", (None, plant))
-            for record, (column, of_controllers) in zip(records, columns, strict=True):
-                if column.ndim == 1:
-                    if by is not this_run:
-                        record[:] = column[:, None]
-                elif of_controllers:
-                    record[:] = column[controller].T
+            for k, record in records.items():
+                if self._read[k] != own:
+                    record[:] = columns[k][controller].T
                 elif by is not this_run or not np.array_equal(before, plant):  # neighbours usually have the same plant
-                    record[:] = column[plant].T
+                    record[:] = columns[k][plant].T
             _ROOMS.records_of = this_run, plant
-            return [record.ctypes.data for record in records]
+            return [records.get(k, column).ctypes.data for k, column in enumerate(columns)]
 
         def some(first: int) -> None:
             points = np.minimum(np.arange(first, first + POINTS), draws * gains - 1)
@@ -114,10 +111,11 @@ class LoopKernel:
             begun = np.empty((1, self._begin.stored, POINTS))
             self._begin.run(1, POINTS, [], fixed, np.empty((0, POINTS)), begun)
             stored = _room_for("stored", (ticks, self._tick.stored, POINTS))
-            self._tick.run(ticks, POINTS, records, fixed, begun[0], stored)
+            _, end = self._tick.run_to_end(ticks, POINTS, records, fixed, begun[0], stored)
             count = min(POINTS, draws * gains - first)
             kept = jax.tree.unflatten(self._kept, list(_along_ticks(stored)[:, :count]))
-            leaves, tree = jax.tree.flatten(reduced(kept))
+            numbers = jax.tree.unflatten(self._end, list(end[:, :count])).tally
+            leaves, tree = jax.tree.flatten((reduced(kept), numbers))
             with first_result:
                 if not out:
                     out.append(jax.tree.unflatten(tree, [np.empty((draws * gains, *x.shape[1:])) for x in leaves]))
@@ -158,8 +156,9 @@ def kernel_of(
     lasting = _lasting(plants, run)
     every = (*jax.tree.leaves(lasting.plants), *jax.tree.leaves(lasting.controllers))
     shapes = (*(np.shape(each)[1:] for each in every), *map(np.shape, jax.tree.leaves(lasting.all)))
-    kind = Kind(simulation, control, keep, parts, room, jax.tree.structure(lasting), shapes,
-                jax.tree.structure(run.wanted))  # fmt: skip
+    entry, tree = jax.tree.flatten(_entry(plants, run, run.bias))
+    common = frozenset(k for k, leaf in enumerate(entry) if np.ndim(leaf) == 1)
+    kind = Kind(simulation, control, keep, parts, room, jax.tree.structure(lasting), shapes, tree, common)
     bare = (each._replace(**dict.fromkeys(each._fields)) for each in (plants, run))
     return _made(kind, *bare)
 
@@ -171,6 +170,11 @@ def _made(kind: Kind, plant: Any, run: Any) -> LoopKernel | None:
         return LoopKernel(kind, plant, run)
     except NotScalarError:  # a controller that is not scalar arithmetic
         return None
+
+
+def _entry(plants: Any, run: Any, time: np.ndarray) -> Any:
+    """What the function of a tick reads, shape (K,), or (D, K) for the noise of plants, (G, K) for controllers' own."""
+    return run.wanted, run.bias, run.judged, time, plants.misread
 
 
 def _lasting(plants: Any, run: Any) -> _Lasting:

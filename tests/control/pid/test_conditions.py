@@ -12,7 +12,7 @@ import pytest
 import rigs
 from bodies import NOMINAL, OPEN, values
 from etcfit.car_log.log import Series
-from etcfit.control.loop_figures import LoopFigures, Run, judge, judge_each, with_effort
+from etcfit.control.loop_figures import LoopFigures, Ran, judge, judge_all, judge_each
 from etcfit.control.pid import Gains
 from etcfit.control.pid.conditions import (
     LEAD,
@@ -120,7 +120,7 @@ def test_the_activity_of_a_duty_is_its_deviation_while_the_setpoint_rests() -> N
     time = setpoint.instants(1e-3)
     rng = np.random.default_rng(3)
     duty = 0.2 + 0.5 * np.sin(40.0 * time) * ((time % 0.5) < 0.3) + 0.04 * rng.standard_normal(time.size)
-    found = with_effort(LoopFigures(), Run(setpoint, time, duty, np.full(time.size, 1.5)))
+    found = judge_all(setpoint, time, Ran(setpoint.at(time), duty, np.full(time.size, 1.5)))
     assert found.duty_activity_pct == pytest.approx(4.0, rel=0.15)
     assert found.current_rms_A == pytest.approx(1.5)
 

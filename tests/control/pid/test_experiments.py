@@ -33,7 +33,7 @@ def test_its_proportional_gain_is_near_the_best_and_not_where_the_gains_tried_en
     assert isinstance(found, Gains)
     every = np.linspace(5.0, 1500.0, 300)
     none = np.zeros(every.size)
-    rmse = np.asarray(tried.loop.judged(Gains(every, none, none), trapezoid()).rmse_pct)[0]
+    rmse = np.asarray(tried.loop.figures(Gains(every, none, none), trapezoid()).rmse_pct)[0]
     best = float(every[np.argmin(rmse)])
     assert best > 150.0
     assert 0.5 * best < found.Kp <= best

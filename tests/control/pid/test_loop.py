@@ -10,11 +10,12 @@ import pytest
 
 import rigs
 from bodies import OPEN
-from etcfit.control.loop_figures import REQUIRED
+from etcfit.control.loop_figures import REQUIRED, Ran, judge_all
 from etcfit.control.pid import Gains
+from etcfit.control.pid import loop as loop_module
 from etcfit.control.pid.feedforward import bias_of, hold_curve
 from etcfit.control.pid.linear_loop import respond
-from etcfit.control.setpoint import step, trapezoid
+from etcfit.control.setpoint import Stretch, in_turn, step, trapezoid
 from etcfit.control.settings import LoopSettings
 from etcfit.model.ecu import Ecu
 from etcfit.model.effects import State
@@ -87,17 +88,23 @@ def test_draws_and_gains_side_by_side_are_each_what_they_are_alone() -> None:
     assert np.max(np.abs(path[0, 1] - path[1, 1])) > 1e-3
 
 
-def test_figures_of_many_responses_are_those_of_the_kept_ones() -> None:
-    """Three plants, more gains than are kept, no whole number of vectors."""
+@pytest.mark.parametrize("kernels", [True, False])
+def test_figures_tick_by_tick_are_those_of_the_whole_response(kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three plants, no whole number of vectors, two stretches, gains that settle and gains that run away."""
+    if not kernels:
+        monkeypatch.setattr(loop_module, "kernel_of", lambda *of: None)
     loop = rigs.loop(ecu=Ecu(noise=1e-3), draws={"T_f": [0.1, 0.2], "K_s": [0.3, 0.1]})
-    gains = Gains(*(np.geomspace(low, 4.0 * low, 71) for low in (20.0, 100.0, 0.1)))
-    setpoint = step(0.2, 0.4, hold=0.5)
-    assert loop.draws == 3
-    one, other = loop.figures(gains, setpoint).known(), loop.tried(gains, setpoint).figures.known()
-    assert set(one) == set(other) == {*REQUIRED}
-    for symbol, figure in one.items():
-        np.testing.assert_array_equal(figure, other[symbol])
-    assert np.unique(loop.figures(gains, setpoint).rmse_pct).size == 3 * 71
+    gains = Gains(*(np.append(np.geomspace(low, 4.0 * low, 6), 1e9) for low in (20.0, 100.0, 0.1)))
+    setpoint = in_turn(trapezoid(), replace(step(0.2, 0.4, hold=0.5), tracked=(Stretch(0.5, 0.7), Stretch(0.8, 0.9))))
+    path, tried = loop.respond(gains, setpoint), loop.tried(gains, setpoint)
+    np.testing.assert_array_equal(tried.share, loop.share(path.position.copy()))
+    ran = Ran(tried.share, path.voltage / loop.ecu.supply, path.current)
+    whole = judge_all(setpoint, setpoint.instants(loop.ecu.period), ran).known()
+    assert set(whole) < set(tried.figures.known()) == {*REQUIRED}
+    for figures in (tried.figures, loop.figures(gains, setpoint)):
+        for symbol, figure in whole.items():
+            np.testing.assert_allclose(getattr(figures, symbol), figure, rtol=1e-12)
+    assert np.unique(tried.figures.rmse_pct[:, :-1]).size == 3 * 6
 
 
 def test_however_many_models_there_are_one_program_linearises_them_and_each_by_itself() -> None:
@@ -173,7 +180,7 @@ def test_feed_forward_holds_the_plate_against_its_springs_without_an_integral() 
     loop = rigs.loop(ecu=Ecu(), T_f=0.0)
     ahead = replace(loop, bias=bias_of(loop.nominal, *loop.body))
     gains = rigs.one(40.0, 0.0, 0.3)
-    alone, helped = (float(each.judged(gains, RAMP).steady_state_error_pct[0, 0]) for each in (loop, ahead))
+    alone, helped = (float(each.figures(gains, RAMP).steady_state_error_pct[0, 0]) for each in (loop, ahead))
     left = 1.513 / (20.68 * 0.0189) * (0.15 * 0.45 * OPEN + 0.362) / 40.0
     assert alone == pytest.approx(100.0 * left / (0.4 * OPEN), rel=0.1)
     assert helped < 0.02 * alone
