@@ -8,6 +8,7 @@ Each leaf of the batch is a record: it is packed once for all kernels, and not a
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -57,8 +58,7 @@ def put(out: Float[np.ndarray, "T L F"], group: Group, part: Float[np.ndarray, "
     for side, (lane, rows) in enumerate(zip(*group, strict=True)):
         for k in range(0, rows, _AT_ONCE):
             some = slice(k, min(k + _AT_ONCE, rows))
-            for column in range(part.shape[1]):
-                out[some, lane, column] = part[some, column, side]
+            out[some, lane] = part[some, :, side]
 
 
 def as_numpy(tree: Any) -> Any:
@@ -226,12 +226,13 @@ def _each_packed(read: Sequence[tuple[Any, bool]], place: int, group: Group) -> 
 def record_of(leaf: Float[np.ndarray, "T L *F"], group: Group, muted: bool) -> Float[np.ndarray, "rows F W"]:
     """A leaf of some lanes. A shorter lane repeats its last entry, and missing lanes repeat the first; both are 0 if
     the leaf is `muted`."""
-    longest, places = max(group.rows), list(np.ndindex(leaf.shape[2:]))
-    out = np.empty((longest, len(places), LANES))
+    longest, numbers = max(group.rows), math.prod(leaf.shape[2:])
+    out = np.empty((longest, numbers, LANES))
     for side in range(LANES):
         there = side < len(group.lanes)
         lane, count = (group.lanes[side], group.rows[side]) if there else (group.lanes[0], 0 if muted else longest)
-        for k, at in enumerate(places):
-            out[:count, k, side] = leaf[(slice(count), lane, *at)]
+        for k in range(0, count, _AT_ONCE):
+            some = slice(k, min(k + _AT_ONCE, count))
+            out[some, :, side] = leaf[some, lane].reshape(-1, numbers)
         out[count:, :, side] = 0.0 if muted else out[count - 1, :, side]
     return out
