@@ -75,7 +75,6 @@ def held(folder: Path, again: bool = True) -> Iterator[None]:
     deleted.
 
     Args:
-        folder: which.
         again: whether the thread that holds it may hold it once more.
     Raises:
         Busy: another process or thread holds it.
@@ -204,7 +203,6 @@ def read_regular(path: Path, where: str, most: int | None = None) -> bytes:
     """Content of a file, whose kind and size are looked at first: a pipe or a device may never end.
 
     Args:
-        path: of the file.
         where: what messages call it.
         most: bytes it may have; None for any.
     Raises:

@@ -290,7 +290,6 @@ def guided_start(
     Args:
         smaller: the end of the smaller model.
         name: name of the additional effect of the larger model.
-        larger: the larger model.
     Returns:
         Coordinates in the larger model, shape (P + free parameters of the effect,).
     """

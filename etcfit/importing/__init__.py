@@ -49,7 +49,6 @@ def import_files(
     Args:
         files: recordings of any known format; a DBC among them decodes the bus logs.
         to: the folder to write; it must not exist, or be empty.
-        answers: the user's answers.
         resolve: handles doubtful guesses: accepts them, asks, or refuses.
         rig: a rig.toml to copy; without it a short one is written.
         most: largest size of one recording's numbers in memory, bytes.

@@ -101,7 +101,6 @@ def parsed(columns: Sequence[str], tests: Sequence[str], files: Sequence[str], p
     Args:
         columns: `HEADER=QUANTITY [UNIT]` or `FILE:HEADER=QUANTITY [UNIT]`.
         tests: `FILE=TEST`.
-        files: the imported files.
         period: sampling period of a file without a time, s.
     Raises:
         UsageError: an option in another form, or an unknown file, quantity or test.

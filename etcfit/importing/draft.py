@@ -75,8 +75,6 @@ def drafted(sheets: Sequence[Sheet], answers: Answers, known: RigConfig | None) 
     """Plan the folder for these sheets.
 
     Args:
-        sheets: sheets of all files.
-        answers: the user's answers.
         known: the given rig.toml, or None.
     Raises:
         MeasurementError: a file without usable content, or with contradicting columns.

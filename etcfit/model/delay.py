@@ -181,7 +181,6 @@ def delayed(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, delay: S
 
     Args:
         signal: values at the end of each step, shape (T, L).
-        steps, resets: the batch.
         delay: s, >= 0.
     """
     # the search along the batch takes as long as a simulation
@@ -266,7 +265,6 @@ def logged_late(signal: Float[AnyArray, "T L"], steps: Step, resets: Reset, late
     Source: Hermite interpolation with the slopes of Catmull and Rom 1974 on uneven steps. Differs from source: no.
     Args:
         signal: values at the end of each step, shape (T, L).
-        steps, resets: the batch.
         late: lateness, s, of either sign; shape (T, L), or one for all.
     """
     return between(Clock.of_batch(steps, resets), late).delayed(signal)

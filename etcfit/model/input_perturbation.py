@@ -104,9 +104,7 @@ def step_inputs_along(throttle: Throttle, path: Any, steps: Step, resets: Reset)
     """The points at which every step of a batch evaluates the effects; entries of shape (T, L).
 
     Args:
-        throttle: the model.
         path: its states and memories at the end of each step, as `simulate` returns them.
-        steps, resets: the simulated batch.
     """
     x, z = jax.tree.map(lambda leaf: jnp.concatenate((jnp.zeros_like(leaf[:1]), leaf[:-1])), path)
 
@@ -132,7 +130,6 @@ def added(
         values: values of its parameters, SI by field.
         ways: the direction, SI by field.
         along: points at which the steps evaluate it, entries of shape (T, L).
-        steps, resets: the batch.
     Returns:
         Entries of shape (T, L), SI.
     """

@@ -118,7 +118,6 @@ def coefficients(
         dx/dt = A x + B v,    s^3 - tr A s^2 + (tr^2 A - tr A^2)/2 s - det A,    b0 = A[omega, i] B[i]
 
     Args:
-        throttle: the model.
         theta: operating point, rad; the current is the one that holds the plate there against its springs.
         gear_ratio, lower, upper: gear ratio and end stops (rad) of the rig.
     """
@@ -145,13 +144,7 @@ def sensor_lag(throttle: Throttle) -> Scalar:
 def holding(
     throttle: Throttle, theta: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Current (A) and voltage (V) that hold the plate at theta (rad) in the middle of its dry friction.
-
-    Args:
-        throttle: the model.
-        theta: rad.
-        gear_ratio, lower, upper: of the rig; rad.
-    """
+    """Current (A) and voltage (V) that hold the plate in the middle of its dry friction; see `turning_against`."""
     return holding_against(throttle, theta, 0.0, gear_ratio, lower, upper)
 
 
@@ -161,14 +154,8 @@ _NEWTON = 12
 def holding_against(
     throttle: Throttle, theta: Scalar, share: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Current (A) and voltage (V) at which the motor balances the springs and a share of the dry friction.
-
-    Args:
-        throttle: the model.
-        theta: rad.
-        share: share of the dry friction: 1 if the plate is about to open, -1 if it is about to close, 0 in the middle.
-        gear_ratio, lower, upper: of the rig; rad.
-    """
+    """Current (A) and voltage (V) at which the motor balances the springs and a share of the dry friction: 1 if the
+    plate is about to open, -1 if it is about to close, 0 in the middle; see `turning_against`."""
     return turning_against(throttle, theta, 0.0, share, gear_ratio, lower, upper)
 
 
@@ -184,7 +171,6 @@ def turning_against(
     """Current (A) and voltage (V) at which the plate passes an angle at constant speed.
 
     Args:
-        throttle: the model.
         theta: rad.
         omega: rad/s.
         share: share of the dry friction on the motor: 1 if the plate slides open, -1 if it slides closed.

@@ -195,15 +195,7 @@ def slopes(kinds: Int[np.ndarray, " P"], x: Float[np.ndarray, " P"]) -> Float[np
 
 
 def log_flats(kinds: Int[AnyArray, " P"], x: Float[AnyArray, "*K P"], by: Any = jnp) -> Float[AnyArray, "*K P"]:
-    """log |dq/dx| of many coordinates at once, q the quantity with a flat prior in the domain of each.
-
-    Args:
-        kinds: domain of each, an index into `DOMAINS`, shape (P,).
-        x: coordinates, shape (..., P), dimensionless.
-        by: JAX or NumPy.
-    Returns:
-        Shape (..., P).
-    """
+    """log |dq/dx| of many coordinates at once, q the quantity with a flat prior in the domain of each; as `curves`."""
     out = by.zeros_like(x)
     for k, domain in enumerate(DOMAINS):
         out = by.where(kinds == k, domain.log_flat(x, by), out)

@@ -22,7 +22,6 @@ def refused(
     """The effects that cannot be printed in a language, each tried by itself.
 
     Args:
-        types: types of the effects.
         program: the language's printer; prints nodes of a graph or raises NotWrittenError.
     """
     return tuple(effect for effect in types if not _is_held(effect, program))

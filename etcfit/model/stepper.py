@@ -172,10 +172,8 @@ def contributions(throttle: Throttle, x: State, z: tuple[Scalar, ...], u: Inputs
     """The sum of all effects; traced once for all calls, and compiled into the caller.
 
     Args:
-        throttle: the model.
         x: state, SI.
         z: memories of its effects.
-        u: inputs.
     """
     return throttle(x, z, u)
 
@@ -218,7 +216,6 @@ def memory(
     """Memories at the end of a stage: z = base + a dz(x, z), linear-implicit in each memory's own decay; a = gamma h.
 
     Args:
-        throttle: the model.
         base: memories at the begin of the stage.
         guess: memories about which the rates are linearised.
         x, u: state and inputs at which the effects are evaluated.
@@ -382,10 +379,8 @@ def _pushed(stage: _Stage, base: State, dbase: State, d: _Balances, s: Step, lon
     """Tangent of a stage by the implicit function theorem.
 
     Args:
-        stage: the solved stage.
         base, dbase: its initial state, and the tangent.
         d: tangent of the balances at the stage's own state.
-        s: the step.
         longer: tangent of its length over the length; None if the length is fixed.
     """
     a, x, d = GAMMA * s.dt, stage.x, fusion_barrier(d)
@@ -446,7 +441,6 @@ def step(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> StateP
     """One step of the throttle body, including an ECU's tick at its begin.
 
     Args:
-        throttle: the model.
         x: state at the begin of the step, scalars, SI.
         z: memories of the effects at the begin of the step.
         s: inputs and boundary conditions, scalars.
@@ -547,7 +541,6 @@ def begun(throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step, reset: R
     Args:
         throttle: the model, for the first memories.
         x, z: state and memories at the end of the step before.
-        s: the step.
         reset: whether a trace begins here, and its initial state.
     """
     begins = reset.begins > 0.5
@@ -564,7 +557,6 @@ def simulate(throttle: Throttle, steps: Step, resets: Reset) -> StatePath:
     """Simulate a batch: L parallel lanes, each a sequence of traces.
 
     Args:
-        throttle: the model.
         steps: entries of shape (T, L).
         resets: entries of shape (T, L).
     Returns:

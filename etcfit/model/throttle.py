@@ -43,7 +43,6 @@ class Throttle(eqx.Module):
         """A throttle of these effects.
 
         Args:
-            types: types of the effects.
             values: values of all their parameters, SI by symbol.
         """
         every = [t(**{field: values[p.symbol] for field, p in declared(t).items()}) for t in types]
@@ -68,7 +67,6 @@ class Throttle(eqx.Module):
         Args:
             x: state, SI.
             z: memories of all effects, see `z0`.
-            u: inputs.
         """
         parts = self.parts(x, z, u)
         return total(parts if u.besides is None else [*parts, u.besides.contribution])
@@ -147,7 +145,6 @@ class Throttle(eqx.Module):
         """The steps of a batch as they act on the throttle, from those logged.
 
         Args:
-            steps: a `Step`.
             test_of: `number_of` the rig test of each entry, of the steps' shape.
         """
         for effect in self.rig:
@@ -158,7 +155,6 @@ class Throttle(eqx.Module):
         """The true states in which traces begin, from those logged.
 
         Args:
-            resets: a `Reset`.
             test_of, trace: `number_of` the rig test and of the file of each entry, of the resets' shape.
         """
         for effect in self.rig:

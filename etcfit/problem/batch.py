@@ -234,7 +234,6 @@ def batch_of(
     """Put traces into a batch: long ones in lanes of their own, short ones in sequence.
 
     Args:
-        traces: prepared traces.
         config: their rig, for gear ratio and stops.
         substeps: integration steps in each interval between instants, shape (n - 1,) for each trace.
         least: least steps T, lanes L and slots M of the batch, so that programs compiled for another batch can be used

@@ -35,7 +35,6 @@ def chi2_of(
     """chi2 = sum r^2 + sum ((x - mean) / sd)^2 at many points.
 
     Args:
-        problem: model and data.
         points: coordinates, shape (K, P).
         weighted: data, whitening and priors, see `EstimationProblem.weighted`.
     Returns:

@@ -29,7 +29,6 @@ def levels(
     """The input at the begin and the end of each step, V, or N m for a torque; 0 without an input.
 
     Args:
-        trace: the trace.
         ends: ends of its steps, s.
         interval: interval of each step.
     """
@@ -53,7 +52,6 @@ def in_step(
     """Columns of `Edge` for the edges in step with the samples; {} if the trace has no such edge.
 
     Args:
-        trace: the trace.
         ends: ends of its steps, s.
         interval: interval of each step.
     """
@@ -72,7 +70,6 @@ def unplaced(trace: Trace, marks: Int[np.ndarray, " n"], entries: int) -> dict[s
     """Columns of `Disturbance` for the jumps at unknown instants, each at the last entry of its interval.
 
     Args:
-        trace: the trace.
         marks: entry of each of its instants.
         entries: number of entries of the trace.
     """

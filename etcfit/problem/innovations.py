@@ -102,7 +102,6 @@ def whiten(filter_: InnovationsFilter, error: Float[AnyArray, "T L M"]) -> Float
     """r of a whole batch: innovations over their standard deviations.
 
     Args:
-        filter_: the frozen filter.
         error: measured - simulated, SI, 0 without a sample, shape (T, L, M).
     Returns:
         Shape (T, L, M), dimensionless; standard normal if the model is right.

@@ -288,7 +288,6 @@ def input_of(measurement: Measurement, config: RigConfig, instants: Float[np.nda
     """The input of a trace: voltage, or duty times supply, or torque; None if it logged none of them.
 
     Args:
-        measurement: the trace.
         config: its rig, for supply and effects.
         instants: instants of the result, s, shape (n,).
     """

@@ -136,7 +136,6 @@ def over_lanes(
 
     Args:
         kernel: kernel of a loop across lanes.
-        records: the batch.
         fixed: parameters and further numbers, in the order of `TracedEntry.fixed`, without the uniform columns.
         keep: called with the number of each group and its stored numbers, see `Kernel.run`.
     Returns:
@@ -176,7 +175,6 @@ def over_points(kernel: Kernel, records: Records, fixed: Float[np.ndarray, "K Q"
 
     Args:
         kernel: kernel of a loop across points.
-        records: the batch.
         fixed: parameters of each point, shape (K, Q).
     """
     sets = [np.take(fixed, range(k, k + POINTS), axis=0, mode="clip") for k in range(0, len(fixed), POINTS)]

@@ -349,8 +349,6 @@ def moved_samples(
     lateness, at most half an interval, remains in the reading.
 
     Args:
-        batch: the traces.
-        types: effects of the model.
         values: values of its parameters, SI by symbol.
     """
     late = tuple(effect for effect in types if issubclass(effect, AbstractRigEffect) and effect.delays)

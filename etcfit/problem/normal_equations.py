@@ -63,7 +63,6 @@ def shared_out(
     Args:
         weighted: data, whitening and priors of the whole batch.
         size: number of coordinates P; the Jacobian grows with it.
-        cores: number of cores.
         least_lanes: least number of lanes of a piece.
         most_bytes: largest size of its Jacobian.
     Returns:
@@ -97,7 +96,6 @@ def normal_equations(
     """A function that computes r^T r, J^T r and J^T J of the samples at coordinates x, shape (P,), without priors.
 
     Args:
-        form: the model.
         weighted: data, whitening and priors of the whole batch.
         size: number of coordinates P.
     """
@@ -130,7 +128,6 @@ def linearised(
     """Whitened residual of the samples and its Jacobian.
 
     Args:
-        form: the model.
         x: coordinates, shape (P,).
         weighted: data, whitening and priors of the whole batch.
     Returns:
@@ -158,7 +155,6 @@ def linearise(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Line
     """Residual, Jacobian and normal equations of one piece of the data, compiled.
 
     Args:
-        form: the model.
         x: coordinates, shape (P,).
         weighted: data, whitening and priors of some lanes.
     """

@@ -45,7 +45,6 @@ def start(form: Form, values: Mapping[str, Scalar], shape: tuple[int, ...], orde
     """The carry into the first entry: zeros, and the effects' initial memories.
 
     Args:
-        form: the model.
         values: values of its parameters, SI by symbol.
         shape: shape of every entry of the state, such as (L,).
         order: number n of error states.
@@ -68,7 +67,6 @@ def pushed(
     Args:
         step_of: function of the carry into the step and the contribution; returns the new carry and results.
         carried: the carry from the step before, and its tangent.
-        way: the direction.
     Returns:
         The new carry and its tangent, and the tangent of the results.
     """
@@ -83,7 +81,6 @@ def advance(
     """Simulate, observe and whiten one entry of one lane.
 
     Args:
-        form: the model.
         values: values of its parameters, SI by symbol.
         carried: the carry from the entry before.
         entry: steps, resets, slots, rig test and filter of this entry, see `entries`.

@@ -76,7 +76,6 @@ def rows(traces: Sequence[Trace], predicted: Sequence[Float[np.ndarray, "_ _"]])
     """Errors of free runs, one row for each channel of each trace; samples that were not logged do not count.
 
     Args:
-        traces: the measured traces.
         predicted: free run of each, shape (n, M), SI.
     """
     out = []

@@ -101,8 +101,6 @@ class EstimationProblem:
         """The problem of some traces.
 
         Args:
-            config: the rig.
-            free_parameters: its free parameters.
             traces: prepared traces, see `trace.prepare`.
             substeps: integration steps in each interval, shape (n - 1,) for each trace; one each if None.
             least: least steps T, lanes L and slots M of the batch.
@@ -299,7 +297,6 @@ class EstimationProblem:
         compilation is needed.
 
         Args:
-            traces: prepared traces.
             x: coordinates, shape (P,), for which integration steps are chosen.
         """
         other = (
@@ -315,7 +312,6 @@ class EstimationProblem:
         """The problem in a batch long enough for other traces of the rig, so that both use one set of programs.
 
         Args:
-            traces: prepared traces.
             x: coordinates, shape (P,), for which their integration steps are chosen.
             spare: factor on their steps at x: elsewhere they may need a few more.
         Returns:

@@ -102,7 +102,6 @@ def process_of(
     """The error process from its linearised steps; for a batch or one entry.
 
     Args:
-        throttle: the model.
         before, after: state and memories at the begin and the end of each step.
         batch: the batch with the rig's effects.
         linear: sensitivities of each step, see `linearised_step`.
@@ -328,7 +327,6 @@ def edge_covariance(
     share s of the interval.
 
     Args:
-        throttle: the model.
         x, z: state and memories at the interval's begin.
         end: the path's state at its end.
         s: its last step.

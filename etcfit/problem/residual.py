@@ -47,7 +47,6 @@ def equipped(
     input and initial state, and the torque of a guide if there is no circuit.
 
     Args:
-        throttle: the model.
         steps, resets, test_of: the logged ones, see `TraceBatch`.
         values: values of the model's parameters, SI by symbol.
     """
@@ -83,7 +82,6 @@ def predict(
     """y_hat: the simulated value of each slot.
 
     Args:
-        throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
         steps, resets, slots, test_of: the batch, see `TraceBatch`; of one entry without the axis T.
     Returns:
@@ -122,7 +120,6 @@ def run(form: Form, x: Float[Array, " P"], pick: Pick, batch: BatchArrays | Weig
     """Simulate a batch.
 
     Args:
-        form: the model.
         x: coordinates, shape (P,).
         pick: the parameters of x.
         batch: its logged steps and resets, and the test of each entry.
@@ -161,7 +158,6 @@ def compared(form: Form, x: Float[Array, " P"], weighted: WeightedData) -> Compa
 
     Source: generalised least squares; see `innovations`.
     Args:
-        form: the model.
         x: coordinates, shape (P,).
         weighted: data, and the parameters of x.
     """

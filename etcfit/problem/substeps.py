@@ -26,7 +26,6 @@ def local_error(throttle: Throttle, path: StatePath, batch: BatchArrays) -> Floa
     """Integration error of each step, from the difference between one step and two of half its length.
 
     Args:
-        throttle: the model.
         path: its states and memories at the end of each step, shape (T, L) each.
         batch: the batch with the rig's effects and the guide's lever, see `residual.run`.
     Returns:

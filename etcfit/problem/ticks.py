@@ -46,7 +46,6 @@ def broken(
     when ticks move; rounding may put two ticks into an interval that is slightly shorter than their period.
 
     Args:
-        trace: the trace.
         setpoint: setpoint of the ECU.
         substeps: least number of steps of each interval.
         ecu: its clock.

@@ -114,9 +114,6 @@ _NOWHERE = InitialState((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     """Prepare a trace: input, samples, initial state, release.
 
-    Args:
-        measurement: the measurement as read.
-        config: its rig.
     Returns:
         None if the model cannot predict it: no input was logged, or nothing was observed.
     """

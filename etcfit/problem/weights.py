@@ -34,7 +34,6 @@ def forgiving(problem: EstimationProblem, late: float = 0.0) -> InnovationsFilte
     A simulation that reaches a value a little early or late differs by about d, which this filter tolerates.
 
     Args:
-        problem: the data.
         late: tolerated error of an instant, s; neighbours are at least one sample away.
     """
     slots = problem.slots
@@ -74,7 +73,6 @@ def timed(problem: EstimationProblem, x: Float[np.ndarray, " P"], r: Float[np.nd
     step if samples change too slowly.
 
     Args:
-        problem: the data.
         x: coordinates, shape (P,).
         r: whitened residual at x, shape (T, L, M), dimensionless.
     """

@@ -84,7 +84,6 @@ def titled(
     """A figure of one panel below a title with line breaks; between both is space for `legend_above`.
 
     Args:
-        text: text of the title.
         tall: height in inches, with a title of one line.
         sides: left and right edge of the panel, shares of the width.
     """

@@ -77,7 +77,6 @@ def of_texts(
 
     Args:
         title, rows: see `Table`.
-        heads: heads of the columns.
         words: number of columns at the left with words, which identify a row; the others are figures.
         kinds: kinds of other columns, by head.
         spare: heads of optional columns, in the order in which they are left out.

@@ -297,6 +297,5 @@ class AbstractRigTest(abc.ABC):
 
         Args:
             traces: every fitted trace of this test.
-            config: the rig.
             known: values read from the tests before this one, and those given in rig.toml, SI.
         """

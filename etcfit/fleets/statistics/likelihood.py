@@ -177,7 +177,6 @@ def maximised(data: Scaled, start: Spread, held: Bool[np.ndarray, " K"], prior: 
     With many units the expected Hessian is the true one, and a step or two is enough; with few, BFGS learns the rest.
 
     Args:
-        data: units.
         start: start of the search, with d > 0 where d is free: at 0 the slope is always 0.
         held: entries of (d, a) that stay fixed.
         prior: weight of the prior of the correlations, in units.

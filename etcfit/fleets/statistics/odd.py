@@ -210,7 +210,6 @@ def effects_in(stack: Stack, names: Sequence[str], rate: float = DEFAULT.effect_
     Benjamini and Hochberg. A unit whose data do not determine the amplitudes is not counted.
 
     Args:
-        stack: units.
         names: of effects, as in rig.toml; an effect without an off value, or whose amplitude no unit's data determine,
             is left out.
         rate: rate of units that falsely have it, among those reported.

@@ -85,11 +85,7 @@ def reading(source: Source, kind: str) -> Iterator[None]:
 
 @contextmanager
 def warnings_of(*names: str) -> Iterator[list[str]]:
-    """Collect the warnings of libraries while they read, instead of printing them.
-
-    Args:
-        names: names of their loggers.
-    """
+    """Collect the warnings of libraries while they read, instead of printing them."""
     heard: list[str] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = lambda record: heard.append(record.getMessage())
@@ -124,7 +120,6 @@ def common_rows(source: Source, instants: Sequence[np.ndarray], columns: int) ->
     """Channels with different rates as one table: one row for every instant of any of them.
 
     Args:
-        source: the file.
         instants: instants of each channel.
         columns: number of columns of the table in addition to the time.
     Returns:
@@ -150,7 +145,6 @@ def common_ends(names: Sequence[str], found: Sequence[int], said: Sequence[int])
     Channels with the same stated number of values belong together; so do those of about the same length.
 
     Args:
-        names: names of the channels.
         found: number of values of each.
         said: number of values of each according to the file; 0 if it does not state it.
     Returns:

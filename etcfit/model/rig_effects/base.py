@@ -152,7 +152,6 @@ class AbstractRigEffect(AbstractEffect):
         """The steps as they act on the throttle, from those logged.
 
         Args:
-            steps: a `Step`.
             test_of: `number_of` the rig test of each entry, of the steps' shape.
         """
         return steps
@@ -161,7 +160,6 @@ class AbstractRigEffect(AbstractEffect):
         """The true states in which traces begin, from those read.
 
         Args:
-            resets: a `Reset`.
             test_of, trace: `number_of` the rig test and of the file of each entry, of the resets' shape; see `here`.
         """
         return resets
