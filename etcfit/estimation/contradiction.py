@@ -139,12 +139,7 @@ def disagreement(split: Split, understated: float = 1.0) -> float:
 
 
 def parted(
-    here: Subset,
-    test: str,
-    believed: Statement,
-    reach: np.ndarray,
-    unknown: float,
-    alone: Subset | None = None,
+    here: Subset, test: str, believed: Statement, reach: np.ndarray, unknown: float, alone: Subset | None = None
 ) -> Parted:
     """One test and the others, linearised at the same point.
 

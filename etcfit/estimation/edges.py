@@ -54,10 +54,7 @@ class Clocked(NamedTuple):
 
 
 def with_edges_in_step(
-    rig: Rig,
-    problem: EstimationProblem,
-    held_out: Sequence[Trace],
-    x: Float[np.ndarray, " P"],
+    rig: Rig, problem: EstimationProblem, held_out: Sequence[Trace], x: Float[np.ndarray, " P"]
 ) -> Clocked | None:
     """The rig with the phases that its edges show; None if they do not show that output and logger share a clock.
 

@@ -165,11 +165,7 @@ class FreeRun(NamedTuple):
 
 
 def freed(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    spread: float,
-    settings: FitSettings = FitSettings(),
-    guided: bool = True,
+    problem: EstimationProblem, x: np.ndarray, spread: float, settings: FitSettings = FitSettings(), guided: bool = True
 ) -> FreeRun:
     """The best free run about x, weighted by the residual of each channel: by a search, a descent, and the end of a
     guide from there if that is likelier.

@@ -309,11 +309,7 @@ def _predictions(optimum: Optimum) -> _Predictions:
 
 
 def _verdict_on_parameters(
-    problem: EstimationProblem,
-    x: np.ndarray,
-    weighted: WeightedData,
-    pieces: tuple[Piece, ...],
-    settings: FitSettings,
+    problem: EstimationProblem, x: np.ndarray, weighted: WeightedData, pieces: tuple[Piece, ...], settings: FitSettings
 ) -> Identifiability:
     """Which parameters the data determine, with each channel weighted by its residual's size and independence.
 

@@ -160,13 +160,7 @@ def holding_against(
 
 
 def turning_against(
-    throttle: Throttle,
-    theta: Scalar,
-    omega: Scalar,
-    share: Scalar,
-    gear_ratio: Scalar,
-    lower: Scalar,
-    upper: Scalar,
+    throttle: Throttle, theta: Scalar, omega: Scalar, share: Scalar, gear_ratio: Scalar, lower: Scalar, upper: Scalar
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Current (A) and voltage (V) at which the plate passes an angle at constant speed.
 

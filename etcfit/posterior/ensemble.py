@@ -55,10 +55,7 @@ def root_of(covariance: np.ndarray) -> np.ndarray:
 
 
 def approximate(
-    target: LogProbability,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    settings: SamplingSettings = SamplingSettings(),
+    target: LogProbability, mean: np.ndarray, covariance: np.ndarray, settings: SamplingSettings = SamplingSettings()
 ) -> Approximation:
     """A normal density near the one that is sampled: from it walkers begin, and by it they leap.
 

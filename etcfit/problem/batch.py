@@ -397,10 +397,7 @@ class _Table:
 
 
 def _assemble(
-    table: _Table,
-    traces: tuple[Trace, ...],
-    places: tuple[tuple[int, int, np.ndarray], ...],
-    controlled: bool,
+    table: _Table, traces: tuple[Trace, ...], places: tuple[tuple[int, int, np.ndarray], ...], controlled: bool
 ) -> TraceBatch:
     command = table.part(Command) if controlled else None
     edge = table.part(Edge) if "span" in table else None

@@ -52,11 +52,7 @@ class Linearised(NamedTuple):
 
 
 def shared_out(
-    weighted: WeightedData,
-    size: int,
-    cores: int = CORES,
-    least_lanes: int = LEAST_LANES,
-    most_bytes: int = MOST_BYTES,
+    weighted: WeightedData, size: int, cores: int = CORES, least_lanes: int = LEAST_LANES, most_bytes: int = MOST_BYTES
 ) -> tuple[WeightedData, ...]:
     """The data in pieces of some lanes each, all of one shape, for the cores to process in parallel.
 

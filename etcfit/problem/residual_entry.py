@@ -68,11 +68,7 @@ class SimulatedEntry:
         return list(zip(before, [*after, *errors], strict=True)), tangents
 
     def loop(
-        self,
-        across: Across,
-        free: tuple[str, ...] = (),
-        summed: bool = False,
-        stored: Sequence[int] | None = None,
+        self, across: Across, free: tuple[str, ...] = (), summed: bool = False, stored: Sequence[int] | None = None
     ) -> Loop:
         """The loop over entries.
 

@@ -394,10 +394,7 @@ def _details(d: Diagnosis) -> Iterator[Job]:
         if picture is not None:
             yield Path(f"missing_{enters}.png"), partial(missing.draw, picture)
     if d.unexplained is not None:
-        yield (
-            Path("unexplained.png"),
-            partial(draw_unexplained, d.unexplained, d.after.rig.config.travel, synthetic),
-        )
+        yield (Path("unexplained.png"), partial(draw_unexplained, d.unexplained, d.after.rig.config.travel, synthetic))
     every = steps(d)
     if d.added or any(step.others for step in every):
         yield Path("rounds.png"), partial(draw_rounds, every, d.added, synthetic)

@@ -160,11 +160,7 @@ def _charts(content: Content, place: Mapping[str, int]) -> dict[str, Any]:
 
 
 def _chart(
-    content: Content,
-    symbol: str,
-    each: Mapping[str, Any],
-    place: Mapping[str, int],
-    orders: dict[tuple[str, ...], int],
+    content: Content, symbol: str, each: Mapping[str, Any], place: Mapping[str, int], orders: dict[tuple[str, ...], int]
 ) -> dict[str, Any]:
     kept = np.array([unit in place for unit in each["order"]], dtype=bool)
     order = tuple(unit for unit in each["order"] if unit in place)
