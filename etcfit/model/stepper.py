@@ -272,14 +272,12 @@ class _Contact(NamedTuple):
     on_lower: Bool[AnyArray, ...]
     on_upper: Bool[AnyArray, ...]
     restitution: Scalar
-    play: _Play | None = None
+    play: _Play
 
     @classmethod
     def at(cls, throttle: Throttle, x: State, z: tuple[Scalar, ...], s: Step) -> _Contact:
         u = s.inputs(GAMMA)
         c = contributions(throttle, x, z, u)
-        if isinstance(c.play, float):
-            return cls(c.lower, c.upper, x.theta <= c.lower, x.theta >= c.upper, c.restitution)
         play = _Play.at(x, u, c, s.dt)
         lower = jnp.where(u.plate > 0.5, c.lower - c.play, c.lower)
         upper = jnp.where(play.alone, c.lower, c.upper)
@@ -288,12 +286,12 @@ class _Contact(NamedTuple):
 
     def acting(self, s: Step) -> Step:
         """The step, without plate and gear if the motor turns alone."""
-        return s if self.play is None else s._replace(plate=jnp.where(self.play.alone, 0.0, s.plate))
+        return s._replace(plate=jnp.where(self.play.alone, 0.0, s.plate))
 
     def after(self, x: State) -> _Contact:
         """A plate that a stage has moved inward no longer rests: otherwise it would end above the height of its
         energy."""
-        rest = self.lower if self.play is None else jnp.where(self.play.alone, self.lower, self.play.stop)
+        rest = jnp.where(self.play.alone, self.lower, self.play.stop)
         return self._replace(
             on_lower=self.on_lower & (x.theta <= rest), on_upper=self.on_upper & (x.theta >= self.upper)
         )
@@ -316,12 +314,9 @@ class _Contact(NamedTuple):
         bounces = self.restitution > 0.0  # a constant in a model without such an effect: kernels then skip all of it
         after = jnp.where(bounces, change * beyond / jnp.where(hit, x.theta - before.theta, 1.0), 0.0)
         back = -self.restitution * (x.omega - after)
-        below = above = back + after
-        if self.play is not None:
-            below = jnp.where(self.play.there, self.play.closing(x.omega), below)
-            above = jnp.where(self.play.alone, self.play.opening(x.omega), above)
-            # of teeth: as if they met at the end of the step
-            bounces &= ~jnp.where(low, self.play.there, self.play.alone)
+        below = jnp.where(self.play.there, self.play.closing(x.omega), back + after)
+        above = jnp.where(self.play.alone, self.play.opening(x.omega), back + after)
+        bounces &= ~jnp.where(low, self.play.there, self.play.alone)  # of teeth: as if they met at the end of the step
         rebound = jnp.where(low, below, above)
         rests = jnp.where(low, self.on_lower, self.on_upper) | (jnp.abs(rebound) <= 2.0 * jnp.abs(change))
         away = bounces & hit & ~rests
@@ -508,13 +503,12 @@ def _step_and_tangent(primals: Any, tangents: Any) -> tuple[StatePath, StatePath
         """Properties of the contact that depend on parameters; whether the plate rests or the motor is alone is held
         constant."""
         at = _Contact.at(throttle, x, z, s)
-        return at.lower, at.upper, at.restitution, *(() if at.play is None else (at.play.damping, at.play.restitution))
+        return at.lower, at.upper, at.restitution, at.play.damping, at.play.restitution
 
     def clipped(limits: Any, before: State, after: State) -> State:
         lower, upper, restitution, *teeth = limits
-        contact = taken.contact._replace(lower=lower, upper=upper, restitution=restitution)
-        if contact.play is not None:
-            contact = contact._replace(play=contact.play._replace(damping=teeth[0], restitution=teeth[1]))
+        play = taken.contact.play._replace(damping=teeth[0], restitution=teeth[1])
+        contact = taken.contact._replace(lower=lower, upper=upper, restitution=restitution, play=play)
         return contact.clip(before, after)
 
     at, dlimits = forward(limits, (throttle, logged), (dthrottle, ds))
