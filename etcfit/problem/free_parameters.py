@@ -167,6 +167,20 @@ class Layout:
         """The coordinates x, shape (P,), of values in SI by symbol; a value on a bound is moved just inside it."""
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
 
+    def log_distance(self, x: Float[np.ndarray, " P"], other: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
+        """Changes of coordinates that stand for the changes of the logarithms of values, with the slopes at x; of a
+        value of either sign the change of its coordinate.
+
+        Args:
+            x, other: coordinates, shape (P,).
+        Returns:
+            (dx/dlog value at x) log(value at the other / value at x), shape (P,), dimensionless.
+        """
+        (value, slope), (there, _) = self.numbers(x), self.numbers(other)
+        signed = [isinstance(self.parameter(s).domain, Real) for s in self.free]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(signed, other - x, value / slope * np.log(there / value))
+
     def reach(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """The change of a coordinate for a change of its value by about 100 %: 1 for a logarithm, else max(|x|, 1).
 

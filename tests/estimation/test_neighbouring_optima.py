@@ -38,6 +38,9 @@ class Coordinates:
     def off_bounds(self, x: np.ndarray) -> np.ndarray:
         return x
 
+    def log_distance(self, x: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return other - x
+
 
 class Line:
     """A straight line through the origin: residual (y - x) / sd for each of three samples, the last not logged."""
@@ -114,7 +117,8 @@ def test_the_likeliest_end_is_kept_and_the_others_widen_it(monkeypatch: pytest.M
     first = end(1.9)
     kept = nearby(first, Rounds(1.5, 1.2, 1.5, 1.2), monkeypatch, neighbours=2, SEARCHES=1)
     assert kept.x[0] == 1.5
-    weight = np.exp([-0.5 * (deviance(each) - deviance(end(1.5))) for each in (first, end(1.5), end(1.2))])
+    less = [deviance(each) - deviance(end(1.5)) for each in (first, end(1.5), end(1.2))]
+    weight = np.exp(-0.5 / rounds.ROUGHNESS * np.array(less))
     expected = 0.01**2 + np.sum(weight / weight.sum() * np.array([0.4, 0.0, -0.3]) ** 2)
     assert kept.end.wander is not None
     assert float(np.sum(kept.end.wander**2)) == pytest.approx(expected, rel=1e-12)
@@ -158,6 +162,12 @@ def test_points_are_drawn_again_about_a_likelier_end_until_nothing_is_gained(mon
         assert drawn.size == 4 * times  # about 4.0, 3.0, 2.5 and 1.5; from there on nothing is gained
         assert np.all(np.abs(drawn.reshape(times, 4).mean(axis=1) - [4.0, 3.0, 2.5, 1.5][:times]) < 0.1)
         assert kept.x[0] == [4.0, 3.0, 2.5, 1.5][min(times, 3)]
+
+
+def test_ends_are_sought_often_enough_where_nothing_is_gained(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = {"neighbours": 4, "FIRST_ROUNDS": 1, "EXPLAINED": 1e9, "HOPEFUL": 0.0}
+    nearby(end(1.5), follow := Rounds(1.5), monkeypatch, **settings)
+    assert follow.most.count(1) == 4 * rounds.ENOUGH
 
 
 def test_the_search_goes_on_while_nothing_explains_the_data(monkeypatch: pytest.MonkeyPatch) -> None:

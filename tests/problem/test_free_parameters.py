@@ -106,6 +106,21 @@ def test_reach_is_a_change_of_a_hundred_percent() -> None:
     assert np.all(layout.reach(x) >= 1.0)
 
 
+def test_a_distance_of_logarithms_is_exact_for_a_ratio_however_far() -> None:
+    """R_a is the exponential of its coordinate, K_s and T_f are nearly in proportion to theirs, T_PL has either
+    sign."""
+    layout, held = known().layout, known().held
+    here = {s: 0.3 for s in PAPER_SYMBOLS} | {"T_f": 0.2, "T_PL": 4.0}
+    there = here | {"R_a": 1.2, "T_f": 0.6, "K_s": 0.05, "T_PL": -1.0}
+    x, other = layout.coordinates(here), layout.coordinates(there)
+    value, slope = layout.numbers(x)
+    change = dict(zip(layout.free, layout.log_distance(x, other) * slope / value, strict=True))
+    for symbol in ("R_a", "T_f", "K_s"):
+        assert_allclose(change[symbol], np.log(there[symbol] / here[symbol]), rtol=1e-9)
+    assert_allclose(change["T_PL"], -5.0 / 4.0)
+    assert layout.values(other, held)["T_PL"] == -1.0
+
+
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
