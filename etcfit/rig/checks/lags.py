@@ -20,18 +20,23 @@ With an input that is held from sample to sample, or that the log resolves, the 
 Where a controller acted several times between two samples, the next input u_(k+1) improves the prediction, d > 0. A
 controller that reads the position makes d non-zero too, but negative, because it counteracts the motion. Samples around
 a lone edge are left out, because the fit estimates its instant.
+
+A setpoint that steps between two samples shows it without a model: the plate has moved before the sample at which the
+input has jumped, and in its direction. Motion that the past does not predict, before a jump that follows a quiet input,
+is as often against the jump as with it where the log resolves its input, and is counted (sign test).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import comb
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .. import TEST_BY_NAME
 from ..base import Channel, Finding, Measurement, RigConfig
-from ..signals import drive_voltage, jumps, on_times
+from ..signals import MAD_TO_SIGMA, drive_voltage, jumps, on_times
 from .base import Records, by_chance, found_in
 from .circuit import Value
 
@@ -59,6 +64,9 @@ LEVELS = 8  # least number of fiftieths of its span that an input takes: a binar
 FEWEST = 100  # least number of samples
 ALONE = 0.1  # share of an edge: changes around a lone edge are smaller
 EDGE, EDGE_SHARE = 9.0, 0.02  # standard deviations of the noise, and share of the span: a larger change is an edge
+JUMP, QUIET = 0.05, 0.25  # least jump over the span, and largest change in the three samples before it, over the jump
+MOVED = 3.0  # standard deviations by which the plate has moved before a jump
+CHANCE = 0.04  # probability of so many motions with the jump, and so few against it, below which a log is too slow
 
 
 class Rise(NamedTuple):
@@ -184,27 +192,40 @@ class Look(NamedTuple):
     ahead: float  # t of the next sample as a predictor of the motion before it
     new: float  # rms of the part that its past does not predict, over its standard deviation
     rate: float  # sample rate of the log, Hz
+    along: int  # motions before a jump, in its direction
+    against: int  # and in the other one
 
 
 def slow_log(records: Records) -> Iterator[Finding]:
-    """Logs in which the next input predicts the motion before it."""
-    for traces, slow in records.where(_look):
+    """Logs in which the next input predicts the motion before it, or the plate moves before jumps of the input."""
+    for traces, looks in records.where(_look):
+        predicted = {file: look for file, look in looks.items() if look.ahead > AHEAD}
+        moved = {file: look for file, look in looks.items() if look.along}
+        along, against = (sum(each) for each in zip(*((m.along, m.against) for m in looks.values()), strict=True))
+        chance = sum(comb(along + against, j) for j in range(against + 1)) / 2.0 ** (along + against)
+        slow = predicted or (moved if chance < CHANCE else {})
+        if not slow:
+            continue
         channels = next(t for t in traces if t.file in slow).channels
         worst = max(slow.values(), key=lambda look: look.ahead)
         name = "voltage" if "voltage" in channels else "duty"
+        why = (
+            f"its next sample predicts the motion before it ({worst.ahead:.0f} standard errors)"
+            if predicted
+            else f"before {along} of {along + against} of its jumps the plate has moved already, in their direction"
+        )
         yield found_in(slow, traces, Finding(
-            "slow_log", worst.rate, "Hz", by_chance(worst.ahead),
+            "slow_log", worst.rate, "Hz", by_chance(worst.ahead) if predicted else chance,
             f"the log is too slow: at {worst.rate:.4g} Hz '{channels[name].header}' changes between two samples, "
-            f"because its next sample predicts the motion before it ({worst.ahead:.0f} standard errors), and "
-            f"{100.0 * worst.new:.0f} % of its rms is new from one sample to the next. A fit or a diagnosis can only "
-            "guess the input between samples.",
+            f"because {why}, and {100.0 * worst.new:.0f} % of its rms is new from one sample to the next. A fit or a "
+            "diagnosis can only guess the input between samples.",
             "Log at the rate of the controller, or faster; or log the setpoint and write [ecu] in rig.toml, so that "
             "the model computes the input between samples.", channel=name,
         ))  # fmt: skip
 
 
 def _look(trace: Measurement, config: RigConfig) -> Look | None:
-    """The result for a trace whose next input predicts the motion; None where the log resolves its input."""
+    """The input of a trace; None where its past predicts it, or where it has few levels."""
     drive = drive_voltage(trace, config)
     position = trace.channels.get("position") or trace.channels.get("motor_speed")
     if drive is None or position is None or drive.value.size < FEWEST:
@@ -222,14 +243,17 @@ def _look(trace: Measurement, config: RigConfig) -> Look | None:
     if new < NEW:
         return None
     past = np.column_stack([own, *(y[k - j] for j in range(LAGS))])
-    rate = 1.0 / float(np.median(np.diff(drive.time)))
     # t of d: both sides less the part that the past explains (Frisch and Waugh 1933)
     ahead, move = _remains(past, u[k + 1]), _remains(past, y[k + 1] - y[k])
     power = float(ahead @ ahead)
     slope = float(ahead @ move) / max(power, 1e-300)
     error = float(np.sqrt(np.mean((move - slope * ahead) ** 2) / max(power, 1e-300)))
-    look = Look(slope / max(error, 1e-300), new, rate)
-    return look if look.ahead > AHEAD else None
+    jump, before = np.abs(u[k + 1] - u[k]), np.max([np.abs(u[k - j] - u[k - j - 1]) for j in range(LAGS - 1)], axis=0)
+    jumped = (jump > JUMP * span) & (before < QUIET * jump)
+    noise = MAD_TO_SIGMA * float(np.median(np.abs(move - np.median(move))))
+    with_it = np.sign(ahead[jumped]) * move[jumped] / max(noise, 1e-300)
+    along, against = int(np.sum(with_it > MOVED)), int(np.sum(with_it < -MOVED))
+    return Look(slope / max(error, 1e-300), new, 1.0 / float(np.median(np.diff(drive.time))), along, against)
 
 
 def _about_lone_edges(drive: Channel) -> np.ndarray:

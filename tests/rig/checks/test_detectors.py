@@ -25,9 +25,11 @@ from etcfit.rig.checks import DETECTORS, refuse
 from etcfit.rig.checks.base import Records
 from etcfit.rig.reader import read_folder
 from independent import CONSISTENT, MEDIUM, NONE, Bench, Truth, draw_truth, lying, make_folder
-from independent.folder import write_folder
+from independent.control import Computer
+from independent.folder import rig_toml, write_folder
 from independent.mistakes import MISTAKES, ONLY_BY_A_FIT, Sheet, edited, make_mistaken
 from independent.protocols import Series
+from independent.under_ecu import Log, add_coarse_logs
 
 # one folder each here; rates over many are `python -m benchmarks.rig_checks`
 SEED = 7100
@@ -294,6 +296,22 @@ def test_a_log_slower_than_its_controller_is_found_and_a_log_of_every_tick_is_no
     assert (found.kind, found.test, found.channel, found.unit) == ("slow_log", "response", "duty", "Hz")
     assert found.size == pytest.approx(100.0)
     assert "[ecu]" in found.mend
+
+
+@pytest.mark.parametrize("seed", [7840, 7841, 7842])
+def test_a_log_is_too_slow_where_the_plate_moves_before_the_jumps_of_its_input(tmp_path: Path, seed: int) -> None:
+    for rate in (100.0, 500.0):
+        folder, how = tmp_path / f"{rate:.0f}", Log(rate=rate)
+        add_coarse_logs(folder, body(seed), Computer(6.0, 40.0, 0.12, period=2e-3), seed, ("steps",) * 4, how)
+        toml = rig_toml("synthetic", body(seed).N, Bench(), [], noise=True)
+        (folder / "rig.toml").write_text(
+            toml.replace('[tests.inductance]\nseries_ohm = "free"\n', ""), encoding="utf-8"
+        )
+    assert read_folder(tmp_path / "500").findings == ()
+    (found,) = read_folder(tmp_path / "100").findings
+    assert (found.kind, found.size) == ("slow_log", pytest.approx(100.0))
+    moved = re.search(r"before (\d+) of (\d+) of its jumps the plate has moved already", found.found)
+    assert moved is None or 2 * int(moved[1]) > int(moved[2])
 
 
 def test_a_controller_as_slow_as_the_log_is_no_find(tmp_path: Path) -> None:
