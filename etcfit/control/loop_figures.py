@@ -164,12 +164,9 @@ def _add_stretch(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tup
 
 
 def _variance(values: np.ndarray, at: Asked) -> np.ndarray:
-    tails = list(zip(np.flatnonzero(at.tail_begins), np.flatnonzero(at.tail_ends) + 1, strict=True))
-    return (
-        np.mean([np.var(values[..., begin:end], axis=-1) for begin, end in tails], axis=0)
-        if tails
-        else _sum(values, at)
-    )
+    tails = zip(np.flatnonzero(at.tail_begins), np.flatnonzero(at.tail_ends) + 1, strict=True)
+    each = [np.var(values[..., begin:end], axis=-1) for begin, end in tails]
+    return np.mean(each, axis=0) if each else np.zeros(values.shape[:-1])
 
 
 def _add_variance(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
