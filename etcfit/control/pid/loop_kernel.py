@@ -67,7 +67,7 @@ class LoopKernel:
         self._begin: Kernel = compiled(first.loop(Across.BOTH, stored=nodes_of(first.results)))
         self._tick: Kernel = compiled(tick.loop(Across.BOTH, stored=nodes_of(tick.results), common=kind.common))
         self._read = tick.leaves
-        self._kept, self._end = jax.tree.structure(tick.results), jax.tree.structure(like)
+        self._kept, self._tally = jax.tree.structure(tick.results), jax.tree.structure(like.tally)
 
     def run(self, plants: Any, run: Any, reduced: Callable[[Any], Any] = lambda kept: kept) -> Any:
         """Every plant (D) under every controller (G).
@@ -114,7 +114,8 @@ class LoopKernel:
             _, end = self._tick.run_to_end(ticks, POINTS, records, fixed, begun[0], stored)
             count = min(POINTS, draws * gains - first)
             kept = jax.tree.unflatten(self._kept, list(_along_ticks(stored)[:, :count]))
-            numbers = jax.tree.unflatten(self._end, list(end[:, :count])).tally
+            tally = end[len(end) - self._tally.num_leaves :, :count]  # the last of what is carried
+            numbers = jax.tree.unflatten(self._tally, list(tally))
             leaves, tree = jax.tree.flatten((reduced(kept), numbers))
             with first_result:
                 if not out:

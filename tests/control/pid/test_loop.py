@@ -88,12 +88,14 @@ def test_draws_and_gains_side_by_side_are_each_what_they_are_alone() -> None:
     assert np.max(np.abs(path[0, 1] - path[1, 1])) > 1e-3
 
 
-@pytest.mark.parametrize("kernels", [True, False])
-def test_figures_tick_by_tick_are_those_of_the_whole_response(kernels: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("kernels", "delay"), [(True, 0.0), (True, 2.5e-3), (False, 2.5e-3)])
+def test_figures_tick_by_tick_are_those_of_the_whole_response(
+    kernels: bool, delay: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Three plants, no whole number of vectors, two stretches, gains that settle and gains that run away."""
     if not kernels:
         monkeypatch.setattr(loop_module, "kernel_of", lambda *of: None)
-    loop = rigs.loop(ecu=Ecu(noise=1e-3), draws={"T_f": [0.1, 0.2], "K_s": [0.3, 0.1]})
+    loop = rigs.loop(ecu=Ecu(noise=1e-3, delay=delay), draws={"T_f": [0.1, 0.2], "K_s": [0.3, 0.1]})
     gains = Gains(*(np.append(np.geomspace(low, 4.0 * low, 6), 1e9) for low in (20.0, 100.0, 0.1)))
     setpoint = in_turn(trapezoid(), replace(step(0.2, 0.4, hold=0.5), tracked=(Stretch(0.5, 0.7), Stretch(0.8, 0.9))))
     path, tried = loop.respond(gains, setpoint), loop.tried(gains, setpoint)
