@@ -24,9 +24,9 @@ class Robust:
 
     worst: LoopFigures  # figures of the nominal model, each at its worst over the corners of the conditions
     corner: Conditions  # the corner at which a requirement is missed by most, or met most narrowly
-    met: Mapping[str, bool]  # by requirement, whether it is met at every corner
-    stable: bool  # whether the loop is stable at every corner
-    probability_met: float  # share of the draws, each under randomly drawn conditions, that meet every requirement
+    met: Mapping[str, bool]  # by requirement, at every corner
+    stable: bool  # the linear loop is, at every corner
+    probability_met: float  # share of the draws, each under conditions drawn for it, that meet every requirement
 
     @property
     def meets_all(self) -> bool:

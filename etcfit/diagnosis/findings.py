@@ -17,11 +17,10 @@ from .settings import DEFAULT, DiagnosisSettings
 class Whiteness:
     """Is one channel's whitened residual noise?"""
 
-    # file, test, channel, n: where, and how many samples
-    file: str
-    test: str
-    channel: str
-    n: int
+    file: str  # the trace
+    test: str  # rig test
+    channel: str  # quantity
+    n: int  # samples
     rms: float  # of the whitened residual; 1 where nothing is missing
     ljung_box: float  # p-value of no autocorrelation
     # the signal that it correlates with most: "input", "speed", "sign of speed", "angle", "current" or "time"
@@ -52,92 +51,58 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect of the catalogue in one round.
+    """One effect of the catalogue in one round."""
 
-    Args:
-        effect: name.
-        screened: fall of chi2 that the score test promised; for an effect that a check of the rig had found, the fall
-            in the refit.
-        own: share of its signature that no fitted parameter can imitate; 0: they imitate all of it.
-        refitted: whether it was tried in a refit; the ratios are None otherwise.
-        fit_rms_ratio, holdout_rms_ratio: free-run RMS over that without the effect.
-        holdout_chi2_change: of the held-out residual.
-        bic_change: below 0 where it is worth its parameters.
-        prior: -2 ln prior, a part of it.
-    """
-
-    effect: str
+    effect: str  # name
+    # fall of chi2 that the score test promised; for an effect that a check of the rig had found, the fall in the refit
     screened: float
-    own: float
-    refitted: bool
-    fit_rms_ratio: float | None = None
-    holdout_rms_ratio: float | None = None
-    holdout_chi2_change: float | None = None
+    own: float  # share of its signature that no fitted parameter can imitate; 0: they imitate all of it
+    refitted: bool  # whether it was tried in a refit; the ratios are None otherwise
+    fit_rms_ratio: float | None = None  # free-running error of the fitted traces with it over that without it
+    holdout_rms_ratio: float | None = None  # the same of the held-out traces; None where there are none
+    holdout_chi2_change: float | None = None  # of the held-out residual
+    # change of the Bayesian information criterion, `prior` included; below -10 it is worth its parameters
     bic_change: float | None = None
-    prior: float | None = None
+    prior: float | None = None  # -2 ln prior, a part of it
 
 
 @dataclass(frozen=True, eq=False)
 class RoundReport:
-    """One round: the model it began with, the effects tried, and the effect added.
+    """One round: the model it began with, the effects tried, and the effect added."""
 
-    Args:
-        effects: at work beyond Eqs. 1-2.
-        evidence: of the residual.
-        fit_rms, holdout_rms: free-run RMS of that model, sigma, by which the candidates' ratios are divided. The latter
-            None without a holdout.
-        candidates: the most promising first.
-        added: the effect found, or None.
-        ties: effects that explain these data as well as the one added.
-        why: one sentence.
-        beside_formulas: whether effects with inexact formulas are at work in that model.
-    """
-
-    effects: tuple[str, ...]
-    evidence: Evidence
+    effects: tuple[str, ...]  # at work beyond Eqs. 1-2
+    evidence: Evidence  # of the residual
+    # fit_rms, holdout_rms: free-run RMS of that model, sigma, by which the candidates' ratios are divided. The latter
+    # None without a holdout.
     fit_rms: float
     holdout_rms: float | None
-    candidates: tuple[Candidate, ...]
-    added: str | None
-    ties: tuple[str, ...]
-    why: str
-    beside_formulas: bool = False
+    candidates: tuple[Candidate, ...]  # the most promising first
+    added: str | None  # the effect found, or None
+    ties: tuple[str, ...]  # effects that explain these data as well as the one added
+    why: str  # one sentence
+    beside_formulas: bool = False  # whether effects with inexact formulas are at work in that model
 
 
 @dataclass(frozen=True)
 class Question:
-    """A question on the cause of a misfit, with the probability of every answer.
+    """A question on the cause of a misfit, with the probability of every answer."""
 
-    Args:
-        asks: the question in words.
-        answers: probability of each answer; they exclude each other and add up to one.
-    """
-
-    asks: str
-    answers: Mapping[str, float]
+    asks: str  # the question in words
+    answers: Mapping[str, float]  # probability of each answer; they exclude each other and add up to one
 
 
 @dataclass(frozen=True)
 class Statement:
-    """What is stated of an effect that was added.
+    """What is stated of an effect that was added."""
 
-    Args:
-        effect: name.
-        probability: that it is there, given the data.
-        certainty: "found" from 0.90, "probably" from 0.70, "may be" below.
-        acted_on: whether it is likely enough to change rig.toml because of it (`DiagnosisSettings.suspicion`).
-        instead: probability of each other explanation of the same misfit, by name, the likeliest first.
-        told_by: the measurement that would decide between them.
-        sentence: the statement in words, with the line of rig.toml that mends a mistake of the rig.
-    """
-
-    effect: str
-    probability: float
-    certainty: str
-    acted_on: bool
+    effect: str  # name
+    probability: float  # that it is there, given the data
+    certainty: str  # "found" from 0.90, "probably" from 0.70, "may be" below
+    acted_on: bool  # whether it is likely enough to change rig.toml because of it (`DiagnosisSettings.suspicion`)
+    # probability of each other explanation of the same misfit, by name, the likeliest first
     instead: Mapping[str, float]
-    told_by: str
-    sentence: str
+    told_by: str  # the measurement that would decide between them
+    sentence: str  # the statement in words, with the line of rig.toml that mends a mistake of the rig
 
 
 @dataclass(frozen=True)
@@ -166,17 +131,16 @@ class RigMistake:
     """Something wrong with the rig, or a habit of it, that was found in its traces."""
 
     effect: str  # name of the effect that takes it into account
-    kind: str  # kind of mistake, see formats.md (diagnosis.json, `rig`)
-    # test, channel: where; None where it is everywhere
-    test: str | None
-    channel: str | None
-    # size, unit: of it, SI; a share where the unit is ""
-    size: float
-    unit: str
-    mend: str  # the line of rig.toml that takes it into account
-    sentence: str  # sentence of the statement on the effect
-    file: str | None = None  # the one trace that it is in; None: it is in every trace of the test
-    suspected: bool = False  # whether its probability is below `DiagnosisSettings.suspicion`
+    kind: str  # kind of mistake: series_resistance, channel_gain, channel_sign, ...
+    test: str | None  # rig test; None: every test
+    channel: str | None  # channel; None where none is meant
+    size: float  # of the mistake, in `unit`; a share where that is empty
+    unit: str  # SI
+    mend: str  # the line of rig.toml, or the header of the CSV, that takes it into account
+    sentence: str  # all that in words
+    file: str | None = None  # trace; None: every trace of the test
+    # its probability is below `settings.suspicion`: change nothing because of it; `sentence` says what to measure
+    suspected: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,37 +154,27 @@ class SetAside:
 
 @dataclass(frozen=True, eq=False)
 class Unexplained:
-    """Structure that no effect of the catalogue explains, as a smooth curve.
+    """Structure that no effect of the catalogue explains, as a smooth curve."""
 
-    Args:
-        enters: "torque", "friction", "voltage" or "position".
-        depends_on: "angle", "speed", "load", "current" or "time".
-        unit, axis_unit: of the curve and of its axis.
-        axis, curve, sd: the curve over the range that was measured, and its standard deviation, shape (n,) each.
-        size: rms of the contribution along the measured motion, in `unit`.
-        fit_rms_ratio, holdout_rms_ratio: free-run errors with it over those without.
-        bic_change: of adding it.
-        fit, holdout: free-run errors with it.
-        doubts: named effects that the curve replaces without loss: they are not proven.
-        sentence: the finding in words.
-        corrects: named effects whose formulas the curve corrects: the catalogue lacks no effect there.
-    """
-
-    enters: str
-    depends_on: str
+    enters: str  # "torque", "friction", "voltage" or "position"
+    depends_on: str  # "angle", "speed", "load", "current" or "time"
+    # unit, axis_unit: of the curve and of its axis
     unit: str
     axis_unit: str
+    # axis, curve, sd: the curve over the range that was measured, and its standard deviation, shape (n,) each
     axis: np.ndarray
     curve: np.ndarray
     sd: np.ndarray
-    size: float
-    fit_rms_ratio: float
-    holdout_rms_ratio: float | None
-    bic_change: float
+    size: float  # rms of the contribution along the measured motion, in `unit`
+    fit_rms_ratio: float  # free-running error with it over that without it, fitted traces
+    holdout_rms_ratio: float | None  # the same, held-out traces
+    bic_change: float  # of adding it
+    # fit, holdout: free-run errors with it
     fit: tuple[PredictionError, ...]
     holdout: tuple[PredictionError, ...]
-    doubts: tuple[str, ...]
-    sentence: str
+    doubts: tuple[str, ...]  # named effects that the curve replaces without loss: they are not proven
+    sentence: str  # the finding in words
+    # named effects whose formulas the curve corrects: the catalogue lacks no effect there
     corrects: tuple[str, ...] = ()
 
 

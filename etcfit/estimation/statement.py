@@ -91,19 +91,12 @@ def information_in(
 
 @dataclass(frozen=True, eq=False)
 class Statement:
-    """The contribution of a part of the data to the normal equations.
+    """The contribution of a part of the data to the normal equations."""
 
-    Args:
-        information: F, shape (P, P).
-        score: s, shape (P,).
-        spread: M, shape (P, P).
-        samples: number of independent samples, sum of n / f; 0 for a prior.
-    """
-
-    information: np.ndarray
-    score: np.ndarray
-    spread: np.ndarray
-    samples: float
+    information: np.ndarray  # F, shape (P, P)
+    score: np.ndarray  # s, shape (P,)
+    spread: np.ndarray  # M, shape (P, P)
+    samples: float  # number of independent samples, sum of n / f; 0 for a prior
 
     def __add__(self, other: Statement) -> Statement:
         return Statement(

@@ -89,7 +89,7 @@ class FailedUnit:
     """One unit that has no result."""
 
     unit: str  # its name
-    why: str  # the message for the user
+    why: str  # in words, as a person must read it
     # digest of the inputs; "" where they were never read. Wrong data are not tried again until they change
     digest: str = ""
 

@@ -70,9 +70,10 @@ OUTPUTS, ERRORS, FORMS = ("V", "%"), ("rad", "deg", "%"), ("seconds", "ticks")
 class Terms(NamedTuple):
     """The three gains of an ECU in its own units, or one unit of each in SI: V/rad, V/(rad s), V s/rad."""
 
-    P: Scalar
+    P: Scalar  # proportional
+    # integral
     I: Scalar  # noqa: E741  (the ECUs' own name)
-    D: Scalar
+    D: Scalar  # derivative
 
 
 @dataclass(frozen=True)

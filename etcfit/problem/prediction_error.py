@@ -15,16 +15,15 @@ from .trace import Trace
 
 @dataclass(frozen=True, eq=False)
 class PredictionError:
-    """Error of a free run, measured - simulated, in one channel of one trace."""
+    """Free-running error of one channel of one trace."""
 
-    # file, test, channel: the channel
-    file: str
-    test: str
-    channel: str
-    unit: str  # unit of rms and sigma, as logged
-    n: int  # number of samples
-    rms: float  # root mean square error
-    sigma: float  # standard deviation of the noise of one sample
+    file: str  # the trace, relative to the measurement folder
+    test: str  # the rig test, which is the name of its folder
+    channel: str  # the quantity that is compared, such as position
+    unit: str  # unit of rms and sigma: the one in which the channel was logged
+    n: int  # samples compared
+    rms: float  # root mean square of measured minus simulated, the model running free from the logged input
+    sigma: float  # standard deviation of one sample's noise, in the same unit
 
 
 def pooled(every: Sequence[PredictionError]) -> float:

@@ -15,8 +15,8 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import is_dataclass
 from importlib import metadata
 from inspect import cleandoc, getfile
-from types import NoneType
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -202,6 +202,7 @@ def record_of(
     ref: str = "",
     called: Mapping[str, str] | None = None,
     percent: Collection[str] = (),
+    meaning: str | None = None,
     **others: Key,
 ) -> Record:
     """The fields of a class, each with its type and, as its meaning, the comment that stands at it.
@@ -215,6 +216,7 @@ def record_of(
         ref: see `Record`.
         called: field -> key, where the key has another name, as one that ends in its unit.
         percent: fields that are shares and are written in %; their keys end in `_pct`.
+        meaning: see `Record`; the first line of the class' docstring where None.
         others: keys in place of a field's, or behind them.
     """
     said, hints, keys = _said_of_fields(result), get_type_hints(result), {}
@@ -225,11 +227,12 @@ def record_of(
             if name in shares:
                 within = {"minimum": 0, "maximum": 1}
                 more |= {"each": within} if isinstance(kind, str) and kind[0] in "[{" else within
-            meaning = re.sub(r"\bshares? of\b", "% of", said.get(name, "")) if name in percent else said.get(name, "")
-            scale = 100.0 if name in percent else 1.0
-            others[name] = key(kind, meaning, name, scale, optional=name in optional, **more)
+            scale, text = (100.0 if name in percent else 1.0), said.get(name, "")
+            text = re.sub(r"\bshares? of\b", "% of", text) if name in percent else text
+            others[name] = key(kind, text, name, scale, optional=name in optional, **more)
         keys[names.get(name, name)] = others.pop(name)
-    return Record(cleandoc(result.__doc__).partition("\n")[0], ref, **keys | others)
+    meaning = cleandoc(result.__doc__).partition("\n")[0] if meaning is None else meaning
+    return Record(meaning, ref, **keys | others)
 
 
 def _said_of_fields(result: Any) -> dict[str, str]:
@@ -269,6 +272,8 @@ def _kind(hint: Any, null: bool = False) -> tuple[str | Record | Many, dict[str,
     inner = [each for each in get_args(hint) if each not in (NoneType, Ellipsis)]
     if hint in _KINDS:
         return re.sub(r"\w+", r"\g<0>?", _KINDS[hint]) if null else _KINDS[hint], {}
+    if get_origin(hint) in (Union, UnionType) and len(inner) > 1:  # a number, or an array of them
+        return _kind(float, null)
     if get_origin(hint) is Literal:
         return ("text?" if null else "text"), {"enum": inner}
     if NoneType in get_args(hint):

@@ -12,6 +12,7 @@ from ..diagnosis.findings import (
     Diagnosis,
     Discrepancy,
     Question,
+    RigMistake,
     SetTried,
     Share,
     Statement,
@@ -61,26 +62,14 @@ def _mistakes(found: Diagnosis) -> list[dict[str, Any]]:
 EFFECTS = Record(
     effects=key("[text]", "Names, those of Eqs. 1-2 among them.", effects_of),
 )  # fmt: skip
-EVIDENCE = record_of(
-    Whiteness,
-    null=("rms", "ljung_box", "correlation", "p"),
-    ref="evidence",
-    file=key("text", "The trace."),
-    test=key("text", "Rig test."),
-    channel=key("text", "Quantity."),
-    n=key("whole", "Samples."),
-)
+EVIDENCE = record_of(Whiteness, null=("rms", "ljung_box", "correlation", "p"), ref="evidence")
 SHARE = record_of(Share, null=("share",))
 CANDIDATE = record_of(
     Candidate,
     null=("screened", "own"),
     optional=("screened", "own", "refitted", "holdout_chi2_change", "prior"),
     ref="candidate",
-    fit_rms_ratio=key("number?", "Free-running error of the fitted traces with it over that without it."),
-    holdout_rms_ratio=key("number?", "The same of the held-out traces; null where there are none."),
-    bic_change=key("number?", "Change of the Bayesian information criterion, `prior` included; below -10 it is worth "
-        "its parameters."),
-)  # fmt: skip
+)
 ROUND = Record(
     "One turn.",
     effects=key("[text]", "The model it began with."),
@@ -109,8 +98,6 @@ UNEXPLAINED = record_of(
     null=("size", "fit_rms_ratio", "holdout_rms_ratio", "bic_change"),
     optional=("sentence", "fit_rms_ratio", "holdout_rms_ratio", "bic_change", "doubts", "corrects"),
     without=("unit", "axis_unit", "axis", "curve", "sd", "fit", "holdout"),
-    fit_rms_ratio=key("number?", "Free-running error with it over that without it, fitted traces.", optional=True),
-    holdout_rms_ratio=key("number?", "The same, held-out traces.", optional=True),
     shape=key(SHAPE, "The curve.", ""),
 )
 STATEMENT = record_of(
@@ -124,19 +111,12 @@ WITH_UNKNOWN = Record(
     fit=key(list_of(ROW), "Fitted traces.", lambda unknown: rows_of(unknown.fit)),
     holdout=key(list_of(ROW), "Held-out traces.", lambda unknown: rows_of(unknown.holdout)),
 )  # fmt: skip
-MISTAKE = Record(
+MISTAKE = record_of(
+    RigMistake,
+    optional=("suspected",),
+    meaning="",
     effect=key("text?", "Name of the effect that takes it into account, as in `added`; null: found before any fit, "
-        "and not fitted."),
-    kind=key("text", "Kind of mistake: series_resistance, channel_gain, channel_sign, ..."),
-    test=key("text?", "Rig test; null: every test."),
-    channel=key("text?", "Channel; null where none is meant."),
-    size=key("number", "Of the mistake, in `unit`; a share where that is empty."),
-    unit=key("text", "SI."),
-    mend=key("text", "The line of rig.toml, or the header of the CSV, that takes it into account."),
-    sentence=key("text", "All that in words."),
-    file=key("text?", "Trace; null: every trace of the test."),
-    suspected=key("flag", "Its probability is below `settings.suspicion`: change nothing because of it; `sentence` "
-        "says what to measure.", optional=True),
+        "and not fitted.", "effect"),
     probability=key("number?", "Null: not calibrated."),
     chance=key("number?", "Probability that a rig without the mistake would look so; null: found by the diagnosis."),
 ).closed()  # fmt: skip

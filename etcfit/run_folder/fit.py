@@ -133,15 +133,11 @@ BUDGET = Record(
     shares=key("{number}", "Share of the variance by source: \"scale of current\", \"zero of position\", \"gear "
         "ratio\", \"statistical\"; they add up to 1."),
 ).closed()  # fmt: skip
-ROW = Record(
-    "Free-running error of one channel of one trace.", "row",
-    file=key("text", "The trace, relative to the measurement folder."),
-    test=key("text", "The rig test, which is the name of its folder."),
-    channel=key("text", "The quantity that is compared, such as position."),
-    unit=key("text", "Unit of rms and sigma: the one in which the channel was logged."),
+ROW = record_of(
+    PredictionError,
+    null=("rms",),
+    ref="row",
     n=key("whole", "Samples compared.", minimum=0),
-    rms=key("number?", "Root mean square of measured minus simulated, the model running free from the logged input."),
-    sigma=key("number", "Standard deviation of one sample's noise, in the same unit."),
     explained=key("number?", "1 - sum (y - y_hat)^2 / sum (y - mean y)^2; null: the channel hardly moves, or was not "
         "logged itself.", optional=True),
     left=key("text", "What is left in a fitted channel. fits: noise, and the free run within 3 sigma; strays: noise, "

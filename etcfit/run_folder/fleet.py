@@ -20,6 +20,7 @@ from ..fleets.statistics.capability import Capability, Gauge
 from ..fleets.statistics.charts import DECISION, Chart, Drift, run_length
 from ..fleets.statistics.odd import EffectInFleet, OddUnit, TraceScore
 from ..fleets.study import FleetStudy
+from ..fleets.unit import FailedUnit
 from ..model.parameters import Real
 from ..problem.free_parameters import Layout, free_parameters
 from ..rig.config import parse_config
@@ -206,11 +207,7 @@ def figures_over(
     }
 
 
-FAILED = Record(
-    "One unit.",
-    unit=key("text", "Its name."),
-    why=key("text", "In words, as a person must read it."),
-)  # fmt: skip
+FAILED = record_of(FailedUnit, without=("digest",), meaning="One unit.")
 UNFINISHED = Record("One unit.", unit=FAILED.keys["unit"], why=FAILED.keys["why"].taken_from("reason"))
 MEMBER = Record(
     "One unit.",

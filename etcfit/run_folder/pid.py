@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..control.design import Design
+from ..control.judged import Robust
 from ..control.loop_figures import MARGINS, REQUIRED, LoopFigures
 from ..control.on_units import OddOne, Share
 from ..control.own_numbers import said, shares
@@ -30,25 +31,12 @@ from .declared import Record, by_name, figures, file_of, key, list_of, record_of
 _FOLLOWS = {Scheduling.NONE: ": fixed gains it must be", Scheduling.UNKNOWN: ": look for one before you plan with it"}
 
 
-def ecu_with_gains(design: Design) -> dict[str, Any]:
-    """The ECU by field, with the gains as one that counts ticks has them: P = Kp, I = Ki T, D = Kd / T, all V/rad."""
-    assert design.chosen.gains is not None, "the proposed rule has gains"
-    return design.task.ecu._asdict() | design.written(design.chosen.gains, Notation(form="ticks"))._asdict()
-
-
 def as_written(design: Design, gains: Gains | None) -> dict[str, Any] | None:
     """Gains in unit and form of [ecu] of rig.toml; None where it names no unit."""
     notation = design.fitted.config.notation
     if notation is None or gains is None:
         return None
     return {**design.written(gains, notation)._asdict(), "unit": notation.unit, "form": notation.form}
-
-
-def rules_as_written(design: Design) -> dict[str, dict[str, Any]]:
-    """Every rule by name: what it came to, and its gains as the user's ECU writes them."""
-    return {
-        name: {"tuned": tuned, "as_written": as_written(design, tuned.gains)} for name, tuned in design.tuned.items()
-    }
 
 
 def jam_with_names(design: Design) -> dict[str, Any] | None:
@@ -72,27 +60,10 @@ def rusefi(design: Design) -> dict[str, Any] | None:
     """
     if differences(design.task.ecu, RUSEFI.fixes):
         return None
-    gains, ecu = design.chosen.gains, design.task.ecu
-    assert gains is not None, "the proposed rule has gains"
-    his = design.written(gains, Notation("%", "%"))
-    bias = design.bias
-    share = 100.0 * np.asarray(design.task.loop.share(bias.angles))
-    return {
-        "pFactor": his.P,
-        "iFactor": his.I,
-        "dFactor": his.D,
-        "periodMs": 1e3 * ecu.period,
-        "minValue": -100,
-        "maxValue": 100,
-        "etb_iTermMin": -100.0 * ecu.integral,
-        "etb_iTermMax": 100.0 * ecu.integral,
-        "etbBiasBins": np.round(share, 3),
-        "etbBiasValues": _duty(bias.hold, ecu),
-        "duty_closing": _duty(bias.closing, ecu),
-        "duty_opening": _duty(bias.opening, ecu),
-        "gains_found_with_bias": design.task.loop.bias is not None,
-        "unit": "% duty, % travel",
-    }
+    ecu, bias = design.task.ecu, design.bias
+    duty = {name: np.round(_percent(getattr(bias, name), ecu), 2) for name in ("hold", "closing", "opening")}
+    return {"gains": design.written(design.proposed, Notation("%", "%")), "ecu": ecu, "loop": design.task.loop,
+            "bins": np.round(100.0 * np.asarray(design.task.loop.share(bias.angles)), 3), "duty": duty}  # fmt: skip
 
 
 def written_for(design: Design) -> dict[str, Any] | None:
@@ -104,17 +75,15 @@ def written_for(design: Design) -> dict[str, Any] | None:
     profile, ecu = design.task.profile, design.task.ecu
     if profile is None:
         return None
-    gains, body = design.chosen.gains, design.task.loop.body
-    assert gains is not None, "the proposed rule has gains"
-    notation, own = profile.notation, shares(design.task, gains)
+    gains, body, notation = design.proposed, design.task.loop.body, profile.notation
     if notation is None:
-        typed = [each.known | dict(zip(("value", "unit"), each.shown, strict=True)) for each in own]
+        typed = [each.known | dict(zip(("value", "unit"), each.shown, strict=True))
+                 for each in shares(design.task, gains)]  # fmt: skip
     else:
         typed = [{"value": value, "unit": unit}
                  for value, unit in zip(design.written(gains, notation), notation.of_each, strict=True)]  # fmt: skip
     return {
-        "name": profile.name,
-        "title": profile.title,
+        "profile": profile,
         "gains": dict(zip(profile.gains, typed, strict=True)),
         "says": [] if notation is not None else list(said(design.task, gains, profile.title)),
         "limits": {
@@ -123,7 +92,6 @@ def written_for(design: Design) -> dict[str, Any] | None:
         },
         "bias": None if profile.bias is None else _bias(design, profile.bias),
         "code": code(design),
-        "source": profile.source,
         "assumed": [each for each in profile.assumed if not (ecu.compensated and each == NOT_DIVIDED)],
     }
 
@@ -140,11 +108,6 @@ def _bias(design: Design, table: BiasTable) -> dict[str, list[float]]:
 
 def _percent(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
     return np.clip(100.0 * volts / ecu.supply, -100.0, 100.0)
-
-
-def _duty(volts: np.ndarray, ecu: Ecu) -> np.ndarray:
-    """%, to two places."""
-    return np.round(_percent(volts, ecu), 2)
 
 
 def code(design: Design) -> list[str]:
@@ -244,21 +207,16 @@ METRICS = figures(
     "How well a loop follows its setpoint, and what that costs; null is infinite, absent, or not computed there.",
     ref="metrics",
 )
-GAINS = Record(
-    Kp=key("number", "V/rad."),
-    Ki=key("number", "V/(rad s)."),
-    Kd=key("number", "V s/rad."),
-    unit=key("text", "Of Kp.", lambda _: UNIT, const="V/rad"),
-)  # fmt: skip
+GAINS = record_of(Gains, unit=key("text", "Of Kp.", lambda _: UNIT, const="V/rad"))
+ECU_KEYS = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter_s", "delay": "delay_s",
+            "pwm": "pwm_V", "resolution": "resolution_rad", "duty": "duty_limit", "integral": "integral_limit",
+            "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "noise": "noise_rad", "lag": "input_filter_s",
+            "compensated": "divides_by_battery"}  # fmt: skip
+"""Keys of the ECU by field, where they differ."""
 ECU = record_of(
     Ecu,
     optional=("duty", "slew", "dead_band", "setpoint_weight", "derivative_weight", "noise", "lag"),
-    called={
-        "period": "period_s", "supply": "supply_V", "filter": "derivative_filter_s", "delay": "delay_s",
-        "pwm": "pwm_V", "resolution": "resolution_rad", "duty": "duty_limit", "integral": "integral_limit",
-        "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "noise": "noise_rad", "lag": "input_filter_s",
-        "compensated": "divides_by_battery",
-    },
+    called=ECU_KEYS,
     integral=key("number?", "Largest value of its integral, share of the supply; null where the integral stops at "
         "the output's limit instead.", lambda ecu: ecu["integral"] or None, optional=True),
     slew=key("number?", "Largest change of its output; null for none.", lambda ecu: ecu["slew"] or None, optional=True),
@@ -269,13 +227,8 @@ ECU = record_of(
     D=key("number", "V/rad times ticks."),
     unit=key("text", "Of the three.", lambda _: UNIT),
 )  # fmt: skip
-AS_WRITTEN = Record(
-    P=key("number", "Proportional."),
-    I=key("number", "Integral."),
-    D=key("number", "Derivative."),
-    unit=key("text", "Output over error, such as %/%."),
-    form=key("text", "ticks or seconds."),
-)  # fmt: skip
+_UNIT, _FORM = key("text", "Output over error, such as %/%."), key("text", "ticks or seconds.")
+AS_WRITTEN = record_of(Terms, unit=_UNIT, form=_FORM)
 CORNER = Record(
     supply_V=key("number", "There.", lambda corner: corner[0]),
     winding_degC=key("number", "There.", lambda corner: corner[1]),
@@ -285,19 +238,14 @@ CONDITIONS = Record(
     supply_V=key("[number]", "Least and largest.", "settings.conditions.supply"),
     winding_degC=key("[number]", "Coldest and hottest.", "settings.conditions.winding"),
     friction_over_bench=key("[number]", "Least and largest.", "settings.conditions.friction"),
-    worst=key(METRICS, "Of the fitted model at all corners of the conditions, each figure at its worst.",
-        "robust.worst"),
-    hardest=key(CORNER, "Corner at which most is missed, or least is left.", "robust.corner"),
-    met=key("{flag}", "By requirement, at every corner.", "robust.met"),
-    stable=key("flag", "The linear loop is, at every corner.", "robust.stable"),
-    probability_met=key("number", "Share of the draws, each under conditions drawn for it, that meet every "
-        "requirement.", "robust.probability_met"),
-)  # fmt: skip
-TABLE_GAINS = Record(
-    P=key("[number]", "Proportional."),
-    I=key("[number]", "Integral."),
-    D=key("[number]", "Derivative."),
-)  # fmt: skip
+    **record_of(
+        Robust,
+        worst=key(METRICS, "Of the fitted model at all corners of the conditions, each figure at its worst.", "worst"),
+        called={"corner": "hardest"},
+        corner=key(CORNER, "Corner at which most is missed, or least is left.", "corner"),
+    ).within("robust"),
+)
+TABLE_GAINS = Record(**{name: key("[number]", each.meaning) for name, each in record_of(Terms).keys.items()})
 TABLE_END = Record(
     "One supply.",
     supply_V=key("number", "Of the car.", "supply"),
@@ -319,8 +267,8 @@ SUPPLY_TABLE = Record(
     designed_at_V=key("number", "Supply for which `gains` were found."),
     supply_V=key("[number]", "At each point of the table."),
     gains=key(TABLE_GAINS, "At each of these supplies, as the ECU writes them."),
-    unit=key("text", "Output over error, such as %/%."),
-    form=key("text", "ticks or seconds."),
+    unit=_UNIT,
+    form=_FORM,
     worst=key(list_of(TABLE_END), "At the ends of a car's supply, each figure at its worst of winding and friction "
         "there."),
     position=key(OVER_POSITION, "Whether a table over the position had anything to do."),
@@ -426,20 +374,23 @@ RULE = Record(
     probability_margins=key("number?", "As above.", "tuned.probability_stable"),
 )  # fmt: skip
 RUSEFI_GAINS = Record(
-    pFactor=key("number", "Proportional."),
-    iFactor=key("number", "Per s."),
-    dFactor=key("number", "Times s."),
-    periodMs=key("number", "Clock; fixed there."),
-    minValue=key("number", "Limit of what the PID asks for; the duty itself stays within 90 %."),
-    maxValue=key("number", "Limit of what the PID asks for; the duty itself stays within 90 %."),
-    etbBiasBins=key("[number]", "Position, % of travel."),
-    etbBiasValues=key("[number]", "Duty that holds it, %."),
-    gains_found_with_bias=key("flag", "Leave the bias table at 0 where false."),
-    unit=key("text", "Of the gains."),
-    etb_iTermMin=key("number", "Least integral, % of duty.", optional=True),
-    etb_iTermMax=key("number", "Largest integral, % of duty.", optional=True),
-    duty_closing=key("[number]", "Duty at which the plate is about to close at these positions, %.", optional=True),
-    duty_opening=key("[number]", "Duty at which the plate is about to open at these positions, %.", optional=True),
+    pFactor=key("number", "Proportional.", "gains.P"),
+    iFactor=key("number", "Per s.", "gains.I"),
+    dFactor=key("number", "Times s.", "gains.D"),
+    periodMs=key("number", "Clock; fixed there.", "ecu.period", 1e3),
+    minValue=key("number", "Limit of what the PID asks for; the duty itself stays within 90 %.", lambda _: -100),
+    maxValue=key("number", "Limit of what the PID asks for; the duty itself stays within 90 %.", lambda _: 100),
+    etbBiasBins=key("[number]", "Position, % of travel.", "bins"),
+    etbBiasValues=key("[number]", "Duty that holds it, %.", "duty.hold"),
+    gains_found_with_bias=key("flag", "Leave the bias table at 0 where false.",
+        lambda found: found["loop"].bias is not None),
+    unit=key("text", "Of the gains.", lambda _: "% duty, % travel"),
+    etb_iTermMin=key("number", "Least integral, % of duty.", "ecu.integral", -100.0, optional=True),
+    etb_iTermMax=key("number", "Largest integral, % of duty.", "ecu.integral", 100.0, optional=True),
+    duty_closing=key("[number]", "Duty at which the plate is about to close at these positions, %.", "duty.closing",
+        optional=True),
+    duty_opening=key("[number]", "Duty at which the plate is about to open at these positions, %.", "duty.opening",
+        optional=True),
 )  # fmt: skip
 TYPED_GAIN = Record(
     value=key("number", "To type in; of an ECU whose unit is not published the most useful share that is known, see "
@@ -456,14 +407,14 @@ TYPED_LIMIT = Record(
     unit=key("text", "Of it."),
 )  # fmt: skip
 PROFILE = Record(
-    name=key("text", "Of `--ecu`."),
-    title=key("text", "Of the make."),
+    name=key("text", "Of `--ecu`.", "profile.name"),
+    title=key("text", "Of the make.", "profile.title"),
     gains=key(by_name(TYPED_GAIN), "Proportional, integral and derivative gain, by the names that the ECU gives them."),
     limits=key(by_name(TYPED_LIMIT), "Its other settings, by name, that make it the controller that was designed."),
     bias=key("{[number]}?", "Its table of feed-forward, by the names of its two rows: target position (% of the "
         "travel) and duty (%), as finely as the table can name them; all 0 where the gains were found without "
         "feed-forward; null where it has none."),
-    source=key("text", "What is known of this ECU is taken from."),
+    source=key("text", "What is known of this ECU is taken from.", "profile.source"),
     assumed=key("[text]", "What is taken of it without a source, one sentence each."),
     code=key("[text]", "Lines that a user adds behind the PID in code of his own, at each tick, in %; empty where "
         "nothing but the table is fed forward.", optional=True),
@@ -535,7 +486,8 @@ PID = file_of(
     rule=key("text", "Whose gains are proposed.", "chosen.rule"),
     gains=key(GAINS, "v = Kp e + Ki integral of e + Kd de/dt, e in rad, v in V.", "chosen.gains"),
     ecu=key(ECU, "The same for an ECU that counts ticks: P = Kp, I = Ki T, D = Kd / T; and the ECU they were sought "
-        "for.", ecu_with_gains),
+        "for.", lambda design: {**design.task.ecu._asdict(),
+            **design.written(design.proposed, Notation(form="ticks"))._asdict()}),
     as_written=key(AS_WRITTEN, "The gains as the ECU of [ecu] in rig.toml writes them: numbers to type in; null where "
         "it names no unit.", lambda design: as_written(design, design.chosen.gains), null=True),
     linear=key(METRICS, "Of the proposed gains on the linear model and the paper's trapezoid; null where there are "
@@ -573,7 +525,8 @@ PID = file_of(
         "in between; in the loop only where `feed_forward` is true.", "bias", optional=True),
     feed_forward_terms=key(AHEAD, "Terms ahead of the PID, and the numbers of those that follow the setpoint's rate, "
         "asked for or not.", "", optional=True),
-    rules=key(by_name(RULE), "By name, every rule.", rules_as_written),
+    rules=key(by_name(RULE), "By name, every rule.", lambda design: {
+        name: {"tuned": tuned, "as_written": as_written(design, tuned.gains)} for name, tuned in design.tuned.items()}),
     rusefi=key(RUSEFI_GAINS, "The gains as rusEFI has them: % of duty over % of travel; null where they were sought "
         "for another controller (`etcfit design --ecu rusefi` seeks them for rusEFI's: 500 Hz, no filter, integral "
         "within 30 %, duty within 90 %).", rusefi, null=True),

@@ -36,15 +36,11 @@ Ends = list[UnitResult | FailedUnit]
 
 
 class Tally(NamedTuple):
-    """Counts of a run through a fleet.
+    """Counts of a run through a fleet."""
 
-    Args:
-        fitted, failed: units with a new result, and without one.
-        unchanged: units whose stored result, or failure, still holds.
-    """
-
+    # fitted, failed: units with a new result, and without one
     fitted: int
-    unchanged: int
+    unchanged: int  # units whose stored result, or failure, still holds
     failed: int
 
 

@@ -62,25 +62,21 @@ class Line:
 
 @dataclass(frozen=True)
 class Capability:
-    """The capability of one quantity; None for an index that does not exist.
+    """The capability of one quantity; None for an index that does not exist."""
 
-    Args:
-        low, high: the specification, SI; infinite where a side is open.
-        mean, sd: of the line, SI.
-        cp, cpk: indices; infinite where the data show no difference of units.
-        outside: share of units expected outside.
-        cp_ci95, cpk_ci95, outside_ci95: lower and upper bound of each, at the level of the settings.
-    """
-
+    # low, high: the specification, SI; infinite where a side is open
     low: float
     high: float
+    # mean, sd: of the line, SI
     mean: float
     sd: float
+    # cp, cpk: indices; infinite where the data show no difference of units
     cp: float | None
+    # cp_ci95, cpk_ci95, outside_ci95: lower and upper bound of each, at the level of the settings
     cp_ci95: tuple[float, float] | None
     cpk: float
     cpk_ci95: tuple[float, float]
-    outside: float
+    outside: float  # share of units expected outside
     outside_ci95: tuple[float, float]
 
 

@@ -43,6 +43,7 @@ from ...model.throttle import Throttle
 from ...problem.problem import EstimationProblem
 from ...problem.residual import equipped
 from ...problem.trace import Trace
+from ...run_folder.pid import ECU_KEYS
 
 CHANNELS = ("position", "current", "emf", "motor_speed")
 _MOVES = ("dt", "voltage0", "voltage1", "torque0", "torque1", "time", "mobile", "circuit", "plate", "series",
@@ -196,11 +197,6 @@ def _slider(parameter: Parameter, value: float, status: str) -> dict[str, Any]:
 
 
 _GAIN_FACTOR = 8.0  # a slider goes from an eighth of a gain to eight times it
-# fields of `Ecu` and their names in pid.json, where null means 0
-_ECU = {"period": "period_s", "supply": "supply_V", "filter": "derivative_filter_s", "delay": "delay_s", "pwm": "pwm_V",
-        "resolution": "resolution_rad", "duty": "duty_limit", "integral": "integral_limit", "lag": "input_filter_s",
-        "slew": "slew_V_per_s", "dead_band": "dead_band_rad", "setpoint_weight": "setpoint_weight",
-        "derivative_weight": "derivative_weight"}  # fmt: skip
 
 
 def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -237,11 +233,9 @@ def loop_json(result: FitResult, pid: Mapping[str, Any]) -> dict[str, Any] | Non
 
 
 def ecu_json(written: Mapping[str, Any]) -> dict[str, float]:
-    """Fields of `Ecu` from the object `ecu` of pid.json; fields missing in older files have their defaults."""
-    default = Ecu()._asdict()
-    return {
-        field: float(written[name] or 0.0) if name in written else float(default[field]) for field, name in _ECU.items()
-    }
+    """Fields of `Ecu` from the object `ecu` of pid.json, where null is 0; what older files lack has its default."""
+    every = {field: written.get(ECU_KEYS.get(field, field), default) for field, default in Ecu()._asdict().items()}
+    return {field: float(value or 0.0) for field, value in every.items() if field not in ("noise", "compensated")}
 
 
 def _sliding(ahead: Mapping[str, Any]) -> dict[str, float] | None:
