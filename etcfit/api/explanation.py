@@ -16,7 +16,7 @@ from ..reporting.tables import LOST, errors_table
 from ..run_folder.folder import RunFolder
 from .fit import Fit
 from .progress import Report, silent, working
-from .views import Card, View, attributes, frame, numbers, score_frame, texts
+from .views import Card, View, attributes, frame, score_frame, texts, with_nan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,8 +72,8 @@ class Diagnosed(View):
         was, now = self.diagnosis.before, self.diagnosis.after
         rows = (*was.score_fit, *was.score_holdout)
         later = {(row.file, row.channel): row.rms for row in (*now.score_fit, *now.score_holdout)}
-        sigma, before = numbers(row.sigma for row in rows), numbers(row.rms for row in rows)
-        after = numbers(later.get((row.file, row.channel)) for row in rows)
+        sigma, before = with_nan(row.sigma for row in rows), with_nan(row.rms for row in rows)
+        after = with_nan(later.get((row.file, row.channel)) for row in rows)
         columns = {"sigma": sigma, "before": before, "after": after,
                    "before_in_sigma": before / sigma, "after_in_sigma": after / sigma}  # fmt: skip
         return score_frame(was, rows, columns)

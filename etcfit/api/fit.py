@@ -18,7 +18,7 @@ from ..reporting.tables import LOST, fit_table, parameter_rows, parameters_table
 from ..run_folder.fit import FIT
 from . import views
 from .progress import Report, silent
-from .views import Card, FittedTrace, View, attributes, frame, indexed, named, numbers, score_frame, texts, traces_of
+from .views import Card, FittedTrace, View, attributes, frame, indexed, named, score_frame, texts, traces_of, with_nan
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,7 +98,7 @@ class Fit(View):
         """Free-running error of the simulation, one row per file and channel: test, held_out, unit, n (samples), rms
         and sigma (in that unit), in_sigma (rms / sigma)."""
         rows = (*self.result.score_fit, *self.result.score_holdout)
-        rms, sigma = numbers(row.rms for row in rows), numbers(row.sigma for row in rows)
+        rms, sigma = with_nan(row.rms for row in rows), with_nan(row.sigma for row in rows)
         return score_frame(self.result, rows, {"rms": rms, "sigma": sigma, "in_sigma": rms / sigma})
 
     @property

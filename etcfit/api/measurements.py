@@ -15,7 +15,7 @@ from ..reporting.car_log import compared_table, drive_table, foretold_table, log
 from ..reporting.check_table import advice_table, check_table, options_table, traces_table
 from . import views
 from .progress import Report, silent
-from .views import Card, View, frame, indexed, numbers
+from .views import Card, View, frame, indexed, with_nan
 
 if TYPE_CHECKING:  # a check needs neither campaigns nor logs of a car
     import numpy as np
@@ -111,7 +111,7 @@ class Advised(View):
         """Width of each parameter's interval after the further trace, over the present width; rows as in `options`."""
         every = self.advice.options
         columns = {
-            symbol: numbers(float(option.shrinks[k]) for option in every)
+            symbol: with_nan(float(option.shrinks[k]) for option in every)
             for k, symbol in enumerate(self.advice.symbols)
         }
         return indexed(columns, [option.test for option in every], "test")

@@ -361,13 +361,14 @@ def _positions(result: FitResult, problem: Any) -> Iterator[tuple[np.ndarray, np
 
 def keep_tuned(run: Path, found: Tuned, report: Report = silent) -> None:
     """Write RUN/tune.json and RUN/pictures/tune.png."""
+    from ..reporting.drawing import draw_one
     from ..reporting.tune import draw_tune
 
     made_with = None if found.design is None else digest(run / "pid.json")
     write_json(run / "tune.json", "tune", tuned_json(found, made_with))
     if found.steps:
         report("drawing", 0.97)
-        draw_tune(run / "pictures" / "tune.png", found)
+        draw_one(run / "pictures" / "tune.png", lambda: draw_tune(found))
 
 
 def tuned_json(found: Tuned, pid: str | None = None) -> dict[str, Any]:

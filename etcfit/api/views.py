@@ -19,6 +19,7 @@ from ..errors import UsageError
 from ..estimation.result import FitResult
 from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
+from ..reporting.packed import with_nan
 from ..reporting.table import Cell, Table, role
 from ..rig.base import Channel, RigConfig
 
@@ -128,11 +129,6 @@ def folded(title: str, sentences: Sequence[str]) -> str:
     return f"<details><summary>{escape(title)} ({len(sentences)})</summary><ul>{items}</ul></details>"
 
 
-def numbers(values: Iterable[float | None]) -> np.ndarray:
-    """float64, NaN for None, shape (n,)."""
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
 def texts(values: Iterable[str]) -> pd.Series:
     """A series of dtype str, even if it is empty."""
     import pandas as pd
@@ -163,7 +159,7 @@ def _column(values: Sequence[Any]) -> Any:
     if len(same) == 1 and None not in same:
         return np.array(values, dtype=same.pop())
     if not any(isinstance(value, str | list | tuple) for value in values):
-        return numbers(values)
+        return with_nan(values)
     import pandas as pd
 
     return pd.Series(values, dtype="object")
@@ -181,7 +177,7 @@ def indexed(columns: Mapping[str, Any], names: Sequence[str], index: str = "symb
 def attributes(rows: Iterable[Any], *names: str) -> dict[str, np.ndarray]:
     """One column of numbers for each of these attributes."""
     every = list(rows)
-    return {name: numbers(getattr(row, name) for row in every) for name in names}
+    return {name: with_nan(getattr(row, name) for row in every) for name in names}
 
 
 def score_frame(result: FitResult, rows: Sequence[PredictionError], columns: Mapping[str, np.ndarray]) -> pd.DataFrame:

@@ -130,7 +130,7 @@ def prepare(measurement: Measurement, config: RigConfig) -> Trace | None:
     if not channels or (signal is None and not test.boundary.terminals_open):
         return None
     data = np.stack([_at(instants, measurement, name) for name in channels], axis=1)
-    sigma = np.array([_sigma(measurement, name) for name in channels])
+    sigma = np.array([measurement.channels[_source(measurement, name)].error for name in channels], dtype=float)
     trace = Trace(measurement, test, instants, signal, channels, data, sigma, _NOWHERE, None, setpoint)
     start = _start(trace, config)
     release = _release(trace) if test.boundary.released else None
@@ -164,10 +164,6 @@ def _at(instants: Float[np.ndarray, " n"], measurement: Measurement, name: str) 
     row = np.full(instants.size, np.nan)
     row[np.searchsorted(instants, channel.time)] = channel.value
     return row
-
-
-def _sigma(measurement: Measurement, name: str) -> float:
-    return float(measurement.channels[_source(measurement, name)].error)
 
 
 def _first(trace: Trace, name: str, count: int) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]] | None:

@@ -8,7 +8,7 @@ A step is the span of the values over 65 000, far below a pixel. Instants have 3
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ def numbers(value: np.ndarray) -> dict[str, Any]:
     return {"from": 0.0, "f32": _text(np.where(np.isfinite(value), value, np.nan).astype("<f4"))}
 
 
-def with_nan(value: Sequence[float | None]) -> np.ndarray:
+def with_nan(value: Iterable[float | None]) -> np.ndarray:
     """Numbers with NaN for each None, shape (n,)."""
     return np.array([np.nan if each is None else each for each in value], dtype=float)
 

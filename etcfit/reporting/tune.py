@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from ..car_log.log import Series
 from ..estimation.identifiability import listed
 from ..model.ecus import named
 from ..run_folder.pid import PID
@@ -20,6 +20,7 @@ from .table import Notes, Table, of_texts
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from ..control.proposal import GainStep
 
@@ -210,19 +211,17 @@ def _settles(seconds: Sequence[float | None]) -> str:
             "not settle before the next step")  # fmt: skip
 
 
-def draw_tune(path: Path, found: Any) -> None:
+def draw_tune(found: Any) -> Figure:
     """Measured and predicted on the held-out part; below, a large step with each set of gains."""
     from . import style
 
-    with style.drawing():
-        fig = style.figure(11.0, 7.2, found.result.rig.config.synthetic)
-        grid = fig.add_gridspec(2, 1, left=0.07, right=0.98, top=0.89, bottom=0.08, hspace=0.45)
-        _prediction(fig.add_subplot(grid[0, 0]), found)
-        _steps(fig.add_subplot(grid[1, 0]), found)
-        title = f"{found.profile.title}  ·  " + ("NOT FROM THIS LOG: the model is no estimate" if found.why_not else
-                                                 "from the log to gains")  # fmt: skip
-        style.title(fig, title)
-        style.save(fig, path)
+    fig = style.figure(11.0, 7.2, found.result.rig.config.synthetic)
+    grid = fig.add_gridspec(2, 1, left=0.07, right=0.98, top=0.89, bottom=0.08, hspace=0.45)
+    _prediction(fig.add_subplot(grid[0, 0]), found)
+    _steps(fig.add_subplot(grid[1, 0]), found)
+    said = "NOT FROM THIS LOG: the model is no estimate" if found.why_not else "from the log to gains"
+    style.title(fig, f"{found.profile.title}  ·  {said}")
+    return fig
 
 
 def _prediction(panel: Axes, found: Any) -> None:
@@ -237,9 +236,7 @@ def _prediction(panel: Axes, found: Any) -> None:
     measured, predicted = (100.0 * (each[:, k] - low) / (high - low)
                            for each in (trace.data, result.predicted[trace.measurement.file]))  # fmt: skip
     time = np.asarray(trace.measurement.time)[: measured.size]
-    way = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(np.nan_to_num(measured))))))
-    ends = np.interp(time + _SECONDS, time, way)
-    begin = float(time[int(np.argmax(ends - way))])
+    begin = Series(time, np.nan_to_num(measured)).busiest(_SECONDS)
     seen = (time >= begin) & (time <= begin + _SECONDS)
     panel.plot(time[seen], measured[seen], color=style.MEASURED, lw=4.0, alpha=0.5, label="measured")
     panel.plot(time[seen], predicted[seen], color=style.SIMULATED, lw=1.2, label="predicted from the input alone")

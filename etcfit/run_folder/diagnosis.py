@@ -27,26 +27,9 @@ from ..estimation.intervals import intervals
 from ..estimation.result import FitResult
 from ..files import put_aside
 from . import codec
-from .declared import (
-    CONVERGED,
-    REASON,
-    SYMBOL,
-    WARNINGS,
-    Record,
-    by_name,
-    effects_of,
-    file_of,
-    key,
-    list_of,
-    record_of,
-)
+from .declared import CONVERGED, REASON, SYMBOL, WARNINGS, Record, by_name, effects_of, file_of, key, list_of, record_of
 from .fit import AGREEMENT, PARAMETER, ROW, SCORE, described, rows_of, score_of
 from .manifest import DIAGNOSIS_ROUNDS, FIT_STATE, digest
-
-
-def _rounds(found: Diagnosis) -> list[dict[str, Any]]:
-    known = effects_of(found.before)
-    return [vars(each) | {"effects": list(dict.fromkeys((*known, *each.effects)))} for each in found.rounds]
 
 
 def _mistakes(found: Diagnosis) -> list[dict[str, Any]]:
@@ -132,7 +115,9 @@ DIAGNOSIS = file_of(
     verdict=key("[text]", "The whole in a few sentences."),
     start=key(EFFECTS, "The model of the fit that was taken up.", "before"),
     final=key(EFFECTS, "The final model.", "after"),
-    rounds=key(list_of(ROUND), "Each turn of the loop; the last one adds nothing.", _rounds),
+    rounds=key(list_of(ROUND), "Each turn of the loop; the last one adds nothing.", lambda found: [
+        vars(each) | {"effects": [*dict.fromkeys((*effects_of(found.before), *each.effects))]}
+        for each in found.rounds]),
     added=key("[text]", "Effects found, in the order found; empty where the first model already explains the data."),
     removed=key("[text]", "A sentence for each effect that gave way to another, or was taken away again."),
     sets=key(list_of(SET), "Sets of effects refitted beside what the rounds found: the pairs that promise more "

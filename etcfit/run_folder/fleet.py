@@ -244,10 +244,7 @@ ODD = record_of(
 )
 EFFECT = record_of(EffectInFleet, null=("median", "strength"), without=("effect", "p"), unit=key("text?", UNIT.meaning))
 DRIFT = record_of(
-    Drift,
-    null=("size_sd", "p"),
-    since=key("text", "First unit after it; of a trend the first of all."),
-    unit=UNIT,
+    Drift, null=("size_sd", "p"), since=key("text", "First unit after it; of a trend the first of all."), unit=UNIT
 )
 _OF_EACH_UNIT = key("[number?]", "Of each unit, in the chart's order, SI.")
 CHART = record_of(
@@ -268,9 +265,7 @@ CHART = record_of(
     unit=UNIT,
 )  # fmt: skip
 CAPABILITY = record_of(
-    Capability,
-    null=("low", "high", "mean", "sd", "cp_ci95", "cpk", "cpk_ci95", "outside", "outside_ci95"),
-    unit=UNIT,
+    Capability, null=("low", "high", "mean", "sd", "cp_ci95", "cpk", "cpk_ci95", "outside", "outside_ci95"), unit=UNIT
 )
 GAUGE = record_of(Gauge, null=("repeatability", "part", "total", "rr_percent", "ndc"), unit=UNIT)
 SPREAD = record_of(Spread)

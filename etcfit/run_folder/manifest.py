@@ -257,11 +257,13 @@ def replacing(
     """
     with held(run):
         read_records(run)
-        taken = inputs_of(run, stage) if inputs is None else dict(inputs)
+        files = STAGE_FILES[stage]
+        of_run = (*files.needs, *files.uses, *files.may_use)
+        taken = {name: digest(run / name) for name in of_run} if inputs is None else dict(inputs)
         taken |= {seen_from(run, path): digest(path) for path in outside}
         with all_or_none(run) as draft:
             yield draft.files
-            outputs = {name: digest(draft.files / name) for name in STAGE_FILES[stage].makes}
+            outputs = {name: digest(draft.files / name) for name in files.makes}
             now = datetime.now(UTC).isoformat(timespec="seconds")
             draft.note({stage: STAGE.written(Record(now, plain(settings), taken, outputs, exit, folder))})
         settle(run, _take_down)
@@ -277,12 +279,6 @@ def _take_down(run: Path, note: Mapping[str, Any]) -> None:
                 _put_aside(run, name)
         names = list(STAGE_FILES)
         _write(run, _without_stale(run, names[names.index(stage) + 1 :], _as_it_lies(run).stages | {stage: record}))
-
-
-def inputs_of(run: Path, stage: str) -> dict[str, str | None]:
-    """SHA-256 of the files of RUN that a stage is made from, as they lie there now."""
-    files = STAGE_FILES[stage]
-    return {name: digest(run / name) for name in (*files.needs, *files.uses, *files.may_use)}
 
 
 def is_current(run: Path, stage: str, records: Mapping[str, Record]) -> bool:

@@ -295,14 +295,10 @@ SENSOR_FAULT = record_of(
     called={"setpoint": "asked_pct", "jam_after": "jam_after_s", "apart_after": "apart_after_s"},
 )
 SAG = record_of(
-    Sag,
-    percent=("opening", "closes", "opens", "wound"),
-    called={"back_after": "back_after_s", "wound": "integral_pct"},
+    Sag, percent=("opening", "closes", "opens", "wound"), called={"back_after": "back_after_s", "wound": "integral_pct"}
 )
 RETURN = record_of(
-    Return,
-    percent=("opening", "rests"),
-    called={"cut_s": "open_terminals_s", "shorted_s": "shorted_terminals_s"},
+    Return, percent=("opening", "rests"), called={"cut_s": "open_terminals_s", "shorted_s": "shorted_terminals_s"}
 )
 HOLDING = record_of(
     Holding,

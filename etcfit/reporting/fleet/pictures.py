@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
 from .. import style
+from ..drawing import draw_one
 from ..numbers import SUPERSCRIPT, counted, with_error
 from ..packed import with_nan
 from . import Content, title
@@ -254,8 +255,7 @@ def draw_fleet(content: Content, units: pd.DataFrame, folder: Path) -> tuple[Pat
         old.unlink()
     written: list[Path] = []
     for name, draw in _jobs(content, Columns.of_units(content.get("units") or (), units)):
-        with style.drawing():
-            style.save(draw(), folder / name)
+        draw_one(folder / name, draw)
         written.append(folder / name)
     return tuple(written)
 

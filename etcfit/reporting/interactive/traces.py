@@ -26,12 +26,11 @@ from ..diagnosis.ledger import Shown
 from ..pictures import all_traces
 from .plant import Excitation, excitations
 
-_COLOUR = {Left.FITS: "green", Left.STRAYS: "yellow", Left.MORE: "yellow", Left.FAR: "red"}
-_WORD = {
-    Left.FITS: "fits: nothing but noise is left",
-    Left.STRAYS: "fits from sample to sample, but its free run strays",
-    Left.MORE: "nearly: more than noise is left",
-    Left.FAR: "far off",
+_SHOWN = {
+    Left.FITS: ("green", "fits: nothing but noise is left"),
+    Left.STRAYS: ("yellow", "fits from sample to sample, but its free run strays"),
+    Left.MORE: ("yellow", "nearly: more than noise is left"),
+    Left.FAR: ("red", "far off"),
 }
 
 
@@ -42,34 +41,19 @@ class Light:
     channels: tuple[Goodness, ...]
 
     @property
-    def left(self) -> Left:
-        """The verdict on its worst channel."""
-        return worst(self.channels).left
+    def worst(self) -> Goodness:
+        """Its worst channel, by which the trace is judged."""
+        return worst(self.channels)
 
     @property
-    def colour(self) -> str:
-        """ "green", "yellow" or "red"."""
-        return _COLOUR[self.left]
-
-    @property
-    def word(self) -> str:
-        """The verdict in words."""
-        return _WORD[self.left]
-
-    @property
-    def off(self) -> float:
-        """The error of its worst channel, in times the noise."""
-        return worst(self.channels).off
+    def shown(self) -> tuple[str, str]:
+        """The verdict as a colour, "green", "yellow" or "red", and in words."""
+        return _SHOWN[self.worst.left]
 
     @property
     def says(self) -> list[str]:
         """A sentence on each channel that does not fit."""
         return [each.says for each in self.channels if each.says]
-
-    @property
-    def found(self) -> bool:
-        """Whether the trace needs a cure."""
-        return self.left is not Left.FITS
 
 
 def lights(result: FitResult) -> list[Light]:
@@ -102,10 +86,8 @@ _NOBODY = "Nothing found names this trace. `etcfit check --advise FOLDER --at RU
 
 def cures(trace: Trace, light: Light, final: FitResult, diagnosis: Diagnosis | None) -> list[str]:
     """Sentences, the most specific first; none for a trace whose residual is noise."""
-    if not light.found:
-        return []
-    if light.left is Left.STRAYS:
-        return [_EDGES]
+    if light.worst.left in (Left.FITS, Left.STRAYS):
+        return [] if light.worst.left is Left.FITS else [_EDGES]
     unit = {p.symbol: p.unit for p in final.free_parameters.layout.parameters}
     said = list(_of_the_rig(trace, final, diagnosis))
     said += [in_words(c, unit[c.parameter]) for c in final.contradictions if c.test == trace.test.name]
@@ -224,9 +206,9 @@ def _trace(
         "file": trace.measurement.file,
         "test": trace.test.name,
         "held_out": trace.measurement.held_out,
-        "light": light.colour,
-        "word": light.word,
-        "off": light.off,
+        "light": light.shown[0],
+        "word": light.shown[1],
+        "off": light.worst.off,
         "says": light.says,
         "cures": cures(trace, light, sources.final, sources.diagnosis),
         "samples": int(trace.instants.size),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from ...rig.base import Channel
 from .. import style
 from ..blocks import rig_title, stacked
 from ..check_table import with_remark
+from ..drawing import draw_one
 from ..html import environment
 from ..numbers import short
 from ..page.pictures import Picture, carried
@@ -205,8 +207,7 @@ def _in_window(test: PlannedTest) -> tuple[float, float]:
 def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> Step:
     name, played = test.candidate.plan.test, test.candidate.played
     path = folder / "pictures" / f"plan_{number}.png"
-    with style.drawing():
-        style.save(draw(test, campaign, number), path)
+    draw_one(path, partial(draw, test, campaign, number))
     rate = 1.0 / float(test.candidate.plan.time[1] - test.candidate.plan.time[0])
     facts = [f"{short(test.candidate.seconds, 2)} s", f"log at {rate:.0f} Hz or more",
              f"up to {amps(test):.1f} A", f"winding up to {hottest(test, campaign):.0f} °C"]  # fmt: skip

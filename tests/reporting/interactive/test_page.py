@@ -159,7 +159,7 @@ def test_lights_and_the_warning_of_the_fit_count_the_same_residuals(tmp_path: Pa
     fitted = result.problem.batch.traces
     odd = {each.file for each in result.goodness if each.left is not Left.FITS}
     shown = dict(zip((t.measurement.file for t in all_traces(result)), lights(result), strict=True))
-    assert {t.measurement.file for t in fitted if shown[t.measurement.file].colour != "green"} == odd
+    assert {t.measurement.file for t in fitted if shown[t.measurement.file].shown[0] != "green"} == odd
     warned = sum(each.left in (Left.MORE, Left.FAR) for each in result.goodness)
     assert (warned > 0) == (off > 0.0)
     said = [text for text in warnings_of(result.goodness, 1.0) if "not independent" in text]
@@ -173,16 +173,16 @@ def test_a_trace_whose_free_run_strays_is_not_called_noise(tmp_path: Path) -> No
         replace(row, rms=10.0 * row.sigma) if row.file == file else row for row in result.score_fit
     ))  # fmt: skip
     fine, found = lights(result)[0], lights(stray)[0]
-    assert (fine.colour, found.colour) == ("green", "yellow")
-    assert found.off == pytest.approx(10.0)
-    assert "nothing but noise" not in found.word
+    assert (fine.shown[0], found.shown[0]) == ("green", "yellow")
+    assert found.worst.off == pytest.approx(10.0)
+    assert "nothing but noise" not in found.shown[1]
     assert "the free run is 10 times the noise off" in found.says[0]
 
 
 def test_the_page_carries_the_words_of_each_light(written: RunFolder, text: str) -> None:
     carried = Reader(text).data["traces"]
     for trace, light in zip(carried, lights(written.final()), strict=True):
-        assert (trace["light"], trace["word"], trace["says"]) == (light.colour, light.word, light.says)
+        assert (trace["light"], trace["word"], trace["says"]) == (*light.shown, light.says)
 
 
 @pytest.mark.slow
@@ -193,8 +193,8 @@ def test_a_trace_held_out_is_judged_like_those_fitted() -> None:
     def held_out(of: FitResult) -> list[Light]:
         return [each for trace, each in zip(all_traces(of), lights(of), strict=True) if trace.measurement.held_out]
 
-    assert [each.colour for each in held_out(result)] == ["yellow", "green"]  # edges between samples of the drive
-    assert [each.colour for each in held_out(wrong)] == ["red", "red"]
+    assert [each.shown[0] for each in held_out(result)] == ["yellow", "green"]  # edges between samples of the drive
+    assert [each.shown[0] for each in held_out(wrong)] == ["red", "red"]
 
 
 def test_cures_are_those_of_fit_and_diagnosis_for_that_trace(tmp_path: Path) -> None:
