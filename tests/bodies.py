@@ -68,7 +68,16 @@ run = jax.jit(simulate)
 
 
 def path(throttle: Throttle, steps: Step, resets: Reset) -> np.ndarray:
-    return array(run(throttle, steps, resets)[0])
+    """Of one lane, shape (T, 3). Steps of no length behind it make its length one of few, each compiled once."""
+    count = len(steps.dt)
+    more = 2 ** max(6, (count - 1).bit_length()) - count
+
+    def longer(column: Any) -> Any:
+        return np.concatenate((column, np.repeat(column[-1:], more, axis=0))) if np.ndim(column) else column
+
+    steps, resets = jax.tree.map(longer, (steps, resets))
+    steps.dt[count:] = 0.0
+    return array(run(throttle, steps, resets)[0])[:count]
 
 
 def linear(p: dict[str, float]) -> np.ndarray:

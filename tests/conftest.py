@@ -6,6 +6,7 @@ import gc
 import importlib.util
 import os
 import sys
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,9 +49,15 @@ def pytest_configure(config: pytest.Config) -> None:
         trace_always()
 
 
+_tests = count(1)
+
+
 def pytest_runtest_logfinish() -> None:
     """Let go of what XLA compiled once that is much: a program of the reference holds ten to two hundred mappings of
-    memory, and Linux ends a process that wants more than 65,530. What a later test needs again comes from the disk."""
+    memory, and Linux ends a process that wants more than 65,530. What a later test needs again comes from the disk.
+    To list ten thousand takes 8 ms: only every tenth test does."""
+    if next(_tests) % 10:
+        return
     mappings = Path("/proc/self/maps")
     if "jax" in sys.modules and mappings.exists() and mappings.read_bytes().count(b"\n") > 12_000:
         jax.clear_caches()
@@ -64,6 +71,16 @@ def measured() -> Path:
     if not (folder / "kassel_throttle").is_dir():
         pytest.skip("no copy of the measured data here (ETCFIT_DATA names none): real data sets are left out")
     return folder
+
+
+@pytest.fixture
+def drawn_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stripes in place of each picture of a run folder, for tests that look into none."""
+    import runs
+
+    monkeypatch.setattr("etcfit.reporting.drawing.at_hand", None)  # nobody helps
+    monkeypatch.setattr("etcfit.reporting.drawing.CORES", 1)
+    monkeypatch.setattr("etcfit.reporting.drawing.draw_one", lambda path, draw: runs.picture(path, (8, 8)))
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import jax
-import pytest
 
 from etcfit import model, problem
 
@@ -35,12 +34,9 @@ def offered(owner: Any, name: str) -> Iterator[tuple[str, Any]]:
             yield from offered(value, name)
 
 
-@pytest.mark.parametrize("module", list(modules()), ids=lambda module: module.__name__)
-def test_everything_public_is_explained(module: Any) -> None:
-    assert inspect.getdoc(module)
-    told = {name: inspect.getdoc(value) for name, value in offered(module, module.__name__)}
+def test_everything_public_is_explained() -> None:
+    told = {module.__name__: inspect.getdoc(module) for module in modules()}
+    for module in modules():
+        told |= {f"{module.__name__}: {name}": inspect.getdoc(v) for name, v in offered(module, module.__name__)}
+    assert len(told) > 350  # there is something to explain
     assert [name for name, words in told.items() if not words] == []
-
-
-def test_there_is_something_to_explain() -> None:
-    assert sum(len(list(offered(module, module.__name__))) for module in modules()) > 300

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import inspect
+import json
 import os
 import pkgutil
 import subprocess
@@ -65,16 +66,9 @@ def test_importing_the_package_asks_for_float64_and_leaves_jax_alone() -> None:
 LOGGED = "import os; print(os.environ['TF_CPP_MIN_LOG_LEVEL'])"
 
 
-@pytest.fixture(scope="module")
-def used() -> list[str]:
-    """Level of XLA's log, and what is heavy, in a process that has taken up what a fit, a diagnosis and a posterior
-    need: seconds."""
-    return fresh(f"import etcfit, sys; etcfit.Fit; etcfit.Diagnosed; etcfit.Sampled; {LOGGED}; {HEAVY}").splitlines()
-
-
 @pytest.mark.slow
-def test_the_log_of_xla_is_not_for_the_terminal_unless_the_user_says_so(used: list[str]) -> None:
-    assert used[0] == "3"
+def test_the_log_of_xla_is_not_for_the_terminal_unless_the_user_says_so() -> None:
+    assert fresh(f"import etcfit; etcfit.Fit; {LOGGED}") == "3"
     assert fresh(f"import etcfit; {LOGGED}", TF_CPP_MIN_LOG_LEVEL="0") == "0"
 
 
@@ -82,39 +76,47 @@ def test_looking_at_the_verbs_imports_nothing_heavy() -> None:
     assert fresh(f"import etcfit, sys; [getattr(etcfit, v) for v in {VERBS}]; dir(etcfit); {HEAVY}") == "[]"
 
 
-def test_a_fit_needs_no_matplotlib_until_a_picture_is_asked_for(used: list[str]) -> None:
-    assert "jax" in used[1]
-    assert "matplotlib" not in used[1]
-
-
-# what a command loads that computes nothing but its own answer; what is heavy and not needed for it stays away
-LIGHT = {
-    "check": (
-        "import etcfit.experiment.check, etcfit.api.measurements, etcfit.reporting.closing; "
-        "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
-        "read_graphs(read_folder('measurements/bench_twin'))"
-    ),
-    "fit": "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.api.fit, etcfit.api.work, "
-    "etcfit.reporting.closing.model, etcfit.run_folder.state",
-    "diagnose": "import etcfit.diagnosis, etcfit.reporting.diagnosis, etcfit.api.work",
-    "report": "import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.work",
-    "export": "import etcfit.exporting, etcfit.api.work, etcfit.reporting.closing.control",
-    "import": "import etcfit.importing.answers, etcfit.reporting.closing, etcfit.reporting.blocks",
-    "a named run folder": "from etcfit.stages import opened; opened(__import__('pathlib').Path('measurements'))",
-}
+# what a command loads that computes nothing but its own answer, and what stays away that is not needed for it. One
+# process takes them up in this order: what one has loaded stays loaded for those behind it
 FAR = {"emcee", "matplotlib", "pandas", "scipy.integrate", "scipy.io", "scipy.signal", "scipy.stats", "xarray"}
+LIGHT: dict[str, tuple[str, set[str]]] = {
+    "a named run folder": (
+        "from etcfit.stages import opened; opened(__import__('pathlib').Path('measurements'))",
+        FAR | {"jax"},
+    ),
+    "import": (
+        "import etcfit.importing.answers, etcfit.reporting.closing, etcfit.reporting.blocks",
+        FAR | {"equinox", "optimistix", "scipy"},
+    ),
+    "fit": (
+        "import etcfit.rig.reader, etcfit.estimation.joint_fit, etcfit.api.fit, etcfit.api.work, "
+        "etcfit.reporting.closing.model, etcfit.run_folder.state",
+        FAR | {"etcfit.diagnosis.course", "etcfit.reporting.page.render", "scipy.optimize"},
+    ),
+    "report": ("import etcfit.reporting.page, etcfit.reporting.closing.model, etcfit.api.work", FAR),
+    "export": ("import etcfit.exporting, etcfit.api.work, etcfit.reporting.closing.control", FAR),
+    "Python, without a picture": ("import etcfit; etcfit.Fit; etcfit.Diagnosed; etcfit.Sampled", {"matplotlib"}),
+    "diagnose": ("import etcfit.diagnosis, etcfit.reporting.diagnosis, etcfit.api.work", FAR - {"matplotlib"}),
+}
+CHECK = (
+    "import etcfit.experiment.check, etcfit.api.measurements, etcfit.reporting.closing; "
+    "from etcfit.rig.reader import read_folder; from etcfit.rig.paper_readings import read_graphs; "
+    "read_graphs(read_folder('measurements/bench_twin'))"
+)
 
 
-@pytest.mark.parametrize("command", LIGHT)
-def test_a_command_imports_nothing_heavy_that_its_answer_does_not_need(command: str) -> None:
-    more = {
-        "check": {"lineax", "optimistix"},  # a rise of current is fitted by SciPy
-        "fit": {"etcfit.diagnosis.course", "etcfit.reporting.page.render", "scipy.optimize"},
-        "import": {"equinox", "optimistix", "scipy"},
-        "a named run folder": {"jax"},
-    }.get(command, set())
-    far = FAR - {"matplotlib"} if command == "diagnose" else FAR | more
-    assert fresh(f"{LIGHT[command]}; import sys; print(sorted({far} & set(sys.modules)))") == "[]"
+def loaded(commands: dict[str, tuple[str, set[str]]]) -> dict[str, list[str]]:
+    """What is there after each command, one after the other, of what should not be."""
+    show = "print(json.dumps(sorted({far} & set(sys.modules))))"
+    lines = [f"{program}; {show.format(far=far)}" for program, far in commands.values()]
+    told = fresh("\n".join(["import json, sys", *lines])).splitlines()
+    return dict(zip(commands, map(json.loads, told), strict=True))
+
+
+def test_a_command_imports_nothing_heavy_that_its_answer_does_not_need() -> None:
+    assert loaded(LIGHT) == {command: [] for command in LIGHT}
+    # a rise of current is fitted by SciPy's optimiser, which a fit does without
+    assert loaded({"check": (CHECK, FAR | {"lineax", "optimistix"})}) == {"check": []}
 
 
 @pytest.mark.slow

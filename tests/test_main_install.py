@@ -96,26 +96,21 @@ NEEDS_EXTRA = {
 }
 
 
-def test_what_needs_an_extra_says_which_before_any_work(tmp_path: Path) -> None:
+def test_what_needs_an_extra_says_which_before_any_work_and_a_posterior_needs_none(tmp_path: Path) -> None:
     for name in ("a.mf4", "a.tdms", "a.mcap", "a.parquet"):
         (tmp_path / name).touch()
     (tmp_path / "bad.csv").write_text("nothing that could be read")  # is told of first, once anything is read
     (tmp_path / "line").mkdir()
     (tmp_path / "run").mkdir()
     before = sorted(tmp_path.rglob("*"))
-    ended = invoked(tmp_path, *(f"{words} --quiet" for words in NEEDS_EXTRA))
+    *ended, sampled = invoked(tmp_path, *(f"{words} --quiet" for words in NEEDS_EXTRA), "sample run -q")
     for (extra, library), done in zip(NEEDS_EXTRA.values(), ended, strict=True):
         assert (done["status"], done["out"], done["raised"]) == (2, "", "")
         assert f"needs the library {library}, which is not installed" in done["err"]
         assert how_to_install(extra) in done["err"]
         assert len(done["err"].splitlines()) == 1
+    assert "holds no finished `etcfit fit`" in sampled["err"]  # a fit is the second thing that it looks for
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_a_posterior_can_be_written_by_the_main_install(tmp_path: Path) -> None:
-    (tmp_path / "run").mkdir()
-    (done,) = invoked(tmp_path, "sample run -q")
-    assert "holds no finished `etcfit fit`" in done["err"]  # a fit is the second thing that it looks for
 
 
 def test_what_the_posterior_is_written_with_is_tried_before_anything_is_sampled_or_fitted(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 import diagnoses
 import etcfit
 import results
+import runs
 from equality import equal
 from etcfit.api.explanation import Diagnosed
 from etcfit.api.work import design_of, keep_diagnosis, keep_fit
@@ -27,7 +28,6 @@ from etcfit.estimation.result import FitResult
 from etcfit.reporting import draw_others, drawing, has_undrawn
 from etcfit.reporting.blocks import render
 from etcfit.reporting.diagnosis.pictures import jobs as jobs_of_diagnosis
-from etcfit.reporting.drawing import draw_one
 from etcfit.reporting.pictures import jobs
 from etcfit.run_folder.folder import RunFolder
 from etcfit.run_folder.manifest import STAGE_FILES, read_records
@@ -135,7 +135,7 @@ def test_the_fit_of_a_folder_is_kept_drawn_and_shown(
 
 
 @pytest.fixture
-def kept(found: Diagnosis, tmp_path: Path) -> RunFolder:
+def kept(found: Diagnosis, tmp_path: Path, drawn_quickly: None) -> RunFolder:
     """A run folder with a fit and a diagnosis, as their commands leave it."""
     run = opened(tmp_path / "run")
     keep_fit(run, found.before)
@@ -171,10 +171,8 @@ def test_drawing_goes_on_where_it_was_interrupted_and_no_result_is_lost(
         if len(drawn) == 3:
             raise KeyboardInterrupt
         drawn.append(path)
-        draw_one(path, figure)
+        runs.picture(path)
 
-    monkeypatch.setattr(drawing, "CORES", 1)
-    monkeypatch.setattr(drawing, "at_hand", None)
     monkeypatch.setattr(drawing, "draw_one", draw)
     with pytest.raises(KeyboardInterrupt, match=r"All results are in .*`etcfit report .*` draws"):
         write_report(kept, silent)
@@ -187,6 +185,7 @@ def test_drawing_goes_on_where_it_was_interrupted_and_no_result_is_lost(
     assert not has_undrawn(kept.path)
 
 
+@pytest.mark.usefixtures("drawn_quickly")
 def test_a_fit_whose_picture_was_interrupted_is_kept(
     found: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

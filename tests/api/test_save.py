@@ -95,6 +95,7 @@ def saved(kind: str, fit: Fit, run: Path) -> None:
     doors[kind]()
 
 
+@pytest.mark.usefixtures("drawn_quickly")
 @pytest.mark.parametrize("kind", ["keep_design", "keep_reduction", "keep_posterior"])
 def test_nothing_made_from_one_model_is_saved_beside_another(
     kind: str, fitted: Fit, found: Diagnosed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -118,6 +119,7 @@ def test_nothing_made_from_one_model_is_saved_beside_another(
     assert [path.name for path in kept] == ["its own", "new", "diagnosed"]
 
 
+@pytest.mark.usefixtures("drawn_quickly")
 def test_gains_of_a_fleet_are_not_saved_beside_a_fit_or_another_fleet(fitted: Fit, tmp_path: Path) -> None:
     files: Any = None
     gains: Any = Made(fitted.result)

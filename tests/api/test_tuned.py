@@ -159,6 +159,7 @@ def test_gains_whose_loop_was_not_told_do_not_follow_those_that_are_as_foretold(
         assert "etcfit tune next.csv --ecu rusefi --present " in said
 
 
+@pytest.mark.usefixtures("drawn_quickly")
 def test_terminal_page_and_json_say_the_same(tuned: Tuned, tmp_path: Path) -> None:
     run = RunFolder(tmp_path)
     assert tuned.result is not None

@@ -190,9 +190,8 @@ def by_hand(w: float, stiffness: float) -> float:
 
 
 @pytest.mark.parametrize("profile", ECUS.values(), ids=ECUS)
-def test_a_table_is_shown_where_there_is_somewhere_to_type_it_in(profile: EcuProfile) -> None:
-    task = task_with(profile)
-    pid = {"supply_table": supply_table_json(task, GAINS, supply_table(task, GAINS))}
+def test_a_table_is_shown_where_there_is_somewhere_to_type_it_in(profile: EcuProfile, found: SupplyTable) -> None:
+    pid = {"supply_table": supply_table_json(task_with(profile), GAINS, found)}
     parts = there(gains.supply_table(pid), gains.tables_of_gains(pid))
     said = " ".join("".join(render(shown(part)) for part in parts).split())
     has = profile.scheduling in (Scheduling.TABLE, Scheduling.CODE)
@@ -200,4 +199,4 @@ def test_a_table_is_shown_where_there_is_somewhere_to_type_it_in(profile: EcuPro
     assert has == ("Gains over the supply" in said)
     assert f"{profile.title} has {profile.scheduling.value}" in said
     assert "RMSE" in said
-    assert written(profile)["ecu_has"] == profile.scheduling.name.lower()
+    assert pid["supply_table"]["ecu_has"] == profile.scheduling.name.lower()

@@ -125,7 +125,7 @@ def test_a_jump_seen_later_is_laid_out_as_in_a_new_batch(period: float, delay: f
     asked = np.where(time > 0.0301, 0.9, 0.5) - 0.3 * (time > 0.0321)
     first = prepared(logged(setpoint=asked), config)
     batch = batch_of([first], config, [np.ones(39, int)])
-    for share in np.linspace(0.0, 1.0, 23):
+    for share in np.linspace(0.0, 1.0, 9):
         trace = first.with_jumps_at(float(share))
         found = batch.with_times_of([trace], config, [np.ones(39, int)])
         wanted = batch_of([trace], config, [np.ones(39, int)])

@@ -43,7 +43,8 @@ FILES = {"response/1.csv": LOGGED["response"], "response/2.csv": LOGGED["respons
          "resistance/1.csv": LOGGED["resistance"], "inertia/1.csv": LOGGED["inertia"],
          "inertia/2.csv": LOGGED["inertia"]}  # fmt: skip
 EVERY = (*at_places(LOGGED, FILES), EdgePhase.at(Place("response")))
-every_effect = pytest.mark.parametrize("effect", EVERY, ids=lambda e: e.name)
+KINDS = sorted({effect.kind for effect in EVERY})
+every_kind = pytest.mark.parametrize("effects", [[e for e in EVERY if e.kind == kind] for kind in KINDS], ids=KINDS)
 PARTS = ("command", "edge")  # of a step that a batch may do without
 SEEN = {"current": jnp.array([1.0, 2.0]), "position": jnp.array([0.3, 0.4]), "emf": jnp.array([0.5, 0.6]),
         "motor_speed": jnp.array([7.0, 8.0])}  # fmt: skip
@@ -87,42 +88,45 @@ def changes(effect: type[AbstractRigEffect]) -> bool:
     return any(np.any(np.asarray(a) != np.asarray(b)) for a, b in zip(here, given, strict=True))
 
 
-@every_effect
-def test_off_it_changes_nothing(effect: type[AbstractRigEffect]) -> None:
-    here, file = jnp.full(2, number_of(effect.place.test)), effect.place.file
-    for now, given in zip(all_of(made(effect, 0.0), here, file), as_given(file), strict=True):
-        assert_array_equal(now, given)
+@every_kind
+def test_off_it_changes_nothing(effects: list[type[AbstractRigEffect]]) -> None:
+    for effect in effects:
+        here, file = jnp.full(2, number_of(effect.place.test)), effect.place.file
+        for now, given in zip(all_of(made(effect, 0.0), here, file), as_given(file), strict=True):
+            assert_array_equal(now, given, err_msg=effect.name)
 
 
-@every_effect
-def test_on_it_changes_something_in_its_place_and_nothing_elsewhere(effect: type[AbstractRigEffect]) -> None:
-    place = effect.place
-    assert changes(effect)
-    elsewhere = [("elsewhere", "")] if place.test else []
-    elsewhere += [(place.test, f"{place.test}/elsewhere.csv")] if place.file else []
-    for test, file in elsewhere:
-        for now, was in zip(all_of(made(effect, 1.0), jnp.full(2, number_of(test)), file), as_given(file), strict=True):
-            assert_array_equal(now, was)
+@every_kind
+def test_on_it_changes_something_in_its_place_and_nothing_elsewhere(effects: list[type[AbstractRigEffect]]) -> None:
+    assert [effect.name for effect in effects if not changes(effect)] == []
+    for effect in effects:
+        place = effect.place
+        elsewhere = [("elsewhere", "")] if place.test else []
+        elsewhere += [(place.test, f"{place.test}/elsewhere.csv")] if place.file else []
+        for test, file in elsewhere:
+            there = all_of(made(effect, 1.0), jnp.full(2, number_of(test)), file)
+            for now, was in zip(there, as_given(file), strict=True):
+                assert_array_equal(now, was, err_msg=effect.name)
 
 
-@every_effect
-def test_its_name_says_where_it_is_and_finds_it_again(effect: type[AbstractRigEffect]) -> None:
-    assert rig_effect(effect.name) is effect
-    assert effect.name.startswith(effect.kind)
-    assert str(effect.place) in effect.name
-    assert effect.off is not None
-    assert set(effect.off) <= {p.symbol for p in parameters_of(effect)}
-    assert all(p.symbol.endswith(str(effect.place)) for p in parameters_of(effect))
-    assert effect.mend(0.1)
-
-
-@every_effect
-def test_what_a_diagnosis_proposes_is_read_from_rig_toml(effect: type[AbstractRigEffect]) -> None:
-    assert effect.place in effect.everywhere(LOGGED, FILES)
-    _, named, line = effect.mend(0.1).partition("[model]")
-    if named:
-        config = parse_config(f"[rig]\n[model]\n{line.split(', or ')[0].strip()}", "rig.toml")
-        assert [rig_effect(name) for name in config.effects] == [effect]
+@every_kind
+def test_its_name_says_where_it_is_and_what_a_diagnosis_proposes_is_read_from_rig_toml(
+    effects: list[type[AbstractRigEffect]],
+) -> None:
+    for effect in effects:
+        assert rig_effect(effect.name) is effect
+        assert effect.name.startswith(effect.kind)
+        assert str(effect.place) in effect.name
+        assert effect.off is not None
+        assert set(effect.off) <= {p.symbol for p in parameters_of(effect)}
+        assert all(p.symbol.endswith(str(effect.place)) for p in parameters_of(effect))
+        assert effect.place in effect.everywhere(LOGGED, FILES)
+        proposed = effect.mend(0.1)
+        assert proposed
+        _, named, line = proposed.partition("[model]")
+        if named:
+            config = parse_config(f"[rig]\n[model]\n{line.split(', or ')[0].strip()}", "rig.toml")
+            assert [rig_effect(name) for name in config.effects] == [effect]
 
 
 def test_so_is_what_it_proposes_of_a_file_with_quotes_in_its_name() -> None:

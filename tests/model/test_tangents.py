@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import bodies
 from bodies import N
+from etcfit.backend import compiled_quickly
 from etcfit.model.effects import COMMANDING, EFFECTS, PAPER, AbstractEffect, State
 from etcfit.model.parameters import Positive, parameters_of
 from etcfit.model.stepper import Command, Step, step_between_ticks
@@ -81,7 +82,7 @@ def test_it_is_the_derivative_of_the_scheme_for_every_effect(effects: list[type[
 
             return jax.jvp(along, (throttle, x, z, s.voltage1), (way[0], dx, dz, push))
 
-        return jax.jit(jax.vmap(one))(x, z, s, way[1], way[2], pushed)
+        return compiled_quickly(jax.vmap(one))(x, z, s, way[1], way[2], pushed)
 
     (ours, our_tangent), (theirs, their_tangent) = derivative(step_between_ticks), derivative(step_between_ticks.fun)
     assert_allclose(jnp.stack(jax.tree.leaves(ours)), jnp.stack(jax.tree.leaves(theirs)), rtol=1e-12, atol=1e-12)

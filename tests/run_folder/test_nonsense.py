@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import sys
 import zipfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from etcfit.files import digest
 from etcfit.run_folder.manifest import MANIFEST, read_records, replacing
 from etcfit.run_folder.reading import read_design, read_draws
 from etcfit.run_folder.state import load_diagnosis, load_fit, save_diagnosis
+from etcfit.stages import STAGES, run_all
 
 
 @pytest.fixture(scope="module")
@@ -104,10 +107,13 @@ OPTIONS = [("rule", 3), ("adc_bits", None), ("adc_bits", 1.5), ("ecu", [1]), ("l
 
 @pytest.mark.parametrize(("option", "value"), OPTIONS)
 def test_options_of_nonsense_on_the_manifest_are_said_to_be(run: Path, option: str, value: Any) -> None:
+    """Told by `etcfit run` where it comes to that stage."""
     manifest(run, lambda content: content["stages"].update(
         design=content["stages"]["design"] | {"outputs": {"pid.json": "0"}, "settings": {option: value}}))  # fmt: skip
-    text = said(["run", "rig", "--out", "run", "--until", "design"])
-    assert f"`etcfit design` last ran with {option} {json.dumps(value)}" in text
+    design = next(stage for stage in STAGES if stage.name == "design")
+    words = re.escape(f"`etcfit design` last ran with {option} {json.dumps(value)}")
+    with pytest.raises(UsageError, match=words):
+        run_all(Path("rig"), run, lambda _: nullcontext(lambda *_: None), lambda *_: None, (design,))
 
 
 def forged(run: Path, name: str, content: bytes) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from effect_samples import PARTS, every_effect, names, parts, rows, table
+from effect_samples import COUNT, PARTS, every_effect, names, parts, rows, table
 from etcfit.model.effects import EFFECTS, AbstractEffect
 from etcfit.model.parameters import parameters_of
 
@@ -20,8 +24,13 @@ TINY = 1e-7  # of a scale: an amplitude just above its off value
 
 
 def jacobian(effect: type[AbstractEffect], at: np.ndarray) -> np.ndarray:
-    """d parts / d row at every row, shape (count, parts, entries of a row)."""
-    return np.asarray(jax.jit(jax.vmap(jax.jacfwd(lambda row: parts(effect, row))))(at))
+    """d parts / d row at every row, shape (COUNT, parts, entries of a row)."""
+    return np.asarray(_compiled(effect)(at))
+
+
+@cache
+def _compiled(effect: type[AbstractEffect]) -> Callable[[Any], jax.Array]:
+    return jax.jit(jax.vmap(jax.jacfwd(lambda row: parts(effect, row))))
 
 
 def differences(effect: type[AbstractEffect], at: np.ndarray) -> np.ndarray:
@@ -51,6 +60,7 @@ def test_a_derivative_is_a_number_where_laws_bend(effect: type[AbstractEffect]) 
     at[1::2, names(effect).index("theta")] = np.pi / 2
     for symbol in effect.off or {}:
         at[2:, names(effect).index(symbol)] = 0.0
+    at = np.tile(at, (COUNT // 4, 1))  # as many as elsewhere: nothing is compiled for them
     assert np.all(np.isfinite(table(effect, at)))
     assert np.all(np.isfinite(jacobian(effect, at)))
 
