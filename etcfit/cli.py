@@ -57,12 +57,6 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress on stder
 _PIPE_WIDTH = 140  # columns; a pipe has no width, and a table cut to 80 loses figures
 
 
-def _stdout() -> Any:
-    from .reporting.blocks import console
-
-    return console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
-
-
 def _stderr() -> Any:
     from .reporting.blocks import console
 
@@ -352,7 +346,9 @@ def _show(result: Any) -> None:
     if isinstance(result, str):
         _say(result)
     else:
-        _stdout().print(result)
+        from .reporting.blocks import console
+
+        console(width=None if sys.stdout.isatty() else _PIPE_WIDTH).print(result)
 
 
 def _show_outcome(done: stages.Done) -> None:

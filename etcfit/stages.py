@@ -243,9 +243,8 @@ def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, 
     from .reporting.closing.control import of_fleet
     from .reporting.fleet import fleet_table
 
-    remarks: list[str] = []
-    files = work_through(location, run, place_of(workers, scheduler), report, watch, remarks.append)
-    return Done(fleet_table(files.content), remark=" ".join(remarks), closing=of_fleet(files.content, run))
+    files, remark = work_through(location, run, place_of(workers, scheduler), report, watch)
+    return Done(fleet_table(files.content), remark=remark, closing=of_fleet(files.content, run))
 
 
 def fleet_report(run: Path, report: Report) -> Done:

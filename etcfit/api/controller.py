@@ -150,9 +150,7 @@ class Designed(View):
     @property
     def gains(self) -> Gains:
         """The proposed gains, Kp (V/rad), Ki (V/(rad s)), Kd (V s/rad)."""
-        gains = self.design.chosen.gains
-        assert gains is not None, "the proposed rule has gains"
-        return gains
+        return self.design.proposed
 
     @property
     def rule(self) -> str:

@@ -42,18 +42,14 @@ def workers(count: int | None, scheduler: str | None) -> LocalWorkers | Existing
 
 
 def work_through(
-    location: str | Path,
-    run: Path,
-    place: LocalWorkers | ExistingScheduler,
-    report: Report,
-    watch: Report,
-    remark: Callable[[str], None],
-) -> FleetFiles:
+    location: str | Path, run: Path, place: LocalWorkers | ExistingScheduler, report: Report, watch: Report
+) -> tuple[FleetFiles, str]:
     """Fit every unit that has no current result, study all units together, and write the results.
 
     Args:
         watch: called with the address where the workers can be watched.
-        remark: called with a remark on each stored result that could not be used.
+    Returns:
+        The results, and which stored ones could not be used, or "".
     Raises:
         MeasurementError: there is no unit, fleet.toml or units.csv is wrong, or no unit could be fitted.
         UsageError: a library of the extra `fleet` is not installed, no worker answers, RUN lies in the fleet, or
@@ -76,8 +72,6 @@ def work_through(
         hands = hands or opened.enter_context(crew(place))
         watch(hands.address, 0.0)
         results = fit_all(config, hands, run / "parts", report)
-        if results.remark:
-            remark(results.remark)
         report("studying all units together", 0.0)
         found = study(config, rig, results)
         pages = write_unit_pages([unit.unit for unit in found.odd], results.work, run, hands, report)
@@ -86,7 +80,7 @@ def work_through(
             files = read_fleet_files(draft.files)
             _draw(draft, files, report)
         settle(run)
-        return files
+        return files, results.remark
 
 
 def show(run: Path, files: FleetFiles, report: Report) -> None:

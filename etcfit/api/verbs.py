@@ -568,9 +568,7 @@ def fleet(
         from .fleet_work import work_through
         from .fleet_work import workers as place_of
 
-        remarks: list[str] = []
-        files = work_through(location, Path(out), place_of(workers, scheduler), report, silent, remarks.append)
-        return Fleet(Path(out), files, " ".join(remarks))
+        return Fleet(Path(out), *work_through(location, Path(out), place_of(workers, scheduler), report, silent))
 
 
 @verb

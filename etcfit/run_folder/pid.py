@@ -41,13 +41,11 @@ def as_written(design: Design, gains: Gains | None) -> dict[str, Any] | None:
 
 def jam_with_names(design: Design) -> dict[str, Any] | None:
     """The jam check, and as the ECU writes it, the error rounded up: a larger one is passed for a shorter time."""
-    check, profile = design.safety.jam, design.task.profile
+    check, names = design.safety.jam, design.task.profile and design.task.profile.jam
     if check is None:
         return None
-    if profile is None or profile.jam is None:
-        return {"check": check, "written": None}
-    error, timeout = profile.jam
-    return {"check": check, "written": {error: float(math.ceil(100.0 * check.error)), timeout: check.timeout}}
+    written = names and {names[0]: float(math.ceil(100.0 * check.error)), names[1]: check.timeout}
+    return {"check": check, "written": written}
 
 
 def rusefi(design: Design) -> dict[str, Any] | None:

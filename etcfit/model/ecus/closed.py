@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from ..ecu import Notation
 from .profile import NOT_DIVIDED, BiasTable, EcuProfile, Limit, Scheduling
 
+_NO_UNIT_NO_CLOCK = (
+    "gains in % of duty over % of travel, per s and times s; the help names no unit: set the proportional gain "
+    "alone first and see that an error of 1 % gives as many % of duty",
+    "clock and derivative filter as the options and [ecu] of rig.toml say; the help names neither",
+)
 LINK = EcuProfile(
     name="link",
     title="Link G4X/G5",
@@ -15,9 +22,7 @@ LINK = EcuProfile(
     fixes={},
     assumes={"duty": 1.0},
     assumed=(
-        "gains in % of duty over % of travel, per s and times s; the help names no unit: set the proportional gain "
-        "alone first and see that an error of 1 % gives as many % of duty",
-        "clock and derivative filter as the options and [ecu] of rig.toml say; the help names neither",
+        *_NO_UNIT_NO_CLOCK,
         "the PID of the textbook: a derivative of the error, an integral that stops at the DC clamp",
         "no feed-forward: none is described",
     ),
@@ -35,9 +40,7 @@ EMTRON = EcuProfile(
     fixes={"derivative_weight": 1.0},
     assumes={"duty": 1.0, "integral": 1.0},
     assumed=(
-        "gains in % of duty over % of travel, per s and times s; the help names no unit: set the proportional gain "
-        "alone first and see that an error of 1 % gives as many % of duty",
-        "clock and derivative filter as the options and [ecu] of rig.toml say; the help names neither",
+        *_NO_UNIT_NO_CLOCK,
         "an integral that runs on up to its limit, and a feed-forward table of 8 points",
         "one number in every cell of the gain tables; no target filter, no dead band of the output",
     ),
@@ -61,7 +64,21 @@ Voltage". The firmware is closed.
 """
 
 
-MAXXECU = EcuProfile(
+# a make that publishes no unit of its gains
+_unpublished = partial(
+    EcuProfile, notation=None, gains=("proportional", "integral", "derivative"), fixes={},
+    assumes={"duty": 1.0, "compensated": 0.0},
+)  # fmt: skip
+
+
+def _assumed(looked_in: str, *further: str) -> tuple[str, ...]:
+    """What is assumed of such a make; `looked_in`: what names neither clock nor filter."""
+    return (f"clock and derivative filter as the options and [ecu] of rig.toml say: {looked_in} neither",
+            "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
+            "a duty of up to 100 %", NOT_DIVIDED, *further)  # fmt: skip
+
+
+MAXXECU = _unpublished(
     name="maxxecu",
     title="MaxxECU",
     source="MaxxECU online help, E-Throttle, Throttle control "
@@ -71,15 +88,9 @@ MAXXECU = EcuProfile(
     "of D; a user's report of P 60, I 80, D 120 with a gain multiplier of 10 and a feed-forward table, P "
     "alone unstable at about 120 "
     "(https://www.hpacademy.com/forum/general-tuning-discussion/show/drive-by-wire-tuning-maxxecu/)",
-    notation=None,
     gains=("P gain", "I gain", "D gain"),
-    fixes={},
-    assumes={"duty": 1.0, "compensated": 0.0},
-    assumed=(
-        "clock and derivative filter as the options and [ecu] of rig.toml say: the help of the throttle names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
-        "a duty of up to 100 %",
-        NOT_DIVIDED,
+    assumed=_assumed(
+        "the help of the throttle names",
         "the gain multiplier stays what it is: shares of your gains hold with the same one only",
         "a feed-forward table of 8 points, % of duty over % of target",
     ),
@@ -88,22 +99,15 @@ MAXXECU = EcuProfile(
 """Closed. The help names no unit of a gain; the multiplier of 10 shows that the numbers are not physical."""
 
 
-ECUMASTER = EcuProfile(
+ECUMASTER = _unpublished(
     name="ecumaster",
     title="ECUMaster EMU",
     source="a thread with settings of an EMU PRO: Rate max, the change of the target that is allowed, in %/s, and a "
     "table Spring force duty cycle base, the duty that holds the plate against its springs "
     "(https://hpacademy.com/forum/general-tuning-discussion/show/setting-up-brzs-throttle-using-ecumaster); "
     "no page of the maker that describes the controller was found",
-    notation=None,
-    gains=("proportional", "integral", "derivative"),
-    fixes={},
-    assumes={"duty": 1.0, "compensated": 0.0},
-    assumed=(
-        "clock and derivative filter as the options and [ecu] of rig.toml say: what was found names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
-        "a duty of up to 100 %",
-        NOT_DIVIDED,
+    assumed=_assumed(
+        "what was found names",
         "Rate max so large that it does not act: the gains are tried on steps of the target",
         "a spring force table of 8 points, % of duty over % of position; EMU Black's like that of EMU PRO",
         "gains called by what they are: what was found does not name them",
@@ -113,21 +117,14 @@ ECUMASTER = EcuProfile(
 """Closed. At Rate max the target is a ramp: 800 %/s, as in the thread, opens in an eighth of a second."""
 
 
-HALTECH = EcuProfile(
+HALTECH = _unpublished(
     name="haltech",
     title="Haltech Elite/Nexus",
     source="Haltech support, Drive By Wire, Elite "
     "(https://support.haltech.com/portal/en/kb/articles/drive-by-wire-elite): two sensors each of pedal and throttle, "
     "the direction of the motor found by the calibration, the motor cut on a fault; nothing of the controller",
-    notation=None,
-    gains=("proportional", "integral", "derivative"),
-    fixes={},
-    assumes={"duty": 1.0, "compensated": 0.0},
-    assumed=(
-        "clock and derivative filter as the options and [ecu] of rig.toml say: the article names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
-        "a duty of up to 100 %",
-        NOT_DIVIDED,
+    assumed=_assumed(
+        "the article names",
         "no feed-forward: none is described",
         "gains called by what they are: the article does not name them; Nexus like Elite",
     ),
@@ -135,7 +132,7 @@ HALTECH = EcuProfile(
 """Closed."""
 
 
-MOTEC = EcuProfile(
+MOTEC = _unpublished(
     name="motec",
     title="MoTeC M1",
     source="a thread that quotes MoTeC's procedure for M1 "
@@ -143,15 +140,9 @@ MOTEC = EcuProfile(
     "Forward table over the throttle position, sites around every 20 %, 0 and 100 among them, one each 2 % "
     "below and above the position in power save, negative below it and positive above, 0 where the springs "
     "change over, in the unit of Motor Output Duty Cycle",
-    notation=None,
     gains=("Proportional Gain", "Integral Gain", "Derivative Gain"),
-    fixes={},
-    assumes={"duty": 1.0, "compensated": 0.0},
-    assumed=(
-        "clock and derivative filter as the options and [ecu] of rig.toml say: the thread names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
-        "a duty of up to 100 %",
-        NOT_DIVIDED,
+    assumed=_assumed(
+        "the thread names",
         "the names of the gains; the thread does not name them",
         "a feed-forward table of 8 sites",
     ),
@@ -161,20 +152,13 @@ MOTEC = EcuProfile(
 minimise the error of the holding duty."""
 
 
-SYVECS = EcuProfile(
+SYVECS = _unpublished(
     name="syvecs",
     title="Syvecs",
     source="no public page of Syvecs that describes its throttle controller was found (November 2026); everything "
     "here is assumed",
-    notation=None,
-    gains=("proportional", "integral", "derivative"),
-    fixes={},
-    assumes={"duty": 1.0, "compensated": 0.0},
-    assumed=(
-        "clock and derivative filter as the options and [ecu] of rig.toml say: nothing that was found names neither",
-        "the PID of the textbook: a derivative of the error, an integral that stops at the duty's limit",
-        "a duty of up to 100 %",
-        NOT_DIVIDED,
+    assumed=_assumed(
+        "nothing that was found names",
         "no feed-forward: none is known of",
         "gains called by what they are",
     ),
