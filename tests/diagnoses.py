@@ -84,10 +84,7 @@ def rounds(before: FitResult) -> tuple[RoundReport, ...]:
     """One that adds the spring, one that adds nothing."""
     shares = (Share("torque", "angle", 0.62), Share("torque", "load", 0.21), Share("torque", "speed", 0.08),
               Share("voltage", "current", 0.03))  # fmt: skip
-    says = (
-        "2 of 8 residuals are not white.",
-        "Of the missing torque, a curve over one quantity explains: angle 62 %.",
-    )
+    says = ("2 of 8 residuals are not white.", "Of the missing torque, a curve over one quantity explains: angle 62 %.")
     first = Evidence((whiteness(20.0, False),), False, shares, says)
     last = Evidence((whiteness(1.0, True),), True, (Share("torque", "angle", 0.01),), ("All residuals are white.",))
     best = Candidate(FOUND, 41000.0, 0.8, True, 0.06, 0.05, -39000.0, -30412.7)

@@ -24,9 +24,7 @@ def jacobians(
 
 
 def residuals(
-    rng: np.random.Generator,
-    every: Mapping[tuple[str, str], np.ndarray],
-    off: Mapping[str, np.ndarray] | None = None,
+    rng: np.random.Generator, every: Mapping[tuple[str, str], np.ndarray], off: Mapping[str, np.ndarray] | None = None
 ) -> dict[tuple[str, str], np.ndarray]:
     """r = noise - J off at the true coordinates 0: a test that is `off` was measured at other coordinates."""
     moved = off or {}

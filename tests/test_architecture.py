@@ -40,11 +40,7 @@ ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "fsspec": "fleets/folder.py",
     "typer": "cli.py",
 }
-REGISTRIES = {
-    "model/effects": "AbstractEffect",
-    "model/rig_effects": "AbstractRigEffect",
-    "rig": "AbstractRigTest",
-}
+REGISTRIES = {"model/effects": "AbstractEffect", "model/rig_effects": "AbstractRigEffect", "rig": "AbstractRigTest"}
 DOORS = ("__init__.py", "__main__.py")  # of the package itself: the facade, which is lazy, and `python -m etcfit`
 FILES = sorted({*PACKAGE.rglob("*.py")} - {PACKAGE / door for door in DOORS})
 

@@ -59,10 +59,7 @@ def test_pictures_of_a_diagnosis(found: Diagnosed) -> None:
 
 @pytest.mark.parametrize(
     ("draw", "named"),
-    [
-        (lambda fit: fit.plot.trace("response/9.csv"), "response/2.csv"),
-        (lambda fit: fit.plot.test("sine"), "back_emf"),
-    ],
+    [(lambda fit: fit.plot.trace("response/9.csv"), "response/2.csv"), (lambda fit: fit.plot.test("sine"), "back_emf")],
 )
 def test_a_picture_that_is_not_there_is_answered_with_those_that_are(
     fitted: Fit, draw: Callable[[Fit], object], named: str

@@ -248,12 +248,12 @@ VERBS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("given", [None, 3, [], {}, object()], ids=["None", "3", "[]", "{}", "object"])
 @pytest.mark.parametrize("name", VERBS)
-def test_an_argument_of_a_wrong_kind_is_named_with_what_the_verb_takes(name: str, given: object) -> None:
-    with pytest.raises((TypeError, UsageError), match=rf"etcfit\.{name}") as said:
-        getattr(etcfit, name)(*[given] * VERBS[name])
-    assert type(given).__name__ in str(said.value) or isinstance(said.value, UsageError)
+def test_an_argument_of_a_wrong_kind_is_named_with_what_the_verb_takes(name: str) -> None:
+    for given in (None, 3, [], {}, object()):
+        with pytest.raises((TypeError, UsageError), match=rf"etcfit\.{name}") as said:
+            getattr(etcfit, name)(*[given] * VERBS[name])
+        assert type(given).__name__ in str(said.value) or isinstance(said.value, UsageError)
 
 
 @pytest.mark.parametrize(("verb", "wrong"), [

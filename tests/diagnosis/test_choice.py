@@ -249,11 +249,7 @@ def test_what_is_not_worth_its_parameters_is_not_judged_again() -> None:
 
 @pytest.mark.parametrize(
     ("again", "kept"),
-    [
-        ({"holdout_rms_ratio": 1.1}, True),
-        ({"holdout_rms_ratio": 1.3}, False),
-        ({"holdout_chi2_change": 600.0}, False),
-    ],
+    [({"holdout_rms_ratio": 1.1}, True), ({"holdout_rms_ratio": 1.3}, False), ({"holdout_chi2_change": 600.0}, False)],
     ids=["as well elsewhere", "still worse", "still contradicted"],
 )
 def test_after_a_full_refit_a_held_out_error_may_rise_by_a_fifth(again: Any, kept: bool) -> None:

@@ -8,16 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from etcfit.diagnosis.composition import (
-    Composition,
-    by_file,
-    carried,
-    compose,
-    is_of_the_rig,
-    logged,
-    resting,
-    room,
-)
+from etcfit.diagnosis.composition import Composition, by_file, carried, compose, is_of_the_rig, logged, resting, room
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER
 from etcfit.model.parameters import parameters_of
 from etcfit.model.rig_effects import AbstractRigEffect, Place, SeriesResistance, at_places

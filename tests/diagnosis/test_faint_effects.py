@@ -10,17 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.special import ndtr
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.faint_effects import (
-    PRIOR,
-    SIZES,
-    Linear,
-    Part,
-    faint_parts,
-    mixed,
-    own_ways,
-    parts_of,
-    widening,
-)
+from etcfit.diagnosis.faint_effects import PRIOR, SIZES, Linear, Part, faint_parts, mixed, own_ways, parts_of, widening
 from etcfit.diagnosis.tangents import Variant
 from etcfit.estimation.intervals import Z_95
 from etcfit.model.effects import EFFECT_BY_NAME

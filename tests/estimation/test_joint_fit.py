@@ -14,14 +14,7 @@ from numpy.testing import assert_allclose
 from etcfit.estimation import free_run, joint_fit, levenberg_marquardt
 from etcfit.estimation.free_run import FreeRun, fitted_free_running
 from etcfit.estimation.intervals import intervals
-from etcfit.estimation.joint_fit import (
-    Descent,
-    FitResult,
-    deepest,
-    fit,
-    ready,
-    start_values,
-)
+from etcfit.estimation.joint_fit import Descent, FitResult, deepest, fit, ready, start_values
 from etcfit.estimation.levenberg_marquardt import descend, descend_in_stages, fisher_information
 from etcfit.estimation.result import Reason
 from etcfit.estimation.rounds import after_rounds, after_search

@@ -93,12 +93,7 @@ def test_results_of_other_units_are_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "design",
-    [
-        Design(1000, 10, 0.5),
-        Design(1000, 10, 2.0, tails=5),
-        Design(1000, 10, 2.0, stated=0.5),
-        Design(12, 8, 0.5),
-    ],
+    [Design(1000, 10, 0.5), Design(1000, 10, 2.0, tails=5), Design(1000, 10, 2.0, stated=0.5), Design(12, 8, 0.5)],
 )
 def test_a_healthy_fleet_has_next_to_no_odd_unit(design: Design) -> None:
     units, _ = false_odd(design, 5 if design.units > 100 else 60, 2000)

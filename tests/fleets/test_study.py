@@ -224,11 +224,7 @@ def test_limits_come_in_any_unit_and_are_kept_in_that_of_the_symbol(kept: Kept) 
 
 
 @pytest.mark.parametrize(
-    ("there", "wrong", "line"),
-    [
-        ("K_s = {", "K_spring = {", 10),
-        ('name = "by hand"', 'shared = ["K_bb"]', 2),
-    ],
+    ("there", "wrong", "line"), [("K_s = {", "K_spring = {", 10), ('name = "by hand"', 'shared = ["K_bb"]', 2)]
 )
 def test_what_the_model_does_not_have_is_refused_with_the_line(
     tmp_path: Path, there: str, wrong: str, line: int

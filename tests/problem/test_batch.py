@@ -279,9 +279,7 @@ def test_a_guide_of_one_stiffness_is_one_array_as_long_as_somebody_has_it(batch:
 
 
 @pytest.mark.parametrize("later", [1e-4, 7e-3])
-def test_a_plate_let_go_at_another_instant_lies_as_in_a_new_batch_and_the_rest_is_not_copied(
-    later: float,
-) -> None:
+def test_a_plate_let_go_at_another_instant_lies_as_in_a_new_batch_and_the_rest_is_not_copied(later: float) -> None:
     batch, substeps = laid(mixed())
     traces = tuple(t.released_at(t.release[0] + later, t.release[1]) if t.release else t for t in batch.traces)
     found, wanted = batch.with_times_of(traces, CONFIG, substeps), batch_of(traces, CONFIG, substeps)

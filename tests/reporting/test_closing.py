@@ -31,11 +31,7 @@ def test_three_lines_and_the_files_that_are_there(tmp_path: Path) -> None:
     there = tmp_path / "a page.html"
     there.touch()
     closing = Closing("All is well.", "etcfit report runs/a", (tmp_path / "gone.png", there))
-    assert str(closing).splitlines() == [
-        "Answer: All is well.",
-        f"Look:   '{there}'",
-        "Next:   etcfit report runs/a",
-    ]
+    assert str(closing).splitlines() == ["Answer: All is well.", f"Look:   '{there}'", "Next:   etcfit report runs/a"]
 
 
 def test_nothing_to_look_at_is_no_line() -> None:

@@ -147,8 +147,7 @@ def test_damping_optimum_places_the_double_ratios() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "te"),
-    [("SETTLES", 6.0, 0.02), ("SETTLES", 3.0, 0.04), ("DAMPED", 0.1, 0.018913)],
+    ("name", "value", "te"), [("SETTLES", 6.0, 0.02), ("SETTLES", 3.0, 0.04), ("DAMPED", 0.1, 0.018913)]
 )
 def test_the_damping_optimum_is_as_quick_as_its_constants_say(
     name: str, value: float, te: float, monkeypatch: pytest.MonkeyPatch

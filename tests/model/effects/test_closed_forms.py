@@ -110,13 +110,9 @@ def test_every_effect_has_a_closed_form() -> None:
 
 
 @pytest.mark.parametrize("name", CLOSED)
-def test_closed_form(name: str) -> None:
-    compare(CLOSED[name].contribution(name, plate=1.0), Contribution(**CLOSED[name].fitted))
-
-
-@pytest.mark.parametrize("name", CLOSED)
-def test_closed_form_of_the_motor_alone(name: str) -> None:
+def test_closed_form_with_the_gear_fitted_and_of_the_motor_alone(name: str) -> None:
     case = CLOSED[name]
+    compare(case.contribution(name, plate=1.0), Contribution(**case.fitted))
     expected = case.fitted if case.apart is SAME else case.apart
     compare(case.contribution(name, plate=0.0), Contribution(**expected))
 

@@ -12,13 +12,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from effect_samples import AXES, contribution, every_effect, rows, seen, table
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, PAPER, AbstractEffect, Contribution, total
-from etcfit.model.parameters import Parameter, Positive, parameters_of
+from etcfit.model.parameters import Positive, parameters_of
 
 UNITS = pint.UnitRegistry()
-DECLARED = [(effect, p) for effect in EFFECTS for p in parameters_of(effect)]
-every_parameter = pytest.mark.parametrize(
-    ("effect", "parameter"), DECLARED, ids=[f"{e.name}-{p.symbol}" for e, p in DECLARED]
-)
 BEYOND = [effect for effect in EFFECTS if effect not in PAPER]
 every_addition = pytest.mark.parametrize("effect", BEYOND, ids=lambda effect: effect.name)
 every_amplitude = pytest.mark.parametrize(
@@ -44,43 +40,34 @@ def loudest(effect: type[AbstractEffect], at: np.ndarray) -> float:
 
 
 @every_effect
-def test_is_documented_with_its_source_and_named(effect: type[AbstractEffect]) -> None:
+def test_is_named_and_documented_with_its_source_what_it_needs_and_whether_it_is_ever_off(
+    effect: type[AbstractEffect],
+) -> None:
     assert effect.name == effect.name.lower()
     assert EFFECT_BY_NAME[effect.name] is effect
     text = inspect.getdoc(effect) or ""
     assert "Source:" in text
     assert "Differs from source:" in text
-
-
-@every_parameter
-def test_parameter_has_unit_meaning_and_source(effect: type[AbstractEffect], parameter: Parameter) -> None:
-    assert UNITS.parse_units(parameter.unit.replace("m2", "m**2")) is not None
-    assert parameter.meaning.strip()
-    assert parameter.source.strip()
-
-
-@every_parameter
-def test_parameter_survives_its_domain(effect: type[AbstractEffect], parameter: Parameter) -> None:
-    """value(coordinate(v)) = v from a hundredth of the scale to a hundredfold of it."""
-    domain = parameter.domain
-    scale = getattr(domain, "scale", 1.0)
-    for v in scale * np.geomspace(0.01, 100.0, 9):
-        assert_allclose(float(domain.value(domain.coordinate(float(v)))), v, rtol=1e-9)
-    inside = domain.inside(parameter.nominal)
-    assert_allclose(float(domain.value(domain.coordinate(inside))), inside, rtol=1e-9, atol=1e-12 * scale)
+    assert set(effect.needs) <= {"circuit", "current", "position", "gear", "bridge"}
+    assert (effect.off is None) == (effect in PAPER), "an effect beyond Eqs. 1-2 needs a value at which it vanishes"
 
 
 @every_effect
-def test_needs_are_things_that_can_be_missing(effect: type[AbstractEffect]) -> None:
-    assert set(effect.needs) <= {"circuit", "current", "position", "gear", "bridge"}
+def test_parameters_have_unit_meaning_and_source_and_survive_their_domain(effect: type[AbstractEffect]) -> None:
+    """value(coordinate(v)) = v from a hundredth of the scale to a hundredfold of it."""
+    for parameter in parameters_of(effect):
+        assert UNITS.parse_units(parameter.unit.replace("m2", "m**2")) is not None
+        assert parameter.meaning.strip()
+        assert parameter.source.strip()
+        domain = parameter.domain
+        scale = getattr(domain, "scale", 1.0)
+        inside = domain.inside(parameter.nominal)
+        for v in (inside, *(scale * np.geomspace(0.01, 100.0, 9))):
+            there = float(domain.value(domain.coordinate(float(v))))
+            assert_allclose(there, v, rtol=1e-9, atol=1e-12 * scale, err_msg=parameter.symbol)
 
 
 # ---- off
-
-
-@every_effect
-def test_only_the_papers_effects_are_never_off(effect: type[AbstractEffect]) -> None:
-    assert (effect.off is None) == (effect in PAPER), "an effect beyond Eqs. 1-2 needs a value at which it vanishes"
 
 
 @every_addition
@@ -138,12 +125,8 @@ def test_a_scanned_value_is_allowed_and_makes_a_difference(effect: type[Abstract
 
 
 @every_effect
-def test_memory_and_rates_match(effect: type[AbstractEffect]) -> None:
+def test_memory_and_rates_match_and_friction_is_a_budget(effect: type[AbstractEffect]) -> None:
     assert len(contribution(effect, rows(effect)[0]).dz) == len(effect.z0)
-
-
-@every_effect
-def test_friction_is_a_budget(effect: type[AbstractEffect]) -> None:
     assert np.all(seen(effect, rows(effect))["friction"] >= 0.0)
 
 

@@ -246,12 +246,7 @@ def test_a_picture_keeps_its_size_and_loses_its_weight(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        ("{", "is no JSON"),
-        ('{"schema": "etcfit.pid/9"}', "etcfit.pid/9"),
-        ("[]", "None"),
-    ],
+    ("content", "said"), [("{", "is no JSON"), ('{"schema": "etcfit.pid/9"}', "etcfit.pid/9"), ("[]", "None")]
 )
 def test_a_spoilt_file_is_said_to_be(full: Path, content: str, said: str) -> None:
     runs.written(full, "design", content)
