@@ -166,6 +166,15 @@ def of(*rounds: RoundReport) -> list[float]:
     return credit_by_round(rounds, [each.added for each in rounds if each.added is not None])
 
 
+@pytest.mark.parametrize(("left", "named"), [(0.0, (DRAG,)), (3.0, ())])
+def test_beside_a_slow_log_an_effect_is_named_only_if_the_model_leaves_noise(left: float, named: tuple) -> None:
+    rounds = [excess_round(DRAG, {DRIVE: 900.0}), excess_round(None, {DRIVE: left})]
+    for slow in (True, False):
+        found = named_effects(rounds, [DRAG], (), False, DEFAULT, slow)
+        assert found.names == (named if slow else (DRAG,))
+        assert found.doubts == tuple(name for name in (DRAG,) if name not in found.names)
+
+
 def test_one_name_that_leaves_noise_is_believed() -> None:
     assert of(excess_round(WARM, {VOLTS_2: 4.0, DRIVE: 0.0}), excess_round(None, {VOLTS_2: 0.0, DRIVE: 0.0})) == [
         1.0,
