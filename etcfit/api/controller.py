@@ -33,7 +33,6 @@ from ..run_folder.folder import RunFolder
 from ..run_folder.pid import PID
 from ..run_folder.plant import reduction_json
 from .fit import Fit
-from .fleet import Fleet
 from .progress import Report, silent
 from .views import Card, View, frame
 
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
 
     import control
 
+    from .fleet import Fleet
     from .plots import DesignPlots, ReductionPlots
 
 

@@ -12,7 +12,6 @@ import pandas as pd
 from ..errors import UsageError
 from ..reporting import fleet as tables
 from ..rig.base import RigConfig
-from ..run_folder.fleet import FleetFiles, model_in, read_fleet_files
 from .progress import Report, silent
 from .views import Card, View, frame
 
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
 
     from ..control.design import Design
     from ..estimation.fitted_model import FleetModel
+    from ..run_folder.fleet import FleetFiles
     from ..run_folder.folder import RunFolder
     from .plots import FleetPlots
 
@@ -46,6 +46,8 @@ class Fleet(View):
         Raises:
             UsageError: the folder holds none.
         """
+        from ..run_folder.fleet import read_fleet_files  # SciPy's statistics take a second
+
         return cls(Path(run), read_fleet_files(Path(run)))
 
     @property
@@ -140,6 +142,8 @@ class Fleet(View):
     @property
     def model(self) -> FleetModel:
         """The units as models with their shrunk values, for a design."""
+        from ..run_folder.fleet import model_in, read_fleet_files
+
         return model_in(read_fleet_files(self.run))
 
     @property

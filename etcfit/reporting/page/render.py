@@ -11,8 +11,7 @@ from ..control.plant import plant_tables, sine_parts
 from ..control.sentence import cautions, why_withheld, withheld
 from ..diagnosis import diagnosis_parts, how_sure
 from ..html import environment, polynomial
-from ..posterior import posterior_parts
-from ..table import Column, Table, there
+from ..table import Column, Part, Table, there
 from ..tables import LOST, entries, errors_table, knowledge_parts, parameters_table
 from ..tune import tables_of_steps
 from . import Contents, logs_of, rows_of, tuned_of
@@ -40,6 +39,14 @@ def versions_table(contents: Contents) -> Table:
             steps.setdefault((name, version), []).append(kind.replace("_", " "))
     rows = [(name, version, ", ".join(kinds)) for (name, version), kinds in steps.items()]
     return Table("Versions", (Column("", 0, "word"), Column("version", 1, "word"), Column("used by", 2, "word")), rows)
+
+
+def _of_posterior(posterior: Mapping[str, Any]) -> list[Part]:
+    if not posterior:
+        return []
+    from ..posterior import posterior_parts  # with it comes emcee, which takes a second
+
+    return posterior_parts(posterior)
 
 
 def _errors(contents: Contents) -> Table:
@@ -93,7 +100,7 @@ def _parts(contents: Contents, budget: int) -> dict[str, Any]:
                 {} if contents.added else fit.get("lumped") or {},
                 "Parameters of the final model",
             ),
-            *posterior_parts(contents.get("posterior")),
+            *_of_posterior(contents.get("posterior")),
             # the fit's own sentences do not apply if a diagnosis has replaced its model
             *knowledge_parts(contents.final if contents.added else {**fit, **contents.final}),
         ],
