@@ -65,7 +65,7 @@ FEWEST = 100  # least number of samples
 ALONE = 0.1  # share of an edge: changes around a lone edge are smaller
 EDGE, EDGE_SHARE = 9.0, 0.02  # standard deviations of the noise, and share of the span: a larger change is an edge
 JUMP, QUIET = 0.05, 0.25  # least jump over the span, and largest change in the three samples before it, over the jump
-MOVED = 3.0  # standard deviations by which the plate has moved before a jump
+MOVED = 2.0  # standard deviations by which the plate has moved before a jump
 CHANCE = 0.04  # probability of so many motions with the jump, and so few against it, below which a log is too slow
 
 
