@@ -200,12 +200,12 @@ def test_a_descent_that_left_the_interval_is_sent_back_into_it() -> None:
     assert found.x[at] == pytest.approx(-0.05, abs=0.02)
 
 
-@pytest.mark.parametrize(("phase", "holds"), [(-0.9, True), (1.1, True), (13.7, False), (-8.5, False)])
-def test_a_phase_that_ran_away_places_no_edge(phase: float, holds: bool) -> None:
+def test_a_phase_that_ran_away_places_no_edge() -> None:
     _, end = reached(circuit(SHARP, 0.05, 1.0, SIGMA), circuit(WEAK, 0.05, 1.0, SIGMA))
-    beyond = end.x.copy()
-    beyond[end.problem.layout.free.index("edge_phase.inductance")] = phase
-    assert phases_hold(end.problem, beyond) == holds
+    beyond, k = end.x.copy(), end.problem.layout.free.index("edge_phase.inductance")
+    for phase, holds in ((-0.9, True), (1.1, True), (13.7, False), (-8.5, False)):
+        beyond[k] = phase
+        assert phases_hold(end.problem, beyond) == holds
 
 
 @pytest.mark.slow
@@ -242,7 +242,7 @@ def test_weak_edges_tell_together_where_they_are_not() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "lead"), [(7951, 1e-9), (7951, 2e-6), (7914, 0.0)])
+@pytest.mark.parametrize(("seed", "lead"), [(7951, 2e-6), (7914, 0.0)])
 def test_a_fit_of_edges_on_the_samples(tmp_path: Path, seed: int, lead: float) -> None:
     """With edges enough to prove the clock: those of seed 7951 and a lead of 0 are too few."""
     truth = draw_truth(np.random.default_rng(seed), CONSISTENT)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -104,6 +106,7 @@ def test_a_long_log_is_averaged_as_a_short_one_is() -> None:
 # ---- honesty
 
 
+@cache
 def errors(name: str) -> tuple[np.ndarray, list[InputSignal]]:
     """Actual errors (seeds, n) and what was stated."""
     true = SIGNALS[name]
