@@ -113,7 +113,13 @@ def alarms(record: Record) -> list[str]:
     """What the rig's checks found that is not there; an effect may be a habit of the rig as well, and rightly named."""
     there = {HABITS.get(name) for name in record["truth"]["names"]}
     there |= {"synchronous_edges"} if record["truth"]["edges"] else set()
+    there |= {"slow_log"} if record["class"] == "slow" else set()
     return [each["kind"] for each in _findings(record) if each["kind"] not in there]
+
+
+def is_called_slow(record: Record) -> bool:
+    """The rig's checks found that a log is too slow for its input."""
+    return any(each["kind"] == "slow_log" for each in record["check"]["found"])
 
 
 def _findings(record: Record) -> list[dict[str, Any]]:
@@ -148,6 +154,7 @@ RATES: tuple[Rate, ...] = (
     Rate("no mistake: none found by the rig's checks", None, None,
          lambda R: [not any(alarms(r)) for r in diagnosed(R) if r["class"] != "mistake"]),
     Rate("slow logs: no name", None, None, lambda R: [silent(r) for r in of(R, "slow")]),
+    Rate("slow logs: found by the rig's checks", None, None, lambda R: [is_called_slow(r) for r in of(R, "slow")]),
     Rate("edges on samples: what is there, alone", None, None, lambda R: [grade(r) == "right" for r in of(R, "edges")]),
     Rate("all folders: a wrong name at 0.8 or more", 0.0, 0.02, lambda R: [bool(wrong(r, SURE)) for r in diagnosed(R)]),
     *(Rate(f"95 % intervals hold: {words}", 0.93, 0.97, lambda R, kind=kind: hold(of(R, kind)))
