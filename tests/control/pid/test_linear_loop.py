@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -45,17 +46,18 @@ CASES = {
 every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 
 
-def ticked_plant(case: Case) -> tuple[np.ndarray, np.ndarray, int]:
+@cache
+def ticked_plant(p: TransferFunction, ecu: Ecu) -> tuple[np.ndarray, np.ndarray, int]:
     """By Runge-Kutta in small steps, column by column: a tick's map of the states, and of each voltage that acts in it.
 
     States: what the ECU reads, what the sensor shows, angle, speed, acceleration.
     """
-    p, T = case.plant, case.ecu.period
-    ticks_late, part = divmod(round((p.delay + case.ecu.delay) / T, 9), 1.0)
+    T = ecu.period
+    ticks_late, part = divmod(round((p.delay + ecu.delay) / T, 9), 1.0)
 
     def rates(x: np.ndarray, volts: np.ndarray) -> np.ndarray:
         shown = (x[2] - x[1]) / p.lag if p.lag else x[3]
-        read = (x[1] - x[0]) / case.ecu.lag if case.ecu.lag else shown
+        read = (x[1] - x[0]) / ecu.lag if ecu.lag else shown
         return np.array([read, shown, x[3], x[4], p.b0 * volts - p.a2 * x[4] - p.a1 * x[3] - p.a0 * x[2]])
 
     # seven runs at once: five states, the voltage that acts first in the tick, the one that acts from `part` on
@@ -77,7 +79,7 @@ def _read(case: Case) -> int:
 
 def swing(case: Case, factor: complex, ticks: int = 3000) -> float:
     """Largest state in the last quarter over that in the second, from a kick; above 1 where the loop diverges."""
-    states, volts, back = ticked_plant(case)
+    states, volts, back = ticked_plant(case.plant, case.ecu)
     (kp, ki, kd), (T, tf) = case.gains, (case.ecu.period, case.ecu.filter)
     x = np.array([1e-3, 1e-3, 1e-3, 0.0, 0.0], dtype=complex)
     integral = derivative = last = 0.0j
@@ -168,7 +170,7 @@ def test_the_response_is_the_loop_run_tick_by_tick(name: str) -> None:
     case = CASES[name]
     setpoint = trapezoid(lead=0.05)
     wanted = setpoint.at(setpoint.instants(case.ecu.period)) - setpoint.shares[0]
-    states, volts, back = ticked_plant(case)
+    states, volts, back = ticked_plant(case.plant, case.ecu)
     (kp, ki, kd), (T, tf) = case.gains, (case.ecu.period, case.ecu.filter)
     x, integral, derivative, last, sent, y = np.zeros(5), 0.0, 0.0, 0.0, [0.0] * (back + 2), []
     for r in wanted:
