@@ -341,11 +341,9 @@ def run_(
 
 def _show(result: Any) -> None:
     """Print a table at the width of the terminal, and text, such as a path, unchanged; None prints nothing."""
-    if result is None:
-        return
     if isinstance(result, str):
         _say(result)
-    else:
+    elif result is not None:
         from .reporting.blocks import console
 
         console(width=None if sys.stdout.isatty() else _PIPE_WIDTH).print(result)
