@@ -69,7 +69,9 @@ class Asked(NamedTuple):
         at.wanted[:], at.band[:] = setpoint.at(time), np.inf
         for level in levels:
             begin, end, size = *_ticks(time, level), abs(level.change)
-            tail = begin + round((1.0 - TAIL) * (end - begin))
+            if begin == end:
+                continue
+            tail = min(begin + round((1.0 - TAIL) * (end - begin)), end - 1)
             at.level[begin:end] = level.after
             at.overshot[begin:end] = 100.0 * np.sign(level.change) / max(size, LEAST_OVERSHOT)
             at.held[tail:end] = 100.0 / max(size, LEAST_HELD)
@@ -79,7 +81,8 @@ class Asked(NamedTuple):
             at.tail_begins[tail], at.tail_ends[end - 1] = 1.0, 1.0 / len(levels)
         for stretch in stretches:
             begin, end = _ticks(time, stretch)
-            at.tracked[begin:end], at.tracked_ends[end - 1] = 1.0 / (end - begin), 1.0
+            if begin < end:
+                at.tracked[begin:end], at.tracked_ends[end - 1] = 1.0 / (end - begin), 1.0
         begin = _tick(time, min(part.begins for part in (*setpoint.levels, *setpoint.stretches)))
         at.effort[begin:] = 1.0 / (time.size - begin)
         return at
@@ -173,9 +176,10 @@ def _add_variance(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tu
     """The sums are of what is left of a tail's first value: the variance of a constant is 0."""
     every, first, mean, square = before
     first = xp.where(at.tail_begins > 0.0, value, first)
-    mean, square = mean + at.tail * (value - first), square + at.tail * xp.square(value - first)
-    more = every + at.tail_ends * xp.maximum(square - xp.square(mean), 0.0)
+    off = xp.where(at.tail > 0.0, value - first, 0.0)
+    mean, square = mean + at.tail * off, square + at.tail * xp.square(off)
     ends = at.tail_ends > 0.0
+    more = xp.where(ends, every + at.tail_ends * xp.maximum(square - xp.square(mean), 0.0), every)
     return more, first, xp.where(ends, 0.0, mean), xp.where(ends, 0.0, square)
 
 

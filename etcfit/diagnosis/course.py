@@ -271,7 +271,8 @@ def _assembled(
     """All that was found as plain data."""
     s, after, settings = progress.model, rest.after, first.settings
     by_curve, corrected = (left.doubts, left.corrects) if left else ((), ())
-    slow = any(finding.kind == SLOW_LOG for finding in result.rig.findings)
+    fitted = {trace.measurement.test for trace in result.problem.batch.traces}
+    slow = any(found.kind == SLOW_LOG and found.test in fitted for found in result.rig.findings)
     present = [e.name for e in s.added if e.name not in by_curve]
     doubts = () if s.far else doubted_effects(progress.rounds, present)
     added, doubts, questions, chance = named_effects(

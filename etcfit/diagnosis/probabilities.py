@@ -235,8 +235,8 @@ def named_effects(
 ) -> NamedEffects:
     """Decide which effects of the final model are stated by name, and how sure each is.
 
-    Beside a log that is too slow for its input none is stated unless the model leaves noise: what acted between the
-    samples explains a misfit as well.
+    Beside a log that is too slow for its input, an effect of the throttle is stated only if what the model leaves is
+    noise alone: what acted between the samples explains a misfit as well.
 
     Args:
         rounds, curve, settings, slow, corrected: as of `questions`.
@@ -248,8 +248,8 @@ def named_effects(
     chance = probabilities(round_questions, rounds, names, curve, settings, doubts)
     alike = {str(each.added): (str(each.added), *each.ties) for each in rounds}
     likely = {n: sum(chance.get(e, 0.0) for e in alike.get(n, (n,))) for n in names if n in chance}
-    least = math.inf if slow and _leaves_more_than_noise(rounds) else WORTH_NAMING
-    unlikely = [name for name, p in likely.items() if p < least]
+    silent = slow and _leaves_more_than_noise(rounds)
+    unlikely = [name for name, p in likely.items() if p < WORTH_NAMING or (silent and rig_effect(name) is None)]
     if unlikely:
         return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow, corrected)
     return NamedEffects(names, tuple(doubts), round_questions, chance)

@@ -342,9 +342,9 @@ def _with_distances(best: Reached, ends: list[_End]) -> Reached:
     """The best end with the distances of the others, each times the root of its weight."""
     every = np.array([end.deviance for end in ends])
     weight = np.exp(0.5 * (every.min() - every) / ROUGHNESS)
-    weight /= weight.sum()
-    kept, layout = weight > 1e-6, best.problem.layout
+    # the others were given up before they reached an optimum
+    kept, layout = every < every.min() + HOPEFUL, best.problem.layout
     away = np.array([layout.log_distance(best.x, end.reached.x) for end in ends])[kept]
-    away *= np.sqrt(weight[kept])[:, None]
+    away *= np.sqrt(weight[kept] / weight[kept].sum())[:, None]
     own = best.end.wander if best.end.wander is not None else np.zeros((1, best.x.size))
     return best._replace(end=replace(best.end, wander=np.concatenate((own, away))))

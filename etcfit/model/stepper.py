@@ -265,7 +265,7 @@ class _Play(NamedTuple):
 
 class _Contact(NamedTuple):
     """The stops, and whether the plate rested on one when the step began; for a motor that turns alone, the ends of its
-    play. `play` is None in a model without play."""
+    play. In a model without play `play.there` is False."""
 
     lower: Scalar
     upper: Scalar

@@ -21,6 +21,7 @@ from ..rig.base import Fixed, Knowledge, Prior, RigConfig, Start, Tied
 from ..rig.toml import closest
 
 _FARTHEST = 1e9  # largest ratio of a given value to the usual size, and of the usual size to it
+_FAR_FROM_BOUND = 0.1  # coordinate of a value of 0 or more from which on a logarithm says as much
 SERIES = "series_ohm."  # prefix of a rig test's own circuit resistance
 
 
@@ -168,8 +169,8 @@ class Layout:
         return np.array([self.parameter(s).domain.coordinate(float(values[s])) for s in self.free])
 
     def log_distance(self, x: Float[np.ndarray, " P"], other: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
-        """Changes of coordinates that stand for the changes of the logarithms of values, with the slopes at x; of a
-        value of either sign the change of its coordinate.
+        """Changes of coordinates that stand for the changes of the logarithms of values, with the slopes at x; where a
+        value may be negative, or is near its bound at 0 at either end, the changes of coordinates themselves.
 
         Args:
             x, other: coordinates, shape (P,).
@@ -177,9 +178,10 @@ class Layout:
             (dx/dlog value at x) log(value at the other / value at x), shape (P,), dimensionless.
         """
         (value, slope), (there, _) = self.numbers(x), self.numbers(other)
-        signed = [isinstance(self.parameter(s).domain, Real) for s in self.free]
+        straight = np.array(self._straight) & (np.minimum(x, other) < _FAR_FROM_BOUND)
+        signed = np.array([isinstance(self.parameter(s).domain, Real) for s in self.free])
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(signed, other - x, value / slope * np.log(there / value))
+            return np.where(straight | signed, other - x, value / slope * np.log(there / value))
 
     def reach(self, x: Float[np.ndarray, " P"]) -> Float[np.ndarray, " P"]:
         """The change of a coordinate for a change of its value by about 100 %: 1 for a logarithm, else max(|x|, 1).

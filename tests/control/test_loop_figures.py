@@ -54,6 +54,15 @@ def test_a_hunting_plate_does_not_settle_and_its_error_is_its_swing() -> None:
     assert judge(UNIT, TIME, np.full(TIME.size, np.nan)).rmse_pct == np.inf
 
 
+def test_levels_of_two_ticks_are_judged_too() -> None:
+    setpoint = trapezoid()
+    time = setpoint.instants(0.25)
+    exact = judge(setpoint, time, setpoint.at(time))
+    assert exact.overshoot_pct == 0.0
+    assert exact.rmse_pct == 0.0
+    assert judge(setpoint, time, np.zeros(time.size)).steady_state_error_pct == pytest.approx(112.5)  # 45 % of 40 %
+
+
 @pytest.mark.parametrize(("damping", "swing"), [(0.2, 60.0), (0.5, 60.0), (0.7, 25.0)])
 def test_they_are_python_controls(damping: float, swing: float) -> None:
     plant = control.tf([swing**2], [1.0, 2.0 * damping * swing, swing**2])

@@ -118,6 +118,9 @@ def test_a_distance_of_logarithms_is_exact_for_a_ratio_however_far() -> None:
     for symbol in ("R_a", "T_f", "K_s"):
         assert_allclose(change[symbol], np.log(there[symbol] / here[symbol]), rtol=1e-9)
     assert_allclose(change["T_PL"], -5.0 / 4.0)
+    bound = layout.coordinates(here | {"T_f": 0.0})  # a logarithm would be far too long there
+    moved = dict(zip(layout.free, layout.log_distance(x, bound), strict=True))
+    assert_allclose(moved["T_f"], (bound - x)[layout.free.index("T_f")])
     assert layout.values(other, held)["T_PL"] == -1.0
 
 

@@ -267,7 +267,7 @@ def _at_zero(crossing: tuple[np.ndarray, np.ndarray], first: np.ndarray, then: n
 def _least(passes: np.ndarray, values: np.ndarray) -> np.ndarray:
     """The smallest of the values of the chosen intervals, along the frequencies; infinite where none is chosen."""
     every = np.full(passes.shape, np.inf)
-    every[passes] = values
+    every[passes] = np.where(np.isnan(values), np.inf, values)
     return np.min(every, axis=-1)
 
 

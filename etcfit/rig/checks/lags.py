@@ -21,9 +21,10 @@ Where a controller acted several times between two samples, the next input u_(k+
 controller that reads the position makes d non-zero too, but negative, because it counteracts the motion. Samples around
 a lone edge are left out, because the fit estimates its instant.
 
-A setpoint that steps between two samples shows it without a model: the plate has moved before the sample at which the
-input has jumped, and in its direction. Motion that the past does not predict, before a jump that follows a quiet input,
-is as often against the jump as with it where the log resolves its input, and is counted (sign test).
+A setpoint that steps between two samples moves the plate before the sample at which the logged input jumps. Motions
+that the past does not predict are counted before each jump that follows a quiet input. Where the log resolves its
+input, they go against the jump at least as often as with it. If they go with it too often, the log is too slow (sign
+test).
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ ALONE = 0.1  # share of an edge: changes around a lone edge are smaller
 EDGE, EDGE_SHARE = 9.0, 0.02  # standard deviations of the noise, and share of the span: a larger change is an edge
 JUMP, QUIET = 0.05, 0.25  # least jump over the span, and largest change in the three samples before it, over the jump
 MOVED = 2.0  # standard deviations by which the plate has moved before a jump
-CHANCE = 0.04  # probability of so many motions with the jump, and so few against it, below which a log is too slow
+CHANCE = 0.04  # probability of such counts by chance, below which a log is too slow
 
 
 class Rise(NamedTuple):
@@ -200,19 +201,19 @@ def slow_log(records: Records) -> Iterator[Finding]:
     """Logs in which the next input predicts the motion before it, or the plate moves before jumps of the input."""
     for traces, looks in records.where(_look):
         predicted = {file: look for file, look in looks.items() if look.ahead > AHEAD}
-        moved = {file: look for file, look in looks.items() if look.along}
+        moved = {file: look for file, look in looks.items() if look.along > look.against}
         along, against = (sum(each) for each in zip(*((m.along, m.against) for m in looks.values()), strict=True))
         chance = sum(comb(along + against, j) for j in range(against + 1)) / 2.0 ** (along + against)
         slow = predicted or (moved if chance < CHANCE else {})
         if not slow:
             continue
         channels = next(t for t in traces if t.file in slow).channels
-        worst = max(slow.values(), key=lambda look: look.ahead)
+        worst = max(slow.values(), key=lambda look: look.ahead if predicted else look.along - look.against)
         name = "voltage" if "voltage" in channels else "duty"
         why = (
             f"its next sample predicts the motion before it ({worst.ahead:.0f} standard errors)"
             if predicted
-            else f"before {along} of {along + against} of its jumps the plate has moved already, in their direction"
+            else f"the plate has moved before {along + against} of its jumps, {along} times in their direction"
         )
         yield found_in(slow, traces, Finding(
             "slow_log", worst.rate, "Hz", by_chance(worst.ahead) if predicted else chance,
