@@ -247,9 +247,9 @@ def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateM
     for left in range(HANDING_OVER, 0, -1):
         r, _, jacobian = m.problem.linearise(x, m.weighted)
         columns, toward = jacobian.reshape(-1, x.size) * reach, (goal - x[held]) / left
-        ahead = r.ravel() + columns[:, held] @ (toward / reach[held])
-        if not (np.all(np.isfinite(columns)) and np.all(np.isfinite(ahead))):
+        if not (np.all(np.isfinite(columns)) and np.all(np.isfinite(r))):
             return None
+        ahead = r.ravel() + columns[:, held] @ (toward / reach[held])
         follow = np.linalg.lstsq(columns[:, free], -ahead, rcond=1e-6)[0]
         x = x.copy()
         x[held] += toward
