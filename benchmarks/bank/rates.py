@@ -117,11 +117,6 @@ def alarms(record: Record) -> list[str]:
     return [each["kind"] for each in _findings(record) if each["kind"] not in there]
 
 
-def is_called_slow(record: Record) -> bool:
-    """The rig's checks found that a log is too slow for its input."""
-    return any(each["kind"] == "slow_log" for each in record["check"]["found"])
-
-
 def _findings(record: Record) -> list[dict[str, Any]]:
     return [{"name": each["kind"], **each} for each in record["check"]["found"]]
 
@@ -154,7 +149,8 @@ RATES: tuple[Rate, ...] = (
     Rate("no mistake: none found by the rig's checks", None, None,
          lambda R: [not any(alarms(r)) for r in diagnosed(R) if r["class"] != "mistake"]),
     Rate("slow logs: no name", None, None, lambda R: [silent(r) for r in of(R, "slow")]),
-    Rate("slow logs: found by the rig's checks", None, None, lambda R: [is_called_slow(r) for r in of(R, "slow")]),
+    Rate("slow logs: found by the rig's checks", None, None,
+         lambda R: ["slow_log" in {each["kind"] for each in _findings(r)} for r in of(R, "slow")]),
     Rate("edges on samples: what is there, alone", None, None, lambda R: [grade(r) == "right" for r in of(R, "edges")]),
     Rate("all folders: a wrong name at 0.8 or more", 0.0, 0.02, lambda R: [bool(wrong(r, SURE)) for r in diagnosed(R)]),
     *(Rate(f"95 % intervals hold: {words}", 0.93, 0.97, lambda R, kind=kind: hold(of(R, kind)))

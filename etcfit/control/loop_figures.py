@@ -54,17 +54,8 @@ class Asked(NamedTuple):
     effort: Any  # 1 / ticks from the first change on
 
     @classmethod
-    def of(
-        cls,
-        setpoint: Setpoint,
-        time: np.ndarray,
-        levels: Sequence[Level] | None = None,
-        stretches: Sequence[Stretch] | None = None,
-    ) -> Asked:
-        """Args: setpoint; time: s, shape (K,); levels, stretches: those that are judged, all if None, none within
-        another."""
-        levels = setpoint.levels if levels is None else levels
-        stretches = setpoint.stretches if stretches is None else stretches
+    def of(cls, setpoint: Setpoint, time: np.ndarray, levels: Sequence[Level], stretches: Sequence[Stretch]) -> Asked:
+        """Args: setpoint; time: s, shape (K,); levels, stretches: those that are judged, none within another."""
         at = cls(*np.zeros((len(cls._fields), time.size)))
         at.wanted[:], at.band[:] = setpoint.at(time), np.inf
         for level in levels:
@@ -322,12 +313,14 @@ def judge(setpoint: Setpoint, time: np.ndarray, share: np.ndarray) -> LoopFigure
         time: s, shape (K,), from 0 with an even step.
         share: position, share of the travel, shape (..., K); a value that is not finite counts as an infinite error.
     """
-    return _known(TRACKING, setpoint, time, Ran(_infinite_where_none(share), None, None))
+    ran = Ran(_infinite_where_none(share), None, None)
+    return _known(TRACKING, setpoint, time, ran, setpoint.levels, setpoint.stretches)
 
 
 def judge_all(setpoint: Setpoint, time: np.ndarray, ran: Ran) -> LoopFigures:
     """The same, and the figures of the effort but heat."""
-    return _known(BY_RESPONSE, setpoint, time, ran._replace(share=_infinite_where_none(ran.share)))
+    ran = ran._replace(share=_infinite_where_none(ran.share))
+    return _known(BY_RESPONSE, setpoint, time, ran, setpoint.levels, setpoint.stretches)
 
 
 def _infinite_where_none(share: np.ndarray) -> np.ndarray:
@@ -356,10 +349,9 @@ def _known(
     setpoint: Setpoint,
     time: np.ndarray,
     ran: Ran,
-    levels: Sequence[Level] | None = None,
-    stretches: Sequence[Stretch] | None = None,
+    levels: Sequence[Level],
+    stretches: Sequence[Stretch],
 ) -> LoopFigures:
-    levels = setpoint.levels if levels is None else levels
     at = Asked.of(setpoint, time, levels, stretches)
 
     def figure_of(symbol: str) -> np.ndarray:
@@ -378,7 +370,7 @@ def tally() -> Tally:
     return {symbol: REDUCTIONS[FIGURES[symbol].how["by"]].begin for symbol in BY_RESPONSE}
 
 
-def tallied(xp: Any, before: Tally, at: Asked, ran: Ran) -> Tally:
+def add_to_tally(xp: Any, before: Tally, at: Asked, ran: Ran) -> Tally:
     """The numbers after a tick."""
     ran = ran._replace(share=xp.where(xp.isfinite(ran.share), ran.share, np.inf))
     how = {symbol: FIGURES[symbol].how for symbol in before}

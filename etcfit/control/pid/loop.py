@@ -21,7 +21,7 @@ from ...model.stepper import step
 from ...model.tangents import fusion_barrier
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
-from ..loop_figures import Asked, LoopFigures, Ran, of_tally, tallied, tally, with_heat
+from ..loop_figures import Asked, LoopFigures, Ran, add_to_tally, of_tally, tally, with_heat
 from ..motion import free_step
 from ..setpoint import Setpoint
 from ..settings import LoopSettings
@@ -35,6 +35,12 @@ class Body(NamedTuple):
     gear_ratio: float
     lower: float
     upper: float
+
+    def share(self, angle: Any) -> Any:
+        """Share of the travel at an angle, rad."""
+        share = angle - self.lower
+        share /= self.upper - self.lower  # in place, where it is an array
+        return share
 
 
 class Path(NamedTuple):
@@ -84,9 +90,8 @@ def _path(path: Path, memory: Any) -> Path:
 
 
 def _figures_of(before: Any, path: Path, run: _Run, at: Asked) -> Any:
-    body = run.body
-    share = (path.position - body.lower) / (body.upper - body.lower)
-    return tallied(jnp, before, at, Ran(share, path.voltage / run.ecu.supply, path.current))
+    ran = Ran(run.body.share(path.position), path.voltage / run.ecu.supply, path.current)
+    return add_to_tally(jnp, before, at, ran)
 
 
 _FIGURES = Tallied(lambda path, memory: (), tally, _figures_of)
@@ -296,9 +301,7 @@ class Loop:
 
     def share(self, angle: Any) -> Any:
         """Share of the travel at an angle, rad."""
-        share = angle - self.body.lower
-        share /= self.body.upper - self.body.lower  # in place, where it is an array
-        return share
+        return self.body.share(angle)
 
     def holds(self, angles: np.ndarray) -> HoldingVoltages:
         """Voltages that hold the nominal plate at these angles (rad), shape (K,)."""
@@ -351,7 +354,8 @@ class Loop:
         """
         time = setpoint.instants(self.ecu.period)
         wanted = self.angle(setpoint.at(time))
-        judged = Asked.of(setpoint, time) if isinstance(keep, Tallied) else ()
+        tallied = isinstance(keep, Tallied)
+        judged = Asked.of(setpoint, time, setpoint.levels, setpoint.stretches) if tallied else ()
         ahead = self.ahead(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         shape = np.shape(jax.tree.leaves(settings)[0])
@@ -365,12 +369,13 @@ class Loop:
         kernel = kernel_of(_simulation, control, keep, parts, room, plants, run)
         if kernel is not None:
             kept, numbers = kernel.run(plants, run, reduced)
-            return (kept, numbers) if isinstance(keep, Tallied) else kept
-        share = self.draws // CORES if self.draws % CORES == 0 else self.draws
-        pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
-        paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
-        kept, numbers = jax.tree.map(lambda *each: np.concatenate(each), *paths)
-        return (reduced(kept), numbers) if isinstance(keep, Tallied) else reduced(kept)
+        else:
+            share = self.draws // CORES if self.draws % CORES == 0 else self.draws
+            pieces = [jax.tree.map(lambda leaf, k=k: leaf[k : k + share], plants) for k in range(0, self.draws, share)]
+            paths = side_by_side(lambda piece: _many(control, keep, parts, room, piece, run), pieces)
+            kept, numbers = jax.tree.map(lambda *each: np.concatenate(each), *paths)
+            kept = reduced(kept)
+        return (kept, numbers) if tallied else kept
 
     @property
     def _driven(self) -> np.ndarray:
