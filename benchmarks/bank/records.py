@@ -12,6 +12,7 @@ from typing import Any
 from . import under_ecu
 from .cases import Case, known, made
 from .judging import Z_95, is_right, is_true
+from .mechanisms import WITHOUT, watched
 
 _SAID = 0.05  # statements that are less likely say hardly anything
 
@@ -23,17 +24,19 @@ def one(chosen: Case) -> dict[str, Any]:
     `check` (`refused`, the message, and what was `found`); `named`, in order, each with its probability, its ties and
     whether it is right; `unexplained`, its probability, and `curve`; `chi2` before and after, fitted (over degrees of
     freedom) and held out (free run, over samples); `converged`, `compromise`; `intervals` before and after, of each
-    true parameter `z`, whether it `holds`, its `status`; `statements`: what, probability, right or not; `seconds` of
-    processor time.
+    true parameter `z`, whether it `holds`, its `status`; `statements`: what, probability, right or not; `acted`: the
+    mechanisms of the diagnosis that changed something (`mechanisms`); `seconds` of processor time.
     """
     began = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
         mistake = made(chosen, Path(scratch))
         record = blank(chosen, mistake)
+        acted = watched(os.environ.get(WITHOUT, ""))
         try:
             _worked(record, Path(scratch), chosen)
         except Exception as error:
             record["error"] = f"{type(error).__name__}: {error}"[:500]
+        record["acted"] = sorted(acted)
     return record | {"seconds": time.process_time() - began}
 
 
@@ -42,7 +45,7 @@ def blank(chosen: Case, mistake: Mapping[str, Any]) -> dict[str, Any]:
     truth = {"names": list(chosen.names), "strength": list(chosen.strength), "edges": chosen.edges, "mistake": mistake}
     return {"class": chosen.kind, "seed": chosen.seed, "truth": truth, "check": {"refused": None, "found": []},
             "named": [], "unexplained": None, "curve": None, "chi2": {}, "converged": [], "compromise": False,
-            "scale_told": [], "intervals": {}, "statements": [], "seconds": 0.0}  # fmt: skip
+            "scale_told": [], "intervals": {}, "statements": [], "acted": [], "seconds": 0.0}  # fmt: skip
 
 
 def _worked(record: dict[str, Any], folder: Path, chosen: Case) -> None:
