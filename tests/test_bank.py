@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -14,8 +15,10 @@ import pytest
 
 import dying
 from benchmarks.bank import __main__ as command
+from benchmarks.bank.ablation import ablation
 from benchmarks.bank.cases import Case, at, case, chosen, interleaved, known, made
 from benchmarks.bank.judging import grade, is_right, is_true
+from benchmarks.bank.mechanisms import MECHANISMS, itself
 from benchmarks.bank.picture import picture
 from benchmarks.bank.rates import RATES, Rate
 from benchmarks.bank.records import blank
@@ -379,6 +382,31 @@ def test_every_mix_is_of_classes_that_there_are_and_training_is_below_the_test()
             (one,) = chosen(token, first, 1)
             assert (one.seed >= command.TEST) is (name in command.FROZEN)
     assert sum(command.MIXES["test"].values()) == 400
+
+
+@pytest.mark.parametrize("name", MECHANISMS)
+def test_a_mechanism_is_a_function_of_the_diagnosis(name: str) -> None:
+    assert callable(itself(MECHANISMS[name].where)[1])
+
+
+def test_a_mechanism_that_is_switched_off_takes_what_it_does_away() -> None:
+    made_without = (
+        "from benchmarks.bank.mechanisms import watched\n"
+        "acted = watched('pairs')\n"
+        "from etcfit.diagnosis import course\n"
+        "print(course.searched('result', 'first', 'progress', print), *acted)"
+    )
+    out = subprocess.run([sys.executable, "-c", made_without], capture_output=True, text=True, check=True)
+    assert out.stdout.split("\n")[0] == "('progress', ()) pairs"
+
+
+def test_an_ablation_compares_the_folders_in_which_a_mechanism_acted(tmp_path: Path) -> None:
+    both = ["backlash", "gravity_load"]
+    with_it = record("pair", both, *map(named, both), seed=6, commit="abc", acted=["pairs"], seconds=9.0)
+    append(tmp_path / "without", with_it | {"named": [], "commit": "abc without pairs", "seconds": 4.0})
+    (row,) = [line for line in ablation(tmp_path / "without", latest([with_it])).split("\n") if "| pairs |" in line]
+    assert "| 1 of 1 | 1: pair 6 | 0 |" in row
+    assert "9 → 4" in row
 
 
 def test_rates_have_words_of_their_own() -> None:

@@ -3,6 +3,7 @@
     python -m benchmarks.bank --mix training --jobs 2 --save bank.jsonl
     python -m benchmarks.bank --classes single:backlash edges --folders 5 --first-seed 6500 --save bank.jsonl
     python -m benchmarks.bank --table bank.jsonl --beside old.jsonl --picture bank.png
+    python -m benchmarks.bank --mix training --without each --beside bank.jsonl --save without.jsonl
 
 Each folder comes from `independent`, which shares no code with the model. It is read, fitted and diagnosed, and its
 record appended to the file at once; a folder that is there with this commit is not run again. Classes:

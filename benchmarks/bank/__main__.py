@@ -11,7 +11,9 @@ from independent.mistakes import IN_ONE_FILE as ONE_FILE
 
 from ..page import Between
 from . import __doc__ as usage
+from .ablation import ablation, run_without
 from .cases import CLASSES, wanted
+from .mechanisms import MECHANISMS
 from .picture import picture
 from .table import table
 from .work import latest, run, saved
@@ -48,7 +50,13 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--save", type=Path, help="append each record as a line of JSON; resume from it")
     parser.add_argument("--list", action="store_true", help="run nothing: what each folder is")
     parser.add_argument("--table", type=Path, help="run nothing: the table of what was saved")
-    parser.add_argument("--beside", type=Path, help="with --table: older records of the same folders")
+    parser.add_argument("--beside", type=Path, help="with --table or --without: older records of the same folders")
+    parser.add_argument(
+        "--without",
+        nargs="+",
+        metavar="MECHANISM",
+        help="run the folders of --beside in which a mechanism acted once more without it; `each`: one after another",
+    )
     parser.add_argument("--page", type=Path, help="put the table on this page, between its markers")
     parser.add_argument("--picture", type=Path, help="draw the rates beside their targets")
     choices = parser.parse_args()
@@ -56,6 +64,12 @@ def arguments() -> argparse.Namespace:
         parser.error("say --mix or --classes, or --table FILE")
     if choices.table is None and choices.save is None and not choices.list:
         parser.error("say --save FILE: each record is kept there as it is made")
+    if choices.without == ["each"]:
+        choices.without = [*MECHANISMS]
+    if unknown := set(choices.without or ()) - {*MECHANISMS}:
+        parser.error(f"no mechanism is called {', '.join(unknown)}; there are: {', '.join(MECHANISMS)}")
+    if choices.without and choices.beside is None:
+        parser.error("--without needs --beside FILE, the records with all mechanisms")
     if (choices.first_seed or 0) >= TEST and choices.mix not in FROZEN:
         parser.error(f"seeds from {TEST} on are the test's: --mix test runs them")
     return choices
@@ -79,6 +93,11 @@ def main() -> None:
         if choices.list:
             for each in cases:
                 print(each.kind, each.seed, " + ".join(each.names), " + ".join(each.strength), each.edges)
+            return
+        if choices.without:
+            base = latest(saved(choices.beside))
+            run_without(choices.without, cases, base, choices.jobs, choices.save, lambda line: print(line, flush=True))
+            print(f"\n{ablation(choices.save, base)}")
             return
         new, old = run(cases, choices.jobs, choices.save, lambda line: print(line, flush=True)), None
     else:

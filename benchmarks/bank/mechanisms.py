@@ -61,8 +61,8 @@ def _argument(k: int) -> Callable[..., Any]:
     return lambda _, *given, **__: given[k]
 
 
-def _off_zeros(itself: Callable[..., Any], *given: Any) -> Any:
-    return np.zeros_like(itself(*given))
+def _zeros(function: Callable[..., Any], *given: Any) -> Any:
+    return np.zeros_like(function(*given))
 
 
 MECHANISMS: Mapping[str, Mechanism] = {
@@ -90,7 +90,7 @@ MECHANISMS: Mapping[str, Mechanism] = {
         lambda out, _, trials: any(a is not b for a, b in zip(out, trials, strict=True))),
     "least part": Mechanism(
         "an effect must explain a fifth of what it leaves above noise",
-        "choice.choose", lambda itself, verdicts, settings, noise=np.inf: itself(verdicts, settings, np.inf),
+        "choice.choose", lambda choose, verdicts, settings, noise=np.inf: choose(verdicts, settings, np.inf),
         lambda out, verdicts, settings, *_: out.effect is not _first_accepted(verdicts, settings)),
     "size of a mistake": Mechanism(
         "a mistake of the rig of an unusual size, or in one channel of one trace, is less likely",
@@ -144,10 +144,10 @@ MECHANISMS: Mapping[str, Mechanism] = {
         "evidence.white_but_for_one_event", _nothing(False)),
     "intervals: formulas": Mechanism(
         "intervals allow for formulas that are 2 or 10 % off",
-        "formula_errors.formula_covariance", _off_zeros, lambda out, *_: np.any(out)),
+        "formula_errors.formula_covariance", _zeros, lambda out, *_: np.any(out)),
     "intervals: ties": Mechanism(
         "intervals allow for effects that tie",
-        "score.tie_covariance", _off_zeros, lambda out, *_: np.any(out)),
+        "score.tie_covariance", _zeros, lambda out, *_: np.any(out)),
     "intervals: the rest": Mechanism(
         "intervals allow for curves in what is left",
         "unexplained.allowing_for_the_rest",
@@ -181,27 +181,32 @@ def watched(without: str = "") -> set[str]:
     return _ACTED
 
 
-def _install(name: str, off: bool) -> None:
-    mechanism = MECHANISMS[name]
-    module, *inner, function = mechanism.where.split(".")
+def itself(where: str) -> tuple[Any, Any]:
+    """The module or class of a mechanism's function, and the function."""
+    module, *inner, function = where.split(".")
     holder = import_module(f"{_ROOM}.{module}")
     for each in inner:
         holder = getattr(holder, each)
-    itself = getattr(holder, function)
-    bound = hasattr(itself, "__self__")  # of a class
+    return holder, getattr(holder, function)
+
+
+def _install(name: str, off: bool) -> None:
+    mechanism = MECHANISMS[name]
+    holder, function = itself(mechanism.where)
 
     def instead(*given: Any, **named: Any) -> Any:
         if off:
             _ACTED.add(name)
-            return mechanism.off(itself, *given, **named)
-        result = itself(*given, **named)
+            return mechanism.off(function, *given, **named)
+        result = function(*given, **named)
         if mechanism.acted(result, *given):
             _ACTED.add(name)
         return result
 
-    if inner:
-        setattr(holder, function, staticmethod(instead) if bound else instead)
+    last = mechanism.where.rpartition(".")[2]
+    if isinstance(holder, type):
+        setattr(holder, last, staticmethod(instead) if hasattr(function, "__self__") else instead)
         return
     for each in [m for n, m in sys.modules.items() if n.startswith(_ROOM)]:
-        if getattr(each, function, None) is itself:
-            setattr(each, function, instead)
+        if getattr(each, last, None) is function:
+            setattr(each, last, instead)
