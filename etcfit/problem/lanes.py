@@ -14,7 +14,7 @@ from ..kernels.kept import kept
 from ..kernels.loop import Across, Loop
 from ..kernels.machine import LANES, POINTS, Kernel
 from .cores import CORES, side_by_side
-from .records import MAKING, Entries, Grouped, Records, put, records_of
+from .records import MAKING, Entries, Group, Grouped, Records, put, records_of
 from .traced_entry import Shape, TracedEntry, nodes_of
 
 Known = TypeVar("Known", bound=Callable[..., Any])
@@ -97,13 +97,18 @@ class Stored(NamedTuple):
         def array(k: int) -> Any:
             shape = (*records.shape, *self.shapes[k])
             if k not in self.blocks:
-                return np.broadcast_to(0.0, shape)
+                return _zeros(shape, records.groups)
             start, stop = self.blocks[k]
             each = (np.split(stored[g].reshape(kernel.stored, -1), [start, stop])[1] for g in sorted(stored))
             parts = tuple(part.reshape(-1, stop - start, LANES) for part in each)
             return Grouped(shape, records.groups, parts)
 
         return jax.tree.unflatten(self.tree, map(array, range(len(self.shapes))))
+
+
+@lru_cache(maxsize=16)  # one array for a batch, so that its record is packed once, too
+def _zeros(shape: tuple[int, ...], groups: tuple[Group, ...]) -> Float[np.ndarray, "T L *F"]:
+    return np.broadcast_to(0.0, shape)
 
 
 def stored(entry: TracedEntry, tree: Any) -> tuple[Stored, Kernel]:

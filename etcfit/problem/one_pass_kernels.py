@@ -63,7 +63,7 @@ def kernel(
     return compiled(entry(*arguments).residual_loop(across, free, summed, stored))
 
 
-_PACKED, _ROWS = Remembered(), Remembered()
+_PACKED = Remembered()
 
 
 def data_of(weighted: WeightedData) -> tuple[Any, ...]:
@@ -73,8 +73,7 @@ def data_of(weighted: WeightedData) -> tuple[Any, ...]:
 
 def rows_of(weighted: WeightedData) -> Int[np.ndarray, " L"]:
     """Number of used entries of each lane, shape (L,)."""
-    steps, resets = weighted.steps, weighted.resets
-    return _ROWS.made_once([steps.dt, resets.begins], None, lambda: used_rows(steps, resets))
+    return used_rows(weighted.steps, weighted.resets)
 
 
 def renewed_and_muted(numbers: tuple[Any, ...]) -> tuple[frozenset[int], frozenset[int]]:

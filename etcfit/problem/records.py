@@ -90,12 +90,6 @@ class Records:
     shape: tuple[int, int]  # T and L
 
 
-def used_rows(steps: Step, resets: Reset) -> Int[np.ndarray, " L"]:
-    """Number of entries of each lane up to the end of its last trace, shape (L,)."""
-    active = (np.asarray(steps.dt) > 0.0) | (np.asarray(resets.begins) > 0.5)
-    return np.max(np.where(active, np.arange(1, active.shape[0] + 1)[:, None], 0), axis=0, initial=0)
-
-
 def numbered(tree: Any) -> Any:
     """The tree with each leaf replaced by its number."""
     structure = jax.tree.structure(tree)
@@ -139,7 +133,17 @@ class Latest:
         return kept[1]
 
 
-_FOUND, _RECORDS = Remembered(), Remembered()
+_FOUND, _RECORDS, _ROWS = Remembered(), Remembered(), Remembered()
+
+
+def used_rows(steps: Step, resets: Reset) -> Int[np.ndarray, " L"]:
+    """Number of entries of each lane up to the end of its last trace, shape (L,); computed once for the same arrays."""
+
+    def rows() -> Int[np.ndarray, " L"]:
+        active = (np.asarray(steps.dt) > 0.0) | (np.asarray(resets.begins) > 0.5)
+        return np.max(np.where(active, np.arange(1, active.shape[0] + 1)[:, None], 0), axis=0, initial=0)
+
+    return _ROWS.made_once([steps.dt, resets.begins], None, rows)
 
 
 def records_of(entries: Entries, made_of: Callable[[Shape], tuple[Sequence[int], Made]]) -> tuple[Records, Made]:
