@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -14,9 +14,9 @@ from .formula_errors import chi2_left_by_formula
 from .score import Score
 from .screen import Signature
 from .settings import DiagnosisSettings
-from .trial import TrialVerdict
+from .trial import Cost, TrialVerdict, required_bic_change
 
-LEAST_PROMISE = 0.3  # share of the fall in -2 log likelihood that BIC requires, which the score test must promise
+LEAST_PROMISE = 0.5  # share of the fall in -2 log likelihood that BIC requires, which the score test must promise
 RIVAL_PROMISE = 0.3  # share of the largest promise of the round that another candidate must exceed
 RIVAL_PROMISE_FAR = 0.1  # the same far from the data, where the promise of a linear model is rough
 # fall of chi2 over what the effect leaves above the noise; one that explains less imitates something else
@@ -56,14 +56,18 @@ class Choice:
 # ---- before any refit
 
 
-def promises(g: Signature, before: Score, settings: DiagnosisSettings) -> bool:
+def promises(g: Signature, cost: Cost, before: Score, settings: DiagnosisSettings) -> bool:
     """Whether the score test promises `LEAST_PROMISE` of the fall in -2 log likelihood that BIC requires."""
-    required = len(g.variant.amplitudes) * np.log(before.count) - settings.strong_bic_change
+    required = cost.of_bic(before.count) - required_bic_change(settings, bool(before.errors))
     return bool(g.gain * before.likelihood_per_chi2 > LEAST_PROMISE * required)
 
 
 def promising(
-    signatures: Sequence[Signature], before: Score, far: bool, settings: DiagnosisSettings
+    signatures: Sequence[Signature],
+    before: Score,
+    far: bool,
+    cost: Callable[[Effect], Cost],
+    settings: DiagnosisSettings,
 ) -> list[Signature]:
     """The signatures worth a refit: those that promise enough by themselves and compared with the best of their kind.
 
@@ -76,7 +80,8 @@ def promising(
     for of_the_rig in (False, True):
         kind = [g for g in signatures if is_of_the_rig(g.variant.effect) is of_the_rig]
         least = rival * max((g.gain for g in kind), default=0.0)
-        good = [g for g in kind if promises(g, before, settings) and g.gain > least]
+        strong = [g for g in kind if g.gain > least]
+        good = [g for g in strong if promises(g, cost(g.variant.effect), before, settings)]
         worth += first_of(good, settings.rig_refits if of_the_rig else settings.refits, settings)
     return sorted(worth, key=lambda g: -g.gain)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from .rig_screen import of_whole_tests, screen_of_late, screen_of_single_traces
 from .score import Score, baseline, folds, left_out, score
 from .screen import Background, Signature, ranked, screen_of_the_rig
 from .tangents import Tangents, tangents_inside, variants
-from .trial import Trial, judge_trial, run_trial, second_trial
+from .trial import Cost, Trial, judge_trial, run_trial, second_trial
 
 ROUGH_CHI2 = 1.2  # chi2 per sample after the trial of a rough effect above which a population searches on
 STARTS = 4  # variants of an effect from which its refit starts, at most
@@ -84,7 +85,8 @@ def _one_round(s: CandidateModel, report: Report) -> Round:
     report(f"screening {len(candidates)} effects", 0.1)
     every = score_candidates(s, candidates, Signature.briefly, before.errors).signatures
     signatures = ranked(every)
-    chosen = promising(signatures, before, s.far, s.settings)
+    cost = partial(Cost.of_effect, composition=s.composition)
+    chosen = promising(signatures, before, s.far, cost, s.settings)
     starts = {g.variant.effect: [near.values for near in starts_of(g, every)] for g in chosen}
     trials = _refitted(s, {**starts, **_stated(s, starts)}, before, report)
     if s.holdout is None:

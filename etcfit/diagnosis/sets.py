@@ -221,8 +221,7 @@ class Promise:
     def of_candidates(cls, before: Score, data: ScoredCandidates, composition: Composition) -> Promise:
         """The promise of candidates whose signatures were taken at a model with this score."""
         alone = {g.variant.effect: g.gain for g in ranked(data.signatures)}
-        costs = {e: Cost.of_effect(e, composition) for e in alone}
-        price = {e: c.parameters * np.log(before.count) + 2.0 * np.log(c.variants) for e, c in costs.items()}
+        price = {e: Cost.of_effect(e, composition).of_bic(before.count) for e in alone}
         return cls(before.likelihood_per_chi2, price, alone)
 
     def worth(self, effects: Iterable[Effect], gain: float) -> float:

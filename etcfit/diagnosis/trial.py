@@ -73,6 +73,11 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 # no other trace can contradict the lateness of one trace.
 
 
+def required_bic_change(settings: DiagnosisSettings, beside_formulas: bool) -> float:
+    """Change of BIC below which an effect is worth its parameters; beside effects with inexact formulas it is lower."""
+    return settings.strong_bic_change * (BESIDE_FORMULAS if beside_formulas else 1.0)
+
+
 @dataclass(frozen=True)
 class TrialVerdict:
     """The numbers by which a model with one further effect is compared with the model before."""
@@ -93,7 +98,7 @@ class TrialVerdict:
 
     def required_bic_change(self, settings: DiagnosisSettings) -> float:
         """Change of BIC below which the effect is worth its parameters."""
-        return settings.strong_bic_change * (BESIDE_FORMULAS if self.beside_formulas else 1.0)
+        return required_bic_change(settings, self.beside_formulas)
 
     def is_strong(self, settings: DiagnosisSettings) -> bool:
         """Whether BIC falls by enough for the effect to be worth its parameters."""
@@ -128,12 +133,15 @@ class Cost(NamedTuple):
         places = sum(is_of_one_channel(effect) or not is_of_one_channel(other) for other in among)
         return cls(len(resting(effect)), len(variants(effect)) * max(places, 1))
 
+    def of_bic(self, count: float) -> float:
+        """k ln n + 2 ln(variants): the rise of BIC where the effect explains nothing; n independent samples."""
+        return float(self.parameters * np.log(count) + 2.0 * np.log(max(self.variants, 1)))
+
 
 def bic_change(before: Score, after: Score, cost: Cost) -> float:
     """n ln(chi2_1 / chi2_0) + (k_1 - k_0) ln n + 2 ln(variants), n the smaller of both counts, at least 2."""
     n = max(2.0, min(before.count, after.count))
-    likelihood = n * np.log(after.chi2 / before.chi2)
-    return float(likelihood + cost.parameters * np.log(n) + 2.0 * np.log(max(cost.variants, 1)))
+    return float(n * np.log(after.chi2 / before.chi2)) + cost.of_bic(n)
 
 
 def compare(

@@ -207,16 +207,21 @@ def widened(result: FitResult, s: CandidateModel) -> CandidateModel:
 def _best(s: CandidateModel, before: Score) -> Trial | None:
     """The accepted smooth curve that explains most; None where no curve is accepted."""
     likely = screened(s, curves(s.composition.candidates))[:CURVE_REFITS]
-    worth_it = [g for g in likely if promises(g, before, s.settings)]
+    worth_it = [g for g in likely if promises(g, _cost(g), before, s.settings)]
     trials = concurrently(lambda g: _tried(s, g, before), worth_it)
     best = best_curve([t.verdict for t in trials], s.settings)
     return None if best is None else trials[best]
 
 
 def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
-    """The trial of a curve; amplitudes that these data do not show cost nothing."""
+    """The trial of a curve."""
     trial = s.trying((g.variant.effect,), g.values).optimised()
-    return judge_trial(g.variant.effect, before, trial, Cost(g.seen, len(UNKNOWNS)))
+    return judge_trial(g.variant.effect, before, trial, _cost(g))
+
+
+def _cost(g: Signature) -> Cost:
+    """The cost of a curve; amplitudes that these data do not show cost nothing."""
+    return Cost(g.seen, len(UNKNOWNS))
 
 
 def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:

@@ -22,10 +22,11 @@ from etcfit.diagnosis.choice import (
     promises,
     promising,
 )
+from etcfit.diagnosis.formula_errors import FormulaErrors, Stretch
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
-from etcfit.diagnosis.trial import TrialVerdict
+from etcfit.diagnosis.trial import Cost, TrialVerdict
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 
@@ -43,22 +44,30 @@ def chosen(*verdicts: TrialVerdict, **limits: float) -> Choice:
 # ---- is it worth a refit?
 
 
+def free(_: Any) -> Cost:
+    return Cost(0, 1)
+
+
 def signature(gain: float, effect: Any = GRAVITY) -> Signature:
     return Signature(variants(effect)[0], np.zeros((1, len(effect.off))), gain, {}, 1.0)
 
 
-@pytest.mark.parametrize(("share", "worth"), [(0.29, False), (0.31, True)])
-@pytest.mark.parametrize("effect", [GRAVITY, LIMP])
-def test_a_promise_must_come_near_what_bic_asks(effect: Any, share: float, worth: bool) -> None:
-    """k ln n + 10 in -2 log likelihood, one unit of chi2 being worth n / chi2 of it."""
-    asked = len(effect.off) * math.log(1000.0) + 10.0
-    assert promises(signature(share * asked * 2.0, effect), score(2000.0), SETTINGS) is worth
+@pytest.mark.parametrize(("share", "worth"), [(0.49, False), (0.51, True)])
+@pytest.mark.parametrize("formula", [False, True])
+def test_a_promise_must_come_near_what_bic_requires(formula: bool, share: float, worth: bool) -> None:
+    """k ln n + 2 ln(variants) + 10 in -2 log likelihood, one unit of chi2 being worth n / chi2 of it; 70 beside a
+    formula that is not exact."""
+    before = score(2000.0)
+    if formula:
+        before = replace(before, errors=FormulaErrors((Stretch.of_columns(np.arange(1), np.ones((1, 1))),)))
+    required = 3.0 * math.log(1000.0) + 2.0 * math.log(5.0) + (70.0 if formula else 10.0)
+    assert promises(signature(share * required * 2.0), Cost(3, 5), before, SETTINGS) is worth
 
 
 @pytest.mark.parametrize(("far", "kept"), [(False, [100.0, 80.0, 31.0]), (True, [100.0, 80.0, 31.0, 29.0])])
 def test_only_rivals_of_the_best_promise_are_refitted_and_four_at_most(far: bool, kept: list[float]) -> None:
     every = [signature(gain) for gain in (100.0, 80.0, 31.0, 29.0, 28.0, 9.0)]
-    assert [g.gain for g in promising(every, score(1000.0), far, SETTINGS)] == kept
+    assert [g.gain for g in promising(every, score(1000.0), far, free, SETTINGS)] == kept
 
 
 def test_single_channels_of_traces_leave_room_to_whole_tests_and_are_refitted_after_them() -> None:
@@ -67,14 +76,14 @@ def test_single_channels_of_traces_leave_room_to_whole_tests_and_are_refitted_af
         rig_effect(f"channel_gain[{test}.current]") for test in ("response", "viscous", "inductance", "resistance")
     ]
     every = [*(signature(100.0, e) for e in single), *(signature(90.0, e) for e in whole)]
-    kept = [g.variant.effect for g in promising(every, score(1000.0), False, SETTINGS)]
+    kept = [g.variant.effect for g in promising(every, score(1000.0), False, free, SETTINGS)]
     assert set(kept) == {*single[:3], *whole[:3]}
     assert [g.variant.effect for g in first_of(every, 4, SETTINGS)] == [*whole, *single[:3]]
 
 
 def test_without_a_promise_nothing_is_refitted() -> None:
-    assert promising([], score(1000.0), False, SETTINGS) == []
-    assert promising([signature(1.0), signature(0.9)], score(1000.0), False, SETTINGS) == []
+    assert promising([], score(1000.0), False, free, SETTINGS) == []
+    assert promising([signature(1.0), signature(0.9)], score(1000.0), False, free, SETTINGS) == []
 
 
 # ---- the choice

@@ -40,6 +40,7 @@ from etcfit.diagnosis.score import groups_of
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.statements import rig_mistakes, statements
 from etcfit.diagnosis.tangents import variants
+from etcfit.diagnosis.trial import Cost
 from etcfit.files import plain
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
@@ -70,7 +71,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
 
 CONSTANTS: dict[ModuleType, dict[str, float]] = {
     candidate_model: {"TRIAL_TOLERANCE": 1e-3, "STEEPEST_START": 3.0, "SEARCH_SPREAD": 0.15, "START_HALVINGS": 8},
-    choice: {"LEAST_PROMISE": 0.3, "RIVAL_PROMISE": 0.3, "RIVAL_PROMISE_FAR": 0.1, "LEAST_PART": 0.2,
+    choice: {"LEAST_PROMISE": 0.5, "RIVAL_PROMISE": 0.3, "RIVAL_PROMISE_FAR": 0.1, "LEAST_PART": 0.2,
              "LEAST_PART_OF_ONE": 1.0, "TIED_LIKELIHOOD": 6.0, "SECOND_TRIAL_SHARE": 0.5},
     evidence: {"EVENT": 0.1, "WHITE_P": 1e-5, "LARGE_RMS": 0.03, "LARGE_RMS_DEVIATIONS": 5.0, "SHARE_BINS": 24,
                "SHARE_SAMPLES": 200, "SHARE_NAMED": 0.05},
@@ -132,7 +133,7 @@ def chosen(count: int, **changes: Any) -> int:
     """How many of so many candidates, each of gain 0.8 of the one before, are worth a refit."""
     every = [Signature(variants(LIMP)[0], np.zeros((1, 2)), 100.0 * 0.8**k, {}, 1.0) for k in range(count)]
     far = changes.pop("far", False)
-    return len(promising(every, score(1000.0), far, with_(**changes)))
+    return len(promising(every, score(1000.0), far, lambda _: Cost(2, 1), with_(**changes)))
 
 
 def likely(probability: float, **changes: Any) -> RigMistake:
