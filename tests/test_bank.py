@@ -211,6 +211,18 @@ def test_each_rate_is_of_the_folders_that_it_is_asked_of() -> None:
     assert flags["95 % intervals hold: slow logs"] == []
 
 
+@pytest.mark.parametrize(
+    ("missed", "flags"),
+    [({}, [False]), ({"chi2": 1.0, "backlash": {"tell": True}}, [False]), ({"chi2": None}, []),
+     ({"chi2": 1.0, "backlash": {"tell": False}}, [])],
+)  # fmt: skip
+def test_what_the_data_do_not_tell_is_not_missed(missed: dict[str, Any], flags: list[bool]) -> None:
+    rate = RATE["pairs: both named, where the data tell both"]
+    both = ["backlash", "gravity_load"]
+    assert rate.of([record("pair", both, named("gravity_load"), missed=missed)]) == flags
+    assert rate.of([record("pair", both, *map(named, both))]) == [True]
+
+
 def test_what_the_checks_find_is_right_at_its_place_and_an_alarm_elsewhere() -> None:
     gain = {"kind": "channel_gain", "test": "viscous", "file": None, "channel": "current", "size": 1.05, "chance": 1e-9}
     found, missed = RATE["mistakes of the rig: found by its checks"], mistaken()

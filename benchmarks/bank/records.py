@@ -11,8 +11,10 @@ from typing import Any
 
 from . import under_ecu
 from .cases import Case, known, made
-from .judging import Z_95, is_right, is_true
+from .judging import Z_95, is_right, is_true, wanted
+from .judging import found as named_rightly
 from .mechanisms import WITHOUT, watched
+from .tellable import missed_effects
 
 _SAID = 0.05  # statements that are less likely say hardly anything
 
@@ -25,7 +27,8 @@ def one(chosen: Case) -> dict[str, Any]:
     whether it is right; `unexplained`, its probability, and `curve`; `chi2` before and after, fitted (over degrees of
     freedom) and held out (free run, over samples); `converged`, `compromise`; `intervals` before and after, of each
     true parameter `z`, whether it `holds`, its `status`; `statements`: what, probability, right or not; `acted`: the
-    mechanisms of the diagnosis that changed something (`mechanisms`); `seconds` of processor time.
+    mechanisms of the diagnosis that changed something (`mechanisms`); `missed`: whether the data could have told the
+    effects that were not named (`tellable`); `seconds` of processor time.
     """
     began = time.process_time()
     with tempfile.TemporaryDirectory() as scratch:
@@ -45,7 +48,7 @@ def blank(chosen: Case, mistake: Mapping[str, Any]) -> dict[str, Any]:
     truth = {"names": list(chosen.names), "strength": list(chosen.strength), "edges": chosen.edges, "mistake": mistake}
     return {"class": chosen.kind, "seed": chosen.seed, "truth": truth, "check": {"refused": None, "found": []},
             "named": [], "unexplained": None, "curve": None, "chi2": {}, "converged": [], "compromise": False,
-            "scale_told": [], "intervals": {}, "statements": [], "acted": [], "seconds": 0.0}  # fmt: skip
+            "scale_told": [], "intervals": {}, "statements": [], "acted": [], "missed": {}, "seconds": 0.0}  # fmt: skip
 
 
 def _worked(record: dict[str, Any], folder: Path, chosen: Case) -> None:
@@ -106,6 +109,15 @@ def _diagnosed(record: dict[str, Any], before: Any, truth: dict[str, float]) -> 
     # bristles share dry friction with T_f, as the generator has it by themselves: it has no truth beside them
     judged = {s: v for s, v in truth.items() if s != "T_f" or "presliding_friction" not in found.final}
     record["intervals"]["after"] = _intervals(found.after, judged)
+    record["missed"] = _missed(record, before, found.after)
+
+
+def _missed(record: dict[str, Any], before: Any, after: Any) -> dict[str, Any]:
+    """Of effects of the catalogue that are there and have no name: could these data have told them?"""
+    names = record["truth"]["names"]
+    missing = [name for name in wanted(record) if name not in named_rightly(record)]
+    of_catalogue = record["class"] in ("single", "pair") and missing
+    return missed_effects(before, after, names, missing) if of_catalogue else {}
 
 
 def _described(name: str, size: float | None) -> dict[str, Any]:
