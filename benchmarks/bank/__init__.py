@@ -20,8 +20,8 @@ record appended to the file at once; a folder that is there with this commit is 
 With `--beside OLD.jsonl` the table begins with what got worse, folder by folder: a worse outcome, a parameter further
 than 5 standard errors off, two more intervals that miss, three fewer that are stated, no convergence any more.
 
-A seed is a folder for ever. Below 20000 they are for training; from there on they are the test's, and only `--mix test`
-and `--mix test_beside` run them, once, by the commit that lands.
+A seed is a folder for ever. Below 20000 they are for training; from there on they are the test's, and only the mixes
+`test`, `test_beside`, `test_logs` and `test_short` run them, each once, by the commit that lands.
 """
 
 from .cases import case as case

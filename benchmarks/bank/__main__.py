@@ -34,8 +34,11 @@ MIXES: Mapping[str, Mapping[str, int]] = {
              "mistake:warm_start": 11, "mistake:other_rig": 12},
     "test_beside": {**dict.fromkeys(ECU, 40), "slow": 20, "edges": 20},
     "test_logs": {**dict.fromkeys(ECU, 15), "slow": 12},
+    "test_short": {"clean": 10, "single": 20, "pair": 40, "outside": 8, **dict.fromkeys(FURTHER, 2), "mistake": 18,
+                   "mistake:warm_start": 1, "mistake:other_rig": 1},
 }  # fmt: skip
-FROZEN = {"test": 30_000, "test_beside": 30_000, "test_logs": 31_000}  # from which seed a mix goes that is run once
+# from which seed a mix goes that is run once
+FROZEN = {"test": 30_000, "test_beside": 30_000, "test_logs": 31_000, "test_short": 32_000}
 
 
 def arguments() -> argparse.Namespace:
