@@ -48,7 +48,7 @@ def diagnosis(rig: Rig, **changes: Any) -> Diagnosis:
         "rounds": rounds(before),
         "added": (FOUND,),
         "removed": ("backlash was taken away again: later effects explain the same (BIC -3.0).",),
-        "sets": (SetTried((FOUND, "backlash"), 12.5, False), SetTried(("gravity_load", "backlash"), None, False)),
+        "sets": (SetTried((FOUND, "backlash"), 12.5, False), SetTried(("gravity_load", "backlash"), -3.0, False)),
         "ties": (
             Tie(
                 (FOUND, "airflow_torque"),

@@ -404,19 +404,19 @@ def test_a_mechanism_is_a_function_of_the_diagnosis(name: str) -> None:
 def test_a_mechanism_that_is_switched_off_takes_what_it_does_away() -> None:
     made_without = (
         "from benchmarks.bank.mechanisms import watched\n"
-        "acted = watched('pairs')\n"
+        "acted = watched('free sets')\n"
         "from etcfit.diagnosis import course\n"
-        "print(course.searched('result', 'first', 'progress', print), *acted)"
+        "print(course.searched_free('result', 'first', 'progress', print), *acted)"
     )
     out = subprocess.run([sys.executable, "-c", made_without], capture_output=True, text=True, check=True)
-    assert out.stdout.split("\n")[0] == "('progress', ()) pairs"
+    assert out.stdout.split("\n")[0] == "('progress', ()) free sets"
 
 
 def test_an_ablation_compares_the_folders_in_which_a_mechanism_acted(tmp_path: Path) -> None:
     both = ["backlash", "gravity_load"]
-    with_it = record("pair", both, *map(named, both), seed=6, commit="abc", acted=["pairs"], seconds=9.0)
-    append(tmp_path / "without", with_it | {"named": [], "commit": "abc without pairs", "seconds": 4.0})
-    (row,) = [line for line in ablation(tmp_path / "without", latest([with_it])).split("\n") if "| pairs |" in line]
+    with_it = record("pair", both, *map(named, both), seed=6, commit="abc", acted=["free sets"], seconds=9.0)
+    append(tmp_path / "without", with_it | {"named": [], "commit": "abc without free sets", "seconds": 4.0})
+    (row,) = [line for line in ablation(tmp_path / "without", latest([with_it])).split("\n") if "| free sets |" in line]
     assert "| 1 of 1 | 1: pair 6 | 0 |" in row
     assert "9 → 4" in row
 

@@ -104,16 +104,9 @@ MECHANISMS: Mapping[str, Mechanism] = {
     "exchange": Mechanism(
         "each effect is compared again with its rivals in the final model",
         "exchange.exchanged", _looked_back, _turned),
-    "two for one": Mechanism(
-        "one effect is tried in place of two that imitate it",
-        "exchange.merged", _looked_back, _turned),
     "pruning": Mechanism(
         "effects no longer worth their parameters are taken away",
         "exchange.pruned", lambda _, s, *__: (s, ()), lambda out, *_: bool(out[1])),
-    "pairs": Mechanism(
-        "pairs of effects are scored together, and the best refitted in place of what the rounds found",
-        "sets.searched", lambda _, result, first, progress, *__: (progress, ()),
-        lambda out, result, first, progress, *_: out[0] is not progress),
     "free sets": Mechanism(
         "far from the data, sets of effects are compared by their free runs",
         "free_sets.searched_free", lambda _, result, first, progress, *__: (progress, ()),
@@ -121,9 +114,6 @@ MECHANISMS: Mapping[str, Mechanism] = {
     "one curve for all": Mechanism(
         "effects give way to one curve without a name that explains clearly more",
         "unexplained.outdone", _nothing(None)),
-    "doubt by a curve": Mechanism(
-        "an effect loses its name where a curve in its place explains clearly more",
-        "unexplained._in_doubt", _nothing(False)),
     "corrected formula": Mechanism(
         "a curve of the shape of a named effect corrects its formula: nothing without a name is left",
         "unexplained.corrected_formulas", _nothing(())),

@@ -15,7 +15,7 @@ from ..estimation.result import FitResult, Optimum, Termination, outcome
 from ..rig.base import SLOW_LOG
 from .candidate_model import CandidateModel
 from .evidence import is_white, motions
-from .exchange import exchanged, merged, pruned
+from .exchange import exchanged, pruned
 from .faint_effects import allowing_for_faint_effects
 from .findings import Diagnosis, Question, SetTried, Unexplained
 from .formula_errors import formula_covariance, percent_off
@@ -32,7 +32,6 @@ from .probabilities import (
 from .refit import held_out_shows_noise, start
 from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, reported
 from .score import score, tie_covariance
-from .sets import searched
 from .settings import DEFAULT, DiagnosisSettings
 from .statements import rig_mistakes, runs_free_worse, statements, tie, verdict
 from .unexplained import Allowed, allowing_for_the_rest, outdone, unexplained
@@ -66,16 +65,10 @@ def final_fit(result: FitResult, progress: Progress, report: Report) -> FitResul
 def _widened(after: FitResult, s: CandidateModel, progress: Progress) -> FitResult:
     """The fit with a covariance that allows for ties and for inexact formulas, and a remark on each."""
     tied = [each for each in progress.found if s.at_work(each.effect) and each.ties]
-    even = progress.even_beyond_ties
-    ties = [*(tie for each in tied for tie in each.ties.values()), *even.values()]
-    unsure = tie_covariance(s.problem.layout.free, ties)
+    unsure = tie_covariance(s.problem.layout.free, [tie for each in tied for tie in each.ties.values()])
     remarks = [
         f"Intervals allow for {each.effect.name} being {listed(e.name for e in each.ties)} instead: a tie."
         for each in tied
-    ]
-    remarks += [
-        f"Intervals allow for {listed(sorted(e.name for e in effects))} being what the model lacks: BIC is even."
-        for effects in even
     ]
     formulas, allowed = (), formula_covariance(s)
     if allowed.any():
@@ -156,7 +149,9 @@ def diagnose(
     if not progress.is_at_an_end:
         progress = forward(result, progress, report, keep=keep)
     progress = _looked_back(result, progress, report)
-    progress, sets = _compared_with_sets(result, first, progress, report)
+    sets: tuple[SetTried, ...] = ()
+    if first.far and progress.model.far:
+        progress, sets = searched_free(result, first, progress, report)
     if progress.model.added and _astray(progress.model, result):
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
@@ -165,8 +160,7 @@ def diagnose(
     if left is not None:
         progress = progress.back_to(first)
     elif not progress.rounds[-1].evidence.white:
-        worth = {each.effect: each.worth for each in progress.found}
-        left = unexplained(result, progress.model, worth, report)
+        left = unexplained(result, progress.model, report)
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
     worse = progress.model.added and runs_free_worse(after, result, settings)
@@ -174,7 +168,7 @@ def diagnose(
         added = listed(e.name for e in progress.model.added)
         why = f"Run free, the model with {added} is further from the data: all these effects are taken away again."
         progress = progress.back_to(first, why)
-        left, after = unexplained(result, first, {}, report), result
+        left, after = unexplained(result, first, report), result
     rest = Allowed(after)
     if left is not None or not progress.rounds[-1].evidence.white:
         rest = allowing_for_the_rest(result, after, progress.model, report)
@@ -235,29 +229,18 @@ def _diagnosis_without_piece(
 
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """The progress after effects were exchanged for better ones, or two for one, with further rounds after each
-    exchange; effects that are no longer worth their parameters are taken away.
+    """The progress after effects were exchanged for better ones, with further rounds if one was; effects that are no
+    longer worth their parameters are taken away.
 
     `found` keeps what is known of the removed effects too.
     """
-    for looked_back in (exchanged, merged):
-        s, found, changed, turned = looked_back(progress.model, progress.found, report)
-        rounds = (*progress.rounds, *map(reported, turned))
-        progress = replace(progress, model=s, found=found, rounds=rounds, changed=(*progress.changed, *changed))
-        if changed:
-            progress = forward(result, progress, report)
+    s, found, changed, turned = exchanged(progress.model, progress.found, report)
+    rounds = (*progress.rounds, *map(reported, turned))
+    progress = replace(progress, model=s, found=found, rounds=rounds, changed=(*progress.changed, *changed))
+    if changed:
+        progress = forward(result, progress, report)
     s, removed = pruned(progress.model, report)
     return replace(progress, model=s, changed=(*progress.changed, *removed))
-
-
-def _compared_with_sets(
-    result: FitResult, first: CandidateModel, progress: Progress, report: Report
-) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The progress, or that of a set of effects that explains more, after exchanges too; and the sets tried."""
-    if first.far and progress.model.far:
-        return searched_free(result, first, progress, report)
-    better, tried = searched(result, first, progress, report)
-    return (progress if better is progress else _looked_back(result, better, report)), tried
 
 
 def _assembled(

@@ -1,13 +1,10 @@
-"""Looking back: an effect is exchanged for a rival, taken away, or put in place of two others."""
+"""Looking back: an effect is exchanged for a rival, or taken away."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import NamedTuple
-
-import numpy as np
 
 from ..estimation.joint_fit import Report
 from ..problem.cores import concurrently
@@ -15,7 +12,7 @@ from .candidate_model import CandidateModel
 from .choice import TIED_LIKELIHOOD, Choice, Outcome, alike, is_accepted
 from .composition import Effect, resting
 from .formula_errors import FormulaErrors
-from .loop import Round, screened
+from .loop import Round
 from .refit import is_no_worse, refit_fully, refit_worsened
 from .score import Apart, Score, baseline, distance_to, folds, left_out, score
 from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
@@ -31,10 +28,6 @@ from .trial import Cost, Trial, TrialVerdict, bic_change, judge_trial, run_trial
 
 # share of the fall of chi2 of the effect added that another must exceed to be compared in the final model
 EXCHANGE_RIVAL = 0.5
-# share of a signature that no effect at work can imitate, below which an effect may be put in place of two
-IMITATED = 0.05
-MERGES = 2  # such effects tried at most, the most imitated first
-HANDING_OVER = 8  # steps in which the amplitudes of two effects are brought to their off values
 
 
 @dataclass(frozen=True)
@@ -44,7 +37,6 @@ class Found:
     effect: Effect  # the effect added
     # others that explain these data equally well, and how far their fits are from this one's
     ties: Mapping[Effect, Apart]
-    worth: float  # by how much it lowered BIC
     # others that explained at least half as much, with the values at which their refits ended, SI by symbol: at least
     # those of their own parameters
     rivals: Mapping[Effect, Mapping[str, float]]
@@ -55,7 +47,7 @@ class Found:
         best = turned.best
         rivals = {t.verdict.effect: t.model.values for t in turned.trials if is_rival(t.verdict, best.verdict)}
         ties = _apart(best, (t for t in turned.trials if t.verdict.effect in turned.choice.ties))
-        return cls(best.verdict.effect, ties, -best.verdict.bic_change, rivals)
+        return cls(best.verdict.effect, ties, rivals)
 
     def without_ties_to(self, at_work: Iterable[Effect]) -> Found:
         """The same without ties to effects at work: the data distinguish two effects that are both in the model."""
@@ -131,7 +123,7 @@ def exchanged(s: CandidateModel, found: Sequence[Found], report: Report) -> Look
             choice = Choice(Outcome.ADDED, best.verdict.effect, tuple(ties), words[-1])
             rounds.append(Round(base, before, (), tuple(sorted(every, key=lambda t: t.verdict.bic_change)), choice))
             s = replace(new, added=replaced_in_order(s.added, each.effect, best.verdict.effect))
-        now[k] = replace(each, effect=best.verdict.effect, ties=ties, worth=-best.verdict.bic_change)
+        now[k] = replace(each, effect=best.verdict.effect, ties=ties)
     return LookBack(s, tuple(each.without_ties_to(s.added) for each in now), tuple(words), tuple(rounds))
 
 
@@ -184,84 +176,3 @@ def pruned(s: CandidateModel, report: Report) -> tuple[CandidateModel, tuple[str
             words.append(f"{effect.name} was taken away again: later effects explain the same (BIC {change:+.1f}).")
             s = new
     return s, tuple(words)
-
-
-# ---- One effect in place of two: two effects found may together imitate one that the model really lacks
-#
-# For example, a gear ratio given as half of the true one looks like a voltage and a current of one test that both read
-# half. No round can find it, because near the first model the parameters imitate it. So where several effects were
-# found, an effect that the model imitates now is added to two of them, and their amplitudes are brought to their off
-# values in steps while all other coordinates follow by Gauss-Newton steps,
-#
-#     d = arg min |r + J_held h + J d|^2,    h = (off - amplitude)/(steps left)
-#
-# because no descent leads from the model without the two to the optimum with the one.
-#
-# Source: stepwise selection with exchange (Miller 2002, Subset Selection in Regression, ch. 3); continuation (Allgower
-# and Georg 2003, Introduction to Numerical Continuation Methods, ch. 2). Differs from source: two are exchanged for
-# one.
-
-Two = tuple[Effect, Effect]
-
-
-def merged(s: CandidateModel, found: Sequence[Found], report: Report) -> LookBack:
-    """The model with one effect in place of two that were added, where that explains as much for fewer parameters."""
-    if s.far or len(s.added) < 2:
-        return LookBack(s, tuple(found))
-    before = score(s)
-    for one in _imitated(s):
-        for two in combinations(s.added, 2):
-            report(f"trying {one.name} in place of {two[0].name} and {two[1].name}", 0.89)
-            new = exchange_two_for_one(s, two, one)
-            if new is None or not (change := bic_change(before, score(new), cost(s, two, one))) < 0.0:
-                continue
-            new = refit_fully(new, report)
-            if not is_no_worse(new, s, before) or contradicted(new, s):
-                continue
-            worth = sum(each.worth for each in found if each.effect in two) - change
-            return LookBack(new, (*found, Found(one, {}, worth, {})), (gave_way_to_one(two, one, change),))
-    return LookBack(s, tuple(found))
-
-
-def cost(s: CandidateModel, two: Two, one: Effect) -> Cost:
-    """The BIC cost of one effect less that of the two."""
-    mine, theirs = Cost.of_effect(one, s.composition), [Cost.of_effect(e, s.composition) for e in two]
-    return Cost(mine.parameters - sum(c.parameters for c in theirs), mine.variants)
-
-
-def gave_way_to_one(two: Two, one: Effect, change: float) -> str:
-    """One sentence for an exchange."""
-    return f"{two[0].name} and {two[1].name} gave way to {one.name}, which explains both (BIC {change:+.1f})."
-
-
-def exchange_two_for_one(s: CandidateModel, two: Two, one: Effect) -> CandidateModel | None:
-    """The model with one effect in place of two, at the nearest optimum; None where the steps do not reach it."""
-    m = s.with_effects((*s.added, one), resting(one))
-    layout, x = m.problem.layout, m.x
-    off = {symbol: value for e in two for symbol, value in (e.off or {}).items()}
-    held = np.array([layout.free.index(symbol) for symbol in off])
-    goal = np.array([layout.parameter(symbol).domain.coordinate(value) for symbol, value in off.items()])
-    if not np.all(np.isfinite(goal)):
-        return None
-    free, reach = np.setdiff1d(np.arange(x.size), held), layout.reach(x)
-    for left in range(HANDING_OVER, 0, -1):
-        r, _, jacobian = m.problem.linearise(x, m.weighted)
-        columns, toward = jacobian.reshape(-1, x.size) * reach, (goal - x[held]) / left
-        if not (np.all(np.isfinite(columns)) and np.all(np.isfinite(r))):
-            return None
-        ahead = r.ravel() + columns[:, held] @ (toward / reach[held])
-        follow = np.linalg.lstsq(columns[:, free], -ahead, rcond=1e-6)[0]
-        x = x.copy()
-        x[held] += toward
-        x[free] += reach[free] * follow
-    new = replace(m, x=x)
-    for effect in two:
-        new = new.without(effect)
-    return new.optimised()
-
-
-def _imitated(s: CandidateModel) -> Iterator[Effect]:
-    """Effects not at work that the parameters at work imitate almost fully, the most imitated first."""
-    signatures = screened(s, [e for e in s.composition.candidates if not s.at_work(e)])
-    alike = sorted((g for g in signatures if 0.0 < g.own < IMITATED), key=lambda g: g.own)
-    yield from (g.variant.effect for g in alike[:MERGES])

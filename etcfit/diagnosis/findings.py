@@ -117,12 +117,10 @@ class Tie:
 
 @dataclass(frozen=True)
 class SetTried:
-    """A set of effects that was refitted and compared with the one that the rounds found."""
+    """A set of effects whose free run was compared with that of the set that the rounds found."""
 
     effects: tuple[str, ...]  # names
-    # of taking it in place of the rounds' own set; None where the two cannot be compared, because one of them is far
-    # from its data or has an effect that is not worth its parameters
-    bic_change: float | None
+    bic_change: float  # of taking it in place of the rounds' own set
     taken: bool  # whether it was taken
 
 
@@ -215,7 +213,7 @@ class Diagnosis:
         rounds: each round of the loop; the last one adds nothing.
         added: effects in the order found, without those that were taken away again or are in doubt.
         removed: a sentence for each effect that gave way to another or was taken away again.
-        sets: sets of effects that were refitted and compared with the one that the rounds found.
+        sets: far from the data, the set of effects that was grown in the free run.
         ties: effects that cannot be told apart.
         unexplained: structure that no effect explains; None where there is none.
         motions: missing torque and voltage along the measured motion.

@@ -152,7 +152,7 @@ def _in_its_place(
     s = progress.model
     new = refit_fully(s.with_effects(effects, values), report)
     known = {each.effect: each for each in progress.found}
-    found = tuple(known.get(e, Found(e, {}, -change, {})).without_ties_to(effects) for e in effects)
+    found = tuple(known.get(e, Found(e, {}, {})).without_ties_to(effects) for e in effects)
     before = (
         f"{listed(e.name for e in s.added)} gave way to" if s.added else "Nothing was found under the guide; there is"
     )

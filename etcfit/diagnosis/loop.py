@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -83,7 +82,7 @@ def _one_round(s: CandidateModel, report: Report) -> Round:
     before = baseline(s)
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
-    every = score_candidates(s, candidates, Signature.briefly, before.errors).signatures
+    every = score_candidates(s, candidates, Signature.briefly, before.errors)
     signatures = ranked(every)
     cost = partial(Cost.of_effect, composition=s.composition)
     chosen = promising(signatures, before, s.far, cost, s.settings)
@@ -99,7 +98,7 @@ def _one_round(s: CandidateModel, report: Report) -> Round:
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
     """Every candidate's best signature without its columns, the most promising first."""
-    return ranked(score_candidates(s, candidates, Signature.briefly).signatures)
+    return ranked(score_candidates(s, candidates, Signature.briefly))
 
 
 def starts_of(best: Signature, every: Sequence[Signature]) -> list[Signature]:
@@ -109,19 +108,12 @@ def starts_of(best: Signature, every: Sequence[Signature]) -> list[Signature]:
     return sorted(rivals, key=lambda g: -g.gain)[:STARTS]
 
 
-class ScoredCandidates(NamedTuple):
-    """Signatures of every variant of some candidates, and the background of the residual for which they hold."""
-
-    background: Background
-    signatures: Sequence[Signature]
-
-
 def score_candidates(
     s: CandidateModel,
     candidates: Sequence[Effect],
     kept: Callable[[Signature], Signature] = lambda whole: whole,
     errors: FormulaErrors = EXACT,
-) -> ScoredCandidates:
+) -> list[Signature]:
     """The signature of every variant of the candidates in the residual.
 
     Effects of the rig, which act around the throttle and are cheap, are screened together; for those that act in it
@@ -142,7 +134,7 @@ def score_candidates(
         found += map(kept, singles)
     if late:
         found += map(kept, screen_of_late(background, s.problem, s.x, s.weighted, late, s.settings))
-    return ScoredCandidates(background, found)
+    return found
 
 
 def _cross_validated(s: CandidateModel, trials: Sequence[Trial]) -> list[Trial]:

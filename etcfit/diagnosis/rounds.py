@@ -19,7 +19,7 @@ from .exchange import Found
 from .findings import Candidate, RoundReport
 from .loop import Round, refit_chosen, run_round, screened
 from .refit import is_no_worse, refit_fully
-from .score import Apart, Score, baseline
+from .score import Score, baseline
 from .trial import Trial, judge_trial
 
 # ---- Effects that a guide hides: a sensor that does not show where the plate is, or a mistake of the rig
@@ -154,8 +154,6 @@ class Progress:
     found: tuple[Found, ...] = ()  # the effects added, in the order found
     rounds: tuple[RoundReport, ...] = ()  # the rounds made so far
     changed: tuple[str, ...] = ()  # a sentence for each effect that gave way to another or was taken away again
-    # other sets of effects that these data do not rule out, and how far their fits are
-    even: Mapping[frozenset[Effect], Apart] = field(default_factory=dict)
     # values of the best known free run of this model, SI by symbol; empty where none is known
     free: Mapping[str, float] = field(default_factory=dict)
 
@@ -164,16 +162,9 @@ class Progress:
         """Whether the last round added nothing."""
         return bool(self.rounds) and self.rounds[-1].added is None
 
-    @property
-    def even_beyond_ties(self) -> dict[frozenset[Effect], Apart]:
-        """The even sets that differ from the model's own set by more than ties, which are reported separately."""
-        here = frozenset(self.model.added)
-        tied = [frozenset((each.effect, *each.ties)) for each in self.found]
-        return {s: apart for s, apart in self.even.items() if not any(s ^ here <= group for group in tied)}
-
     def back_to(self, first: CandidateModel, *words: str) -> Progress:
         """The progress with the first model in place of the one reached."""
-        return replace(self, model=first, changed=(*self.changed, *words), even={}, free={})
+        return replace(self, model=first, changed=(*self.changed, *words), free={})
 
 
 Keep = Callable[[Progress], None]  # called with the progress after every round

@@ -44,9 +44,6 @@ class DiagnosisSettings:
     """Allowed relative rise of the held-out free-run RMS after a full refit, and of the final model run free: 20 %."""
     folds: int = whole(3, 1)
     """Groups of traces left out in turn where rig.toml holds none out."""
-    pair_refits: int = whole(2, 0)
-    """Most pairs of effects refitted in addition to the effects that the rounds found, the most promising first; 0:
-    none."""
     free_pool: int = whole(6, 0)
     """Most effects from which a set is grown in the free run where the model stays far from its data, among those that
     were accepted in any round; 0: no set is grown."""

@@ -32,13 +32,10 @@ from .trial import Cost, Trial, TrialVerdict, judge_trial
 
 # ---- Structure that no effect of the catalogue explains: a smooth curve, and the names that it puts in doubt
 #
-# A named effect keeps its name only where it explains nearly as much as a curve that is free to take any shape.
+# All effects found keep their names only where they explain nearly as much as one curve that is free to take any shape.
 
 
 CURVE_REFITS = 1  # smooth curves refitted, the most promising first
-NAME_KEEPS = 0.9  # share of the log-likelihood gained by a free curve which one effect must gain to keep its name
-# an effect that lowered BIC this many times more than a curve does keeps its name without a test: k / (1 - k)
-SURELY_NAMED = NAME_KEEPS / (1.0 - NAME_KEEPS)
 # share of the log-likelihood gained by one curve which all effects together must gain to keep their names
 NAMES_HOLD = 0.8
 CURVE_TEST_CHI2 = 1.5  # chi2 per sample of the final model from which on one curve is compared with all effects
@@ -49,22 +46,12 @@ _POINTS = 60  # of the curve that is drawn
 Smooth = type[AbstractSmooth]
 
 
-def unexplained(
-    result: FitResult, s: CandidateModel, worth: Mapping[Effect, float], report: Report
-) -> Unexplained | None:
-    """The smooth curve that explains most of the residual; None where it is not worth its parameters.
-
-    Args:
-        worth: by how much BIC fell when each effect was added.
-    """
+def unexplained(result: FitResult, s: CandidateModel, report: Report) -> Unexplained | None:
+    """The smooth curve that explains most of the residual; None where it is not worth its parameters."""
     report("looking for structure without a name", 0.9)
     s = widened(result, s)
-    before = score(s)
-    best = _best(s, before)
-    if best is None:
-        return None
-    doubtful = questioned(s.added, worth, best.verdict.bic_change)
-    return _finding(best, tuple(e.name for e in doubtful if _in_doubt(s, e, before)))
+    best = _best(s, score(s))
+    return None if best is None else _finding(best, ())
 
 
 def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report: Report) -> Unexplained | None:
@@ -155,31 +142,6 @@ def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) ->
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
-def questioned(added: Iterable[Effect], worth: Mapping[Effect, float], curve_bic_change: float) -> list[Effect]:
-    """Effects that a curve may put in doubt: those that lowered BIC less than `SURELY_NAMED` times the fall that the
-    curve adds.
-
-    A curve and an effect together explain no less than the curve alone, so an effect that explained nearly all of it is
-    not in doubt.
-
-    Args:
-        worth: by how much BIC fell when each was added.
-        curve_bic_change: change of BIC when the curve is added to all of them; below 0.
-    """
-    return [e for e in added if worth[e] < -SURELY_NAMED * curve_bic_change]
-
-
-def in_doubt(bare: float, named: float, curve: float | None) -> bool:
-    """Whether a curve explains clearly more than a named effect: ln(named/bare) > NAME_KEEPS ln(curve/bare).
-
-    Args:
-        bare, named, curve: chi2 without the effect, with it, and with the best curve in its place; None: there is none.
-    """
-    if curve is None:
-        return False
-    return bool(np.log(named / bare) > NAME_KEEPS * np.log(curve / bare))
-
-
 def much_is_left(chi2_per_sample: float | None) -> bool:
     """Whether so much is left that one curve is compared with all effects; None: far from the data, where it always
     is."""
@@ -222,14 +184,6 @@ def _tried(s: CandidateModel, g: Signature, before: Score) -> Trial:
 def _cost(g: Signature) -> Cost:
     """The cost of a curve; amplitudes that these data do not show cost nothing."""
     return Cost(g.seen, len(UNKNOWNS))
-
-
-def _in_doubt(s: CandidateModel, effect: Effect, here: Score) -> bool:
-    """`in_doubt` of one effect of a model with this score."""
-    less = s.without(effect).optimised()
-    bare = score(less)
-    curve = _best(less, bare)
-    return in_doubt(bare.chi2, here.chi2, None if curve is None else curve.verdict.score.chi2)
 
 
 # ---- the finding

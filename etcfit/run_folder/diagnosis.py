@@ -120,8 +120,7 @@ DIAGNOSIS = file_of(
         for each in found.rounds]),
     added=key("[text]", "Effects found, in the order found; empty where the first model already explains the data."),
     removed=key("[text]", "A sentence for each effect that gave way to another, or was taken away again."),
-    sets=key(list_of(SET), "Sets of effects refitted beside what the rounds found: the pairs that promise more "
-        "together.", optional=True),
+    sets=key(list_of(SET), "Far from the data: the set of effects that was grown in the free run.", optional=True),
     ties=key("[[text]]", "Groups of effects that these data cannot tell apart; the first of each is in the model.",
         lambda found: [tie.effects for tie in found.ties], each={"description": "Names."}),
     ties_apart=key("[[number?]]", "For each tie, how far the fits with the others are from that with the first: rms "

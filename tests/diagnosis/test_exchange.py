@@ -14,15 +14,10 @@ from etcfit.diagnosis.choice import Choice, Outcome
 from etcfit.diagnosis.composition import compose, resting
 from etcfit.diagnosis.exchange import (
     Found,
-    LookBack,
     compared_in_place,
-    cost,
-    exchange_two_for_one,
     exchanged,
     gave_way,
-    gave_way_to_one,
     is_rival,
-    merged,
     preference,
     pruned,
     replaced_in_order,
@@ -49,7 +44,7 @@ CLOSE = Apart(0.05, {})
 
 
 def found(effect: type, *rivals: type) -> Found:
-    return Found(effect, {}, 100.0, {rival: {} for rival in rivals})
+    return Found(effect, {}, {rival: {} for rival in rivals})
 
 
 # ---- which of them is preferred
@@ -90,7 +85,7 @@ def test_an_effect_that_takes_anothers_place_is_found_when_that_was() -> None:
 
 
 def test_a_tie_with_an_effect_at_work_is_a_tie_no_longer() -> None:
-    tied = Found(GRAVITY, {AIR: CLOSE, LIMP: CLOSE}, 100.0, {AIR: {}})
+    tied = Found(GRAVITY, {AIR: CLOSE, LIMP: CLOSE}, {AIR: {}})
     assert tied.without_ties_to([GRAVITY, AIR]).ties == {LIMP: CLOSE}
     assert tied.without_ties_to([GRAVITY]) == tied
 
@@ -114,7 +109,7 @@ def test_what_a_round_found_knows_its_ties_and_where_its_rivals_were(model: Cand
     weak = trial(HEAT, 49.0, **resting(HEAT))
     choice = Choice(Outcome.ADDED, LIMP, (), "Because.")
     once = Found.of_round(Round(model, score(1000.0), (), (best, rival, weak), choice))
-    assert (once.effect, once.worth, once.ties) == (LIMP, 500.0, {})
+    assert (once.effect, once.ties) == (LIMP, {})
     assert set(once.rivals) == {GRAVITY}
     assert once.rivals[GRAVITY] == pytest.approx(rival.model.values)
 
@@ -134,7 +129,7 @@ def test_a_tie_of_a_round_knows_how_far_its_fit_is(small: CandidateModel) -> Non
 
 def test_one_without_rivals_and_rivals_at_work_are_not_asked(model: CandidateModel) -> None:
     s = model.with_effects((GRAVITY, HEAT), resting(GRAVITY) | resting(HEAT))
-    tied = Found(GRAVITY, {HEAT: CLOSE}, 100.0, {HEAT: {}})  # in its round; now both are at work
+    tied = Found(GRAVITY, {HEAT: CLOSE}, {HEAT: {}})  # in its round; now both are at work
     said: list[str] = []
     after, left, words, rounds = exchanged(s, (tied, found(HEAT)), lambda text, share: said.append(text))
     assert said == []
@@ -149,7 +144,7 @@ def test_an_effect_found_alone_is_not_tried_without(small: CandidateModel) -> No
     assert pruned(small, quiet)[0] is small
 
 
-# ---- One effect is put in place of two that do together what it does alone
+# ---- A rival in the place of an effect
 
 
 def named(name: str) -> type[AbstractRigEffect]:
@@ -159,18 +154,17 @@ def named(name: str) -> type[AbstractRigEffect]:
 
 
 GAIN, OFFSET = named("channel_gain[response.position]"), named("channel_offset[response.position]")
-ENDS = named("sensor_end_points")
 TWO = (GAIN, OFFSET)
 
 
 @pytest.fixture(scope="module")
 def bent(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
-    """Responses alone, whose position reads 20 % too much and 0.03 rad besides: what its end points alone may do."""
+    """Responses alone, whose position reads 20 % too much and 0.03 rad besides."""
     known = free_parameters(rig.config).layout.parameters
     held = {p.symbol: Fixed(p.nominal) for p in known if p.symbol not in ("K_s", "T_f")}
     little = replace(rig, config=replace(rig.config, parameters=held))
     response = tuple(t for t in traces if t.test.name == "response")
-    composition = compose(little, traces, only=(GAIN, OFFSET, ENDS))  # one test has no gain of its own
+    composition = compose(little, traces, only=(GAIN, OFFSET))  # one test has no gain of its own
     bare = composition.lean(())
     x = bare.layout.coordinates({p.symbol: p.nominal for p in bare.layout.parameters})
     values = {p: v for e, v in ((GAIN, 0.2), (OFFSET, 0.03)) for p in e.off or {}}
@@ -181,36 +175,11 @@ def bent(rig: Rig, traces: tuple[Trace, ...]) -> CandidateModel:
         s = CandidateModel(composition, (), problem, weighted, (problem, weighted), x, end, DiagnosisSettings())
         return s.with_effects(TWO, values)
 
-    seen = of(response)  # its formulas make the data: the question is what two of them have in common with a third
+    seen = of(response)  # its formulas make the data: the question is which of them is there
     noise = np.random.default_rng(4)
     exact = zip(response, seen.problem.free_run(seen.x), strict=True)
     shown = [replace(t, data=y + t.sigma * noise.standard_normal(y.shape)) for t, y in exact]
     return of(tuple(shown))
-
-
-def test_what_two_did_one_does_alone(bent: CandidateModel) -> None:
-    new, bare = exchange_two_for_one(bent, TWO, ENDS), bent.without(GAIN).without(OFFSET).optimised()
-    assert new is not None
-    assert new.added == (ENDS,)
-    assert new.chi2 - bent.chi2 < 0.1 * (bare.chi2 - bent.chi2)
-    assert bent.added == TWO  # as it was
-
-
-def test_where_the_model_cannot_be_computed_on_the_way_nothing_is_put_in_their_place(bent: CandidateModel) -> None:
-    assert exchange_two_for_one(replace(bent, x=np.nan * bent.x), TWO, ENDS) is None
-
-
-def test_one_that_costs_as_much_as_two_and_does_no_better_leaves_them(bent: CandidateModel) -> None:
-    """A gain and a zero in one test, and the same in all tests, have two parameters each."""
-    assert cost(bent, TWO, ENDS).parameters == 0
-    found = tuple(Found(e, {}, 50.0, {}) for e in TWO)
-    assert merged(bent, found, quiet) == LookBack(bent, found)
-
-
-def test_nothing_is_tried_of_one_effect_or_far_from_the_data(bent: CandidateModel) -> None:
-    alone = bent.without(OFFSET)
-    for s in (alone, replace(bent, end=replace(bent.end, far=True))):
-        assert merged(s, (), lambda text, share: pytest.fail(text)) == LookBack(s, ())
 
 
 def test_an_effect_that_gives_way_is_a_round_of_its_own(bent: CandidateModel, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,7 +187,7 @@ def test_an_effect_that_gives_way_is_a_round_of_its_own(bent: CandidateModel, mo
     monkeypatch.setattr("etcfit.diagnosis.exchange.refit_fully", lambda s, report: s)
     s = bent.without(GAIN).optimised()
     rival = dict.fromkeys(GAIN.off or {}, 0.1)
-    back = exchanged(s, (Found(OFFSET, {}, 50.0, {GAIN: rival}),), quiet)
+    back = exchanged(s, (Found(OFFSET, {}, {GAIN: rival}),), quiet)
     assert back.model.added == (GAIN,)
     assert [each.effect for each in back.found] == [GAIN]
     (turned,) = back.rounds
@@ -233,10 +202,3 @@ def test_a_rival_starts_where_its_own_refit_ended(bent: CandidateModel) -> None:
     astray = replace(s.without(OFFSET), x=s.without(OFFSET).x + 3.0)
     (_, rival) = compared_in_place(s, OFFSET, {GAIN: end.values}, astray, measured(astray))
     assert rival.verdict.score.chi2 < 1.001 * end.chi2
-
-
-def test_the_words_name_all_three(bent: CandidateModel) -> None:
-    assert gave_way_to_one(TWO, ENDS, -17.04) == (
-        "channel_gain[response.position] and channel_offset[response.position] gave way to sensor_end_points, "
-        "which explains both (BIC -17.0)."
-    )

@@ -12,13 +12,11 @@ import results
 from diagnoses import rounds, score, verdict
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome, choose
-from etcfit.diagnosis.composition import resting
 from etcfit.diagnosis.course import final_fit
-from etcfit.diagnosis.exchange import Found
 from etcfit.diagnosis.loop import Round, deeper_optimum, refit_chosen, run_round, starts_of
 from etcfit.diagnosis.probabilities import probabilities, questions
 from etcfit.diagnosis.rounds import Near, Progress, find_masked_effect, forward, maskable, nearest, reported
-from etcfit.diagnosis.score import Apart, baseline
+from etcfit.diagnosis.score import baseline
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
@@ -125,17 +123,6 @@ def test_going_back_to_the_first_model_keeps_what_was_learnt(small: CandidateMod
 def test_the_first_fit_is_the_final_one_where_nothing_was_added(small: CandidateModel, rig: Rig) -> None:
     result = results.result(rig)
     assert final_fit(result, Progress(small), quiet) is result
-
-
-def test_an_even_set_that_differs_by_a_tie_is_said_once(model: CandidateModel) -> None:
-    """What the tie already widens is not widened again."""
-    apart = Apart(0.1, {})
-    s = model.with_effects((GRAVITY, DRAG), resting(GRAVITY) | resting(DRAG))
-    found = (Found(GRAVITY, {AIR: apart}, 10.0, {}), Found(DRAG, {}, 10.0, {}))
-    swapped, other = frozenset((AIR, DRAG)), frozenset((LIMP, DRAG))
-    progress = Progress(s, found, even={swapped: apart, other: apart})
-    assert progress.even_beyond_ties.keys() == {other}
-    assert progress.back_to(model).even == {}
 
 
 # ---- Which effects a fit is made anew with; that it finds one is tested on a whole folder: test_recovery_of_the_hidden

@@ -64,7 +64,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
     """Results of many folders are on record with these: a change of one makes them void."""
     assert plain(DEFAULT) == {
         "rounds": 8, "refits": 4, "rig_refits": 3, "refits_side_by_side": 2, "strong_bic_change": -10.0,
-        "refit_rise": 0.2, "folds": 3, "pair_refits": 2, "free_pool": 6,
+        "refit_rise": 0.2, "folds": 3, "free_pool": 6,
         "pieces": 3, "single_traces": 8, "lapse": 0.1, "missed": 0.1, "slow_log": 0.5, "suspicion": 0.8,
     }  # fmt: skip
 
@@ -75,7 +75,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
              "LEAST_PART_OF_ONE": 1.0, "TIED_LIKELIHOOD": 6.0, "SECOND_TRIAL_SHARE": 0.5},
     evidence: {"EVENT": 0.1, "WHITE_P": 1e-5, "LARGE_RMS": 0.03, "LARGE_RMS_DEVIATIONS": 5.0, "SHARE_BINS": 24,
                "SHARE_SAMPLES": 200, "SHARE_NAMED": 0.05},
-    exchange: {"EXCHANGE_RIVAL": 0.5, "IMITATED": 0.05, "MERGES": 2, "HANDING_OVER": 8},
+    exchange: {"EXCHANGE_RIVAL": 0.5},
     free_sets: {"FREE_SPREAD": 0.1},
     formula_errors: {"ERROR_STRETCHES": 20, "FORMULA_STRETCHES": 6, "FORMULA_CEILING": 0.04},
     random_curves: {"CURVE_LENGTH": 3.0, "CURVE_EVIDENCE": 10.0, "LARGE_CURVE": 0.05, "CURVE_STRETCHES": 20},
@@ -86,7 +86,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
     score_module: {"FOLD_TOLERANCE": 1e-3},
     settings: {"TRIAL_RISE": 0.02, "FAR_RISE": 2.0},
     trial: {"SPARED_GAIN": 0.01},
-    unexplained: {"CURVE_REFITS": 1, "NAME_KEEPS": 0.9, "SURELY_NAMED": 0.9 / (1.0 - 0.9), "NAMES_HOLD": 0.8,
+    unexplained: {"CURVE_REFITS": 1, "NAMES_HOLD": 0.8,
                   "CURVE_TEST_CHI2": 1.5},
 }  # fmt: skip
 

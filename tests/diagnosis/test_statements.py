@@ -264,7 +264,7 @@ def test_a_model_that_strays_from_what_was_held_out_is_not_kept(
 
 
 def test_ties_name_the_one_in_the_model_first_and_what_would_separate_them() -> None:
-    made = tie(Found(LIMP, {AIR: Apart(0.03, {})}, 100.0, {}))
+    made = tie(Found(LIMP, {AIR: Apart(0.03, {})}, {}))
     assert made.effects == (LIMP.name, AIR.name)
     assert made.apart == (0.03,)
     assert made.told_by == f"{LIMP.name}: {LIMP.told_by}; {AIR.name}: {AIR.told_by}"
@@ -276,7 +276,7 @@ def stated_of(effect: Effect, probability: float = 0.9, **answers: float) -> Sta
 
 def test_effects_found_ties_and_the_last_reason_are_said(rig: Rig) -> None:
     first, last = diagnoses.rounds(results.result(rig))
-    made = tie(Found(LIMP, {AIR: Apart(0.03, {})}, 100.0, {}))
+    made = tie(Found(LIMP, {AIR: Apart(0.03, {})}, {}))
     assert verdict((stated_of(LIMP),), (made,), None, (first, replace(last, candidates=()))) == (
         "Found: the model lacked limp_home_spring (0.90).",
         "limp_home_spring and airflow_torque cannot be told apart by these data: their fits differ by at most 0.03 "

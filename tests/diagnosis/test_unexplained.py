@@ -17,11 +17,9 @@ from etcfit.diagnosis.unexplained import (
     covariance_of,
     curve_sd,
     curves,
-    in_doubt,
     measured_range,
     much_is_left,
     one_curve_does_more,
-    questioned,
 )
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.parameters import parameters_of
@@ -110,31 +108,6 @@ def test_a_voltage_is_drawn_over_the_current_though_no_angle_was_logged() -> Non
 
 
 # ---- a name in doubt
-
-
-@pytest.mark.parametrize(
-    ("named", "curve", "doubt"),
-    [
-        (100.0, 100.0, False),  # as well
-        (100.0, 300.0, False),  # better than the curve
-        (100.0, 80.0, False),  # a little less well: 0.91 of its logarithm
-        (100.0, 50.0, True),  # clearly less well
-        (950.0, 100.0, True),  # hardly anything
-        (100.0, None, False),  # no curve is worth its parameters
-    ],
-)
-def test_a_name_is_in_doubt_where_a_curve_explains_clearly_more(named: float, curve: float | None, doubt: bool) -> None:
-    """Chi2 is 1000 without either."""
-    assert in_doubt(1000.0, named, curve) is doubt
-
-
-@pytest.mark.parametrize(("worth", "asked"), [(9.1 * 50.0, False), (8.9 * 50.0, True)])
-def test_only_an_effect_that_explained_less_than_nine_times_what_a_curve_adds_is_put_in_doubt(
-    worth: float, asked: bool
-) -> None:
-    """The curve beside it lowers BIC by 50; what the effect keeps its name for is 90 % of what both explain."""
-    every = questioned((LIMP, STRIBECK), {LIMP: worth, STRIBECK: 1e4}, -50.0)
-    assert every == ([LIMP] if asked else [])
 
 
 # ---- what is tried in its place

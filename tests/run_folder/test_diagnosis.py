@@ -33,7 +33,7 @@ def progress(fit: FitResult) -> Progress:
     """After one round, which added the spring; another effect of the rig stands among its rivals."""
     s = start(fit, DEFAULT)
     rig_effect = s.composition.of_the_rig[0]
-    found = Found(LIMP, {}, 120.0, {AIR: {"T_air": 0.1}, rig_effect: {"x": 1.0}})
+    found = Found(LIMP, {}, {AIR: {"T_air": 0.1}, rig_effect: {"x": 1.0}})
     return Progress(s.with_effects((LIMP,), {**fit.values, **resting(LIMP)}), (found,), diagnoses.rounds(fit)[:1])
 
 

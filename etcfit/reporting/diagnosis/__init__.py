@@ -84,8 +84,8 @@ def _ties(found: Found) -> list[str]:
 
 def _set(tried: Mapping[str, Any]) -> str:
     """Effects that were refitted in addition to those of the rounds."""
-    change = "does not compare" if tried["bic_change"] is None else f"BIC {tried['bic_change']:+.1f}"
-    return f"Also tried: {' + '.join(tried['effects'])} ({change}), {'taken' if tried['taken'] else 'not taken'}."
+    outcome = "taken" if tried["taken"] else "not taken"
+    return f"Also tried: {' + '.join(tried['effects'])} (BIC {tried['bic_change']:+.1f}), {outcome}."
 
 
 def _candidates(k: int, each: Mapping[str, Any]) -> Table:
