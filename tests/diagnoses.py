@@ -171,6 +171,5 @@ def unexplained(after: FitResult) -> Unexplained:
         bic_change=-80.0,
         fit=smaller[0],
         holdout=smaller[1],
-        doubts=("stribeck_friction",),
         sentence="The rest enters as torque and depends on angle: a curve of 0.0085 N*m rms.",
     )

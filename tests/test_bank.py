@@ -302,7 +302,10 @@ def test_the_page_has_the_table_of_the_records_kept() -> None:
     records = saved(ROOT / "benchmarks" / "bank" / "records.jsonl")
     assert records
     assert not any(tempfile.gettempdir() in str(each) for each in records)  # messages name files of the folder alone
-    assert table(latest(records)) in (ROOT / "docs" / "validation" / "bank_training.md").read_text(encoding="utf-8")
+    pages = ROOT / "docs" / "validation"
+    assert table(latest(records)) in (pages / "bank_training.md").read_text(encoding="utf-8")
+    test = [*latest(saved(ROOT / "benchmarks" / "bank" / "test_short_records.jsonl")).values()]
+    assert rates(test) in (pages / "bank.md").read_text(encoding="utf-8")
 
 
 def test_the_records_kept_are_of_the_folders_that_their_seeds_draw() -> None:

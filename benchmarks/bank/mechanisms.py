@@ -111,9 +111,6 @@ MECHANISMS: Mapping[str, Mechanism] = {
         "far from the data, sets of effects are compared by their free runs",
         "free_sets.searched_free", lambda _, result, first, progress, *__: (progress, ()),
         lambda out, result, first, progress, *_: out[0] is not progress),
-    "one curve for all": Mechanism(
-        "effects give way to one curve without a name that explains clearly more",
-        "unexplained.outdone", _nothing(None)),
     "corrected formula": Mechanism(
         "a curve of the shape of a named effect corrects its formula: nothing without a name is left",
         "unexplained.corrected_formulas", _nothing(())),

@@ -34,7 +34,7 @@ from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, re
 from .score import score, tie_covariance
 from .settings import DEFAULT, DiagnosisSettings
 from .statements import rig_mistakes, runs_free_worse, statements, tie, verdict
-from .unexplained import Allowed, allowing_for_the_rest, outdone, unexplained
+from .unexplained import Allowed, allowing_for_the_rest, unexplained
 
 # ---- The final model as a fit of its own: run free, its intervals wide enough for ties and for inexact formulas
 
@@ -156,10 +156,8 @@ def diagnose(
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
             return _diagnosis_without_piece(strange, result, report, settings)
-    left = outdone(result, first, progress.model, report)
-    if left is not None:
-        progress = progress.back_to(first)
-    elif not progress.rounds[-1].evidence.white:
+    left = None
+    if not progress.rounds[-1].evidence.white:
         left = unexplained(result, progress.model, report)
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
@@ -253,10 +251,10 @@ def _assembled(
 ) -> Diagnosis:
     """All that was found as plain data."""
     s, after, settings = progress.model, rest.after, first.settings
-    by_curve, corrected = (left.doubts, left.corrects) if left else ((), ())
+    corrected = left.corrects if left else ()
     fitted = {trace.measurement.test for trace in result.problem.batch.traces}
     slow = any(found.kind == SLOW_LOG and found.test in fitted for found in result.rig.findings)
-    present = [e.name for e in s.added if e.name not in by_curve]
+    present = [e.name for e in s.added]
     doubts = () if s.far else doubted_effects(progress.rounds, present)
     added, doubts, questions, chance = named_effects(
         progress.rounds, present, doubts, left is not None, settings, slow, corrected

@@ -170,7 +170,6 @@ class Unexplained:
     # fit, holdout: free-run errors with it
     fit: tuple[PredictionError, ...]
     holdout: tuple[PredictionError, ...]
-    doubts: tuple[str, ...]  # named effects that the curve replaces without loss: they are not proven
     sentence: str  # the finding in words
     # named effects whose formulas the curve corrects: the catalogue lacks no effect there
     corrects: tuple[str, ...] = ()

@@ -23,24 +23,16 @@ from .findings import Discrepancy, Unexplained
 from .formula_errors import step_that_doubles
 from .loop import screened
 from .random_curves import CURVE_STRETCHES, Curve, CurveDiscrepancy, curve_discrepancy
-from .refit import refit_fully, refit_worsened
 from .score import Score, score
 from .screen import Background, Signature, orthonormal
 from .settings import DiagnosisSettings
 from .tangents import fitted_samples, stretch_of_samples, tangents_inside, variants
 from .trial import Cost, Trial, TrialVerdict, judge_trial
 
-# ---- Structure that no effect of the catalogue explains: a smooth curve, and the names that it puts in doubt
-#
-# All effects found keep their names only where they explain nearly as much as one curve that is free to take any shape.
+# ---- Structure that no effect of the catalogue explains: a smooth curve
 
 
 CURVE_REFITS = 1  # smooth curves refitted, the most promising first
-# share of the log-likelihood gained by one curve which all effects together must gain to keep their names
-NAMES_HOLD = 0.8
-CURVE_TEST_CHI2 = 1.5  # chi2 per sample of the final model from which on one curve is compared with all effects
-
-
 _POINTS = 60  # of the curve that is drawn
 
 Smooth = type[AbstractSmooth]
@@ -51,30 +43,7 @@ def unexplained(result: FitResult, s: CandidateModel, report: Report) -> Unexpla
     report("looking for structure without a name", 0.9)
     s = widened(result, s)
     best = _best(s, score(s))
-    return None if best is None else _finding(best, ())
-
-
-def outdone(result: FitResult, first: CandidateModel, s: CandidateModel, report: Report) -> Unexplained | None:
-    """One smooth curve that explains more than all the effects found together, added to the first model; None where no
-    curve does.
-
-    Effects found one after the other may each imitate a part of something without a name. Effects that brought a model
-    near its data give way only to a curve that does so too: far from the data a guided residual is no proof.
-    """
-    if not s.added or not much_is_left(None if s.far else s.chi2_per_sample):
-        return None
-    report("testing whether one curve explains more than all effects found", 0.88)
-    bare = widened(result, first)
-    before = score(bare)
-    curve = _best(bare, before)
-    if curve is None:
-        return None
-    named = first.with_effects(s.added, s.values).optimised()
-    if not one_curve_does_more(before.chi2, named.chi2, curve.verdict.score.chi2):
-        return None
-    if first.far and not s.far and refit_worsened(refit_fully(curve.model, report), s):
-        return None
-    return _finding(curve, tuple(e.name for e in s.added))
+    return None if best is None else _finding(best)
 
 
 # ---- A curve that corrects the formula of a named effect
@@ -142,21 +111,6 @@ def best_curve(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings) ->
     return min(good, key=lambda k: verdicts[k].bic_change, default=None)
 
 
-def much_is_left(chi2_per_sample: float | None) -> bool:
-    """Whether so much is left that one curve is compared with all effects; None: far from the data, where it always
-    is."""
-    return chi2_per_sample is None or not chi2_per_sample < CURVE_TEST_CHI2
-
-
-def one_curve_does_more(bare: float, named: float, curve: float) -> bool:
-    """Whether all effects together do clearly less than one curve: not ln(named/bare) < NAMES_HOLD ln(curve/bare).
-
-    Args:
-        bare, named, curve: chi2 of the first model, of that with all effects, and of that with the curve instead.
-    """
-    return not np.log(named / bare) < NAMES_HOLD * np.log(curve / bare)  # both are negative
-
-
 # ---- models with a curve
 
 
@@ -189,7 +143,7 @@ def _cost(g: Signature) -> Cost:
 # ---- the finding
 
 
-def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
+def _finding(best: Trial) -> Unexplained:
     """The curve over the range that was measured, with its standard deviation."""
     s, v, effect = best.model, best.verdict, best.verdict.effect
     assert issubclass(effect, AbstractSmooth)
@@ -203,12 +157,11 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
     shape = np.asarray(curve.shape(where))
     size = float(np.sqrt(np.mean((shape - shape.mean()) ** 2)))
     held = "" if v.holdout_rms_ratio is None else f", held-out error x {v.holdout_rms_ratio:.3f}"
-    corrects = () if doubts else corrected_formulas(s, effect, jacobian)
+    corrects = corrected_formulas(s, effect, jacobian)
     correction = f" It corrects the formula of {listed(corrects)}, which is not exact." if corrects else ""
-    doubt = f" It explains the data better than {' and '.join(doubts)}, which are not proven." if doubts else ""
     sentence = (
         f"The rest enters as {effect.enters} and depends on {effect.axis}: a curve of {size:.3g} {effect.unit} rms "
-        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{correction}{doubt}"
+        f"(fitted error x {v.fit_rms_ratio:.3f}{held}, BIC {v.bic_change:+.0f}).{correction}"
     )
     return Unexplained(
         enters=effect.enters,
@@ -224,7 +177,6 @@ def _finding(best: Trial, doubts: tuple[str, ...]) -> Unexplained:
         bic_change=v.bic_change,
         fit=v.score.fit_rows,
         holdout=v.score.holdout_rows,
-        doubts=doubts,
         sentence=sentence,
         corrects=corrects,
     )

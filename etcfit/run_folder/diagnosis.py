@@ -79,7 +79,7 @@ SHAPE = Record(
 UNEXPLAINED = record_of(
     Unexplained,
     null=("size", "fit_rms_ratio", "holdout_rms_ratio", "bic_change"),
-    optional=("sentence", "fit_rms_ratio", "holdout_rms_ratio", "bic_change", "doubts", "corrects"),
+    optional=("sentence", "fit_rms_ratio", "holdout_rms_ratio", "bic_change", "corrects"),
     without=("unit", "axis_unit", "axis", "curve", "sd", "fit", "holdout"),
     shape=key(SHAPE, "The curve.", ""),
 )

@@ -86,8 +86,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
     score_module: {"FOLD_TOLERANCE": 1e-3},
     settings: {"TRIAL_RISE": 0.02, "FAR_RISE": 2.0},
     trial: {"SPARED_GAIN": 0.01},
-    unexplained: {"CURVE_REFITS": 1, "NAMES_HOLD": 0.8,
-                  "CURVE_TEST_CHI2": 1.5},
+    unexplained: {"CURVE_REFITS": 1},
 }  # fmt: skip
 
 

@@ -18,8 +18,6 @@ from etcfit.diagnosis.unexplained import (
     curve_sd,
     curves,
     measured_range,
-    much_is_left,
-    one_curve_does_more,
 )
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.parameters import parameters_of
@@ -133,26 +131,6 @@ def test_a_curve_that_is_not_worth_its_parameters_is_none() -> None:
 
 
 # ---- one curve against all names together
-
-
-@pytest.mark.parametrize(("left", "asked"), [(1.4, False), (1.6, True), (None, True), (math.nan, True)])
-def test_one_curve_is_asked_for_where_much_is_left_or_the_model_is_far(left: float | None, asked: bool) -> None:
-    """Far from the data, None, chi2 says nothing of what is left."""
-    assert much_is_left(left) is asked
-
-
-@pytest.mark.parametrize(
-    ("named", "outdone"),
-    [
-        (900.0, True),
-        (10.0 ** (3 - 0.81 * 2), False),  # 81 % of what the curve gains
-        (10.0 ** (3 - 0.79 * 2), True),
-        (5.0, False),
-    ],
-)
-def test_names_that_do_less_together_than_one_curve_are_outdone(named: float, outdone: bool) -> None:
-    """The curve brings a chi2 of 1000 to 10."""
-    assert one_curve_does_more(1000.0, named, 10.0) is outdone
 
 
 # ---- a curve that corrects the formula of a named effect

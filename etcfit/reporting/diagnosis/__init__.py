@@ -61,8 +61,6 @@ def diagnosis_parts(found: Found) -> list[Part]:
     unknown = []
     if left:
         unknown.append(left.get("sentence") or f"A {left['enters']} that depends on {left['depends_on']}.")
-        unknown += [f"In doubt beside it: {name}; the curve explains these data as well."
-                    for name in left.get("doubts") or ()]  # fmt: skip
     evidence = rounds[0].get("evidence_says") or () if rounds else ()  # it set the first round off
     turns = [f"round {k}: {each['why']}" for k, each in enumerate(rounds, start=1)]
     return there(
