@@ -338,8 +338,9 @@ def _answers(
     """Probabilities of the effects refitted in one round, "nothing" and "something else": they add up to one.
 
     In a round that added an effect, the accepted effects and "nothing" have the sum `most`, and effects that the
-    held-out traces contradict have 0. In a round that added none, all effects together have `missed` at most. An effect
-    that was taken away again has `missed` at most, and the rest of its probability goes to "something else".
+    held-out traces contradict have 0. In a round that added none, all effects and "something else" have the sum
+    `missed`. An effect that was taken away again has `missed` at most; the rest of its probability goes to "something
+    else".
     """
     refitted = [c for c in each.candidates if c.bic_change is not None]
     added = [c for c in refitted if c.effect == each.added]
@@ -352,7 +353,7 @@ def _answers(
     weights = {e: math.exp(-0.5 * max(0.0, apart)) for e, apart in behind.items()}
     if each.added is None:
         named = {e: settings.missed * w / (sum(weights.values()) + 1.0) for e, w in weights.items()}
-        return {**named, NOTHING: 1.0 - sum(named.values()), SOMETHING_ELSE: 0.0}
+        return {**named, NOTHING: 1.0 - settings.missed, SOMETHING_ELSE: settings.missed - sum(named.values())}
     standing = {e: w for e, w in weights.items() if e == each.added or e in each.ties or behind[e] >= 0.0}
     nothing = math.exp(0.5 * min([0.0, *(_tempered(c, _temper(c, each, settings)) for c in added)]))
     share = most / (sum(standing.values()) + nothing)
