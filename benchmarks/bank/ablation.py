@@ -47,26 +47,22 @@ def ablation(file: Path, base: Mapping[Key, Record]) -> str:
     """
     rows = []
     for name, mechanism in MECHANISMS.items():
-        new = [r for r in saved(file) if r["commit"].endswith(f"{_SAYS}{name}")]
-        pairs = [(base[key(record)], record) for record in new if key(record) in base]
-        if not pairs and not _acted(name, base):
-            rows.append([name, mechanism.does, "0", "", "", "", "", ""])
-        if not pairs:
+        acted = sum(name in record.get("acted", ()) for record in base.values())
+        new = [r for r in saved(file) if r["commit"].endswith(f"{_SAYS}{name}") and key(r) in base]
+        if acted and not new:  # not run
             continue
-        old = [was for was, _ in pairs]
+        old = [base[key(record)] for record in new]
+        pairs = [*zip(old, new, strict=True)]
         worse = [_place(r) for was, r in pairs if worsened(was, r)]
         better = [_place(r) for was, r in pairs if worsened(r, was) and not worsened(was, r)]
-        seconds = [f"{sum(r['seconds'] for r in some):.0f}" for some in (old, [r for _, r in pairs])]
-        holding = [share(hold(some)) for some in (old, [r for _, r in pairs])]
-        acted = f"{len(pairs)} of {_acted(name, base)}"
-        rows.append([name, mechanism.does, acted, _listed(worse), _listed(better), *holding, " → ".join(seconds)])
+        seconds = " → ".join(f"{sum(r['seconds'] for r in some):.0f}" for some in (old, new))
+        holding = [share(hold(some)) for some in (old, new)]
+        rows.append(
+            [name, mechanism.does, f"{len(new)} of {acted}", _listed(worse), _listed(better), *holding, seconds]
+        )
     head = ["mechanism", "what it does", "run without it, of those in which it acted", "worse without it",
             "better without it", "intervals hold with it", "without it", "s cpu, with → without"]  # fmt: skip
     return markdown(head, rows)
-
-
-def _acted(name: str, base: Mapping[Key, Record]) -> int:
-    return sum(name in record.get("acted", ()) for record in base.values())
 
 
 def _place(record: Record) -> str:

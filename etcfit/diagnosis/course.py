@@ -156,9 +156,7 @@ def diagnose(
         strange = of_another_rig(result, progress.model, score(progress.model).fit_rows, report)
         if strange is not None:
             return _diagnosis_without_piece(strange, result, report, settings)
-    left = None
-    if not progress.rounds[-1].evidence.white:
-        left = unexplained(result, progress.model, report)
+    left = None if progress.rounds[-1].evidence.white else unexplained(result, progress.model, report)
     report("the fit of the final model", 0.95)
     after = final_fit(result, progress, report)
     worse = progress.model.added and runs_free_worse(after, result, settings)
@@ -254,7 +252,7 @@ def _assembled(
     corrected = left.corrects if left else ()
     fitted = {trace.measurement.test for trace in result.problem.batch.traces}
     slow = any(found.kind == SLOW_LOG and found.test in fitted for found in result.rig.findings)
-    present = [e.name for e in s.added]
+    present = tuple(e.name for e in s.added)
     doubts = () if s.far else doubted_effects(progress.rounds, present)
     added, doubts, questions, chance = named_effects(
         progress.rounds, present, doubts, left is not None, settings, slow, corrected
@@ -268,7 +266,7 @@ def _assembled(
         before=result,
         after=after,
         start=known,
-        final=(*known, *(e.name for e in s.added)),
+        final=(*known, *present),
         rounds=progress.rounds,
         added=added,
         removed=(*progress.changed, *(f"{name} {UNSAID}" for name in doubts)),

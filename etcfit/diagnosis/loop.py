@@ -82,7 +82,7 @@ def _one_round(s: CandidateModel, report: Report) -> Round:
     before = baseline(s)
     candidates = [e for e in s.composition.candidates if not s.at_work(e)]
     report(f"screening {len(candidates)} effects", 0.1)
-    every = score_candidates(s, candidates, Signature.briefly, before.errors)
+    every = score_candidates(s, candidates, before.errors)
     signatures = ranked(every)
     cost = partial(Cost.of_effect, composition=s.composition)
     chosen = promising(signatures, before, s.far, cost, s.settings)
@@ -98,7 +98,7 @@ def _one_round(s: CandidateModel, report: Report) -> Round:
 
 def screened(s: CandidateModel, candidates: Sequence[Effect]) -> tuple[Signature, ...]:
     """Every candidate's best signature without its columns, the most promising first."""
-    return ranked(score_candidates(s, candidates, Signature.briefly))
+    return ranked(score_candidates(s, candidates))
 
 
 def starts_of(best: Signature, every: Sequence[Signature]) -> list[Signature]:
@@ -111,8 +111,8 @@ def starts_of(best: Signature, every: Sequence[Signature]) -> list[Signature]:
 def score_candidates(
     s: CandidateModel,
     candidates: Sequence[Effect],
-    kept: Callable[[Signature], Signature] = lambda whole: whole,
     errors: FormulaErrors = EXACT,
+    kept: Callable[[Signature], Signature] = Signature.briefly,
 ) -> list[Signature]:
     """The signature of every variant of the candidates in the residual.
 

@@ -77,7 +77,7 @@ class Case:
     def screened(self, shown: list[np.ndarray]) -> dict[str, Signature]:
         """By name, the most promising of each."""
         s = self.beside(shown)
-        found = score_candidates(s, [e for e in self.composition.of_the_rig])
+        found = score_candidates(s, self.composition.of_the_rig, kept=lambda whole: whole)
         return {g.variant.effect.name: g for g in sorted(found, key=lambda g: g.gain)}
 
     def by_hand(self, name: str, value: float) -> list[np.ndarray]:

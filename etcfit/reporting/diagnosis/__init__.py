@@ -58,9 +58,7 @@ def how_sure(found: Found) -> Part:
 def diagnosis_parts(found: Found) -> list[Part]:
     """The unexplained part, indistinguishable effects, the rounds with their candidates, and removed effects."""
     left, rounds = found.get("unexplained"), found.get("rounds") or ()
-    unknown = []
-    if left:
-        unknown.append(left.get("sentence") or f"A {left['enters']} that depends on {left['depends_on']}.")
+    unknown = [left.get("sentence") or f"A {left['enters']} that depends on {left['depends_on']}."] if left else []
     evidence = rounds[0].get("evidence_says") or () if rounds else ()  # it set the first round off
     turns = [f"round {k}: {each['why']}" for k, each in enumerate(rounds, start=1)]
     return there(
