@@ -253,7 +253,7 @@ def _assembled(
     fitted = {trace.measurement.test for trace in result.problem.batch.traces}
     slow = any(found.kind == SLOW_LOG and found.test in fitted for found in result.rig.findings)
     present = tuple(e.name for e in s.added)
-    doubts = () if s.far else doubted_effects(progress.rounds, present)
+    doubts = () if s.far else doubted_effects(progress.rounds, present, corrected)
     added, doubts, questions, chance = named_effects(
         progress.rounds, present, doubts, left is not None, settings, slow, corrected
     )

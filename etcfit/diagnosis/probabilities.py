@@ -64,16 +64,27 @@ UNSAID = "stays in the model but is not named: another cause is likelier to expl
 _EVERYWHERE = Place()
 
 
-def credit_by_round(rounds: Sequence[RoundReport], added: Collection[str]) -> list[float]:
+def credit_by_round(
+    rounds: Sequence[RoundReport], added: Collection[str], corrected: Collection[str] = ()
+) -> list[float]:
     """For each round the largest probability that the effect it added may have, from 0 to 1.
 
-    It is 1 where the share explained is unknown: there is no later round, or the effect did not stay in the model."""
-    return [_credit(k, rounds, added) for k in range(len(rounds))]
+    It is 1 where the share explained is unknown: there is no later round, or the effect did not stay in the model.
+
+    Args:
+        corrected: effects whose formulas a curve corrects.
+    """
+    return [_credit(k, rounds, added, bool(corrected)) for k in range(len(rounds))]
 
 
-def doubted_effects(rounds: Sequence[RoundReport], added: Collection[str]) -> list[str]:
-    """Effects that stay in the model but are not named, because another cause is likelier."""
-    believed = zip(rounds, credit_by_round(rounds, added), strict=True)
+def doubted_effects(
+    rounds: Sequence[RoundReport], added: Collection[str], corrected: Collection[str] = ()
+) -> list[str]:
+    """Effects that stay in the model but are not named, because another cause is likelier.
+
+    Args: as of `credit_by_round`.
+    """
+    believed = zip(rounds, credit_by_round(rounds, added, corrected), strict=True)
     return [str(each.added) for each, credit in believed if credit < _least_credit(each.added)]
 
 
@@ -90,14 +101,15 @@ def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> 
     return left / max(left, sum(map(_excess, first)), 1e-300)
 
 
-def _credit(k: int, rounds: Sequence[RoundReport], added: Collection[str]) -> float:
+def _credit(k: int, rounds: Sequence[RoundReport], added: Collection[str], corrected: bool) -> float:
     name = rounds[k].added
     if name is None or name not in added or k + 1 == len(rounds):
         return 1.0
     place = _place(name)
     own = _gain(k, rounds, place)
     others = [j for j in range(len(rounds) - 1) if j != k and rounds[j].added in added]
-    elsewise = sum(_chi2_left(row) for row in rounds[-1].evidence.rows if _is_at(row, place))
+    of_a_formula = corrected and rig_effect(name) is None
+    elsewise = 0.0 if of_a_formula else sum(_chi2_left(row) for row in rounds[-1].evidence.rows if _is_at(row, place))
     elsewise += sum(_gain(j, rounds, place) for j in others if _in_one_test(_place(str(rounds[j].added)), place))
     return own / (own + elsewise) if elsewise else 1.0
 
@@ -192,7 +204,8 @@ def questions(
     """
     gone = _withdrawn(rounds, added)
     limits = (largest_probability(each.added, rounds, curve, settings) for each in rounds)
-    believed = [min(pair) for pair in zip(credit_by_round(rounds, {*added, *doubts}), limits, strict=True)]
+    credit = credit_by_round(rounds, {*added, *doubts}, corrected)
+    believed = [min(pair) for pair in zip(credit, limits, strict=True)]
     round_questions = [
         Question(f"Round {k}: which effect explains the residual?", _answers(each, gone, most, settings))
         for k, (each, most) in enumerate(zip(rounds, believed, strict=True), start=1)

@@ -149,7 +149,7 @@ def test_beside_a_slow_log_no_name_is_surer_than_may_be() -> None:
 N = 1000
 VOLTS_1, VOLTS_2, DRIVE = "viscous/volts_1.csv", "viscous/volts_2.csv", "response/drive_1.csv"
 WARM, GAIN, CLOCK = f"warm_start[{VOLTS_2}]", f"channel_gain[{VOLTS_2}.voltage]", "time_scale[viscous]"
-FRICTION, SPRING, DRAG = "presliding_friction", "limp_home_spring", "quadratic_drag"
+FRICTION, SPRING, DRAG, RATIO = "presliding_friction", "limp_home_spring", "quadratic_drag", "gear_ratio"
 
 
 def excess_round(added: str | None, excess: Mapping[str, float]) -> RoundReport:
@@ -304,6 +304,14 @@ def test_a_curve_that_corrects_a_formula_is_no_effect_without_a_name() -> None:
     of_the_rig = (excess_round(WARM, {VOLTS_2: 400.0}), excess_round(None, {VOLTS_2: 0.0}))
     imitated = named_effects(of_the_rig, [WARM], [], True, DEFAULT, slow=False, corrected=(DRAG,))
     assert imitated.probabilities[WARM] == pytest.approx(0.3)
+
+
+def test_what_an_inexact_formula_leaves_is_no_other_cause_of_what_an_effect_explains() -> None:
+    """Friction beside bristles: the curve of the rest corrects the bristles. A mistake of the rig leaves noise."""
+    for name, credit in ((DRAG, (0.2, 1.0)), (WARM, (0.2, 0.2)), (RATIO, (0.2, 0.2))):
+        rounds = (excess_round(name, {VOLTS_2: 5.0}), excess_round(None, {VOLTS_2: 4.0}))
+        assert [credit_by_round(rounds, [name], corrected)[0] for corrected in ((), (SPRING,))] == pytest.approx(credit)
+        assert doubted_effects(rounds, [name], (SPRING,)) == ([] if name == DRAG else [name])
 
 
 def test_a_mistake_must_explain_more_of_the_misfit_than_an_effect_to_be_said() -> None:
