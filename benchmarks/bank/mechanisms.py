@@ -119,7 +119,7 @@ MECHANISMS: Mapping[str, Mechanism] = {
         "statements.runs_free_worse", _nothing(False)),
     "held-out noise": Mechanism(
         "held-out traces that are noise by the filter contradict no effect",
-        "refit.held_out_shows_noise", _nothing(False)),
+        "trial.is_noise", _nothing(False)),
     "formula errors": Mechanism(
         "evidence beside an effect with an inexact formula allows for its errors",
         "formula_errors.FormulaErrors.of_model", _exact),

@@ -21,7 +21,7 @@ by stretches rather than a Gaussian process, and its size is `inexact` of the ef
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,8 @@ import numpy as np
 from ..estimation.identifiability import listed
 from ..estimation.levenberg_marquardt import linearise_at
 from ..problem.free_parameters import effect_named
+from ..problem.problem import EstimationProblem
+from ..problem.residual import WeightedData
 from .candidate_model import CandidateModel
 from .composition import Effect
 from .tangents import fitted_samples, stretch_of_samples
@@ -71,11 +73,12 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FormulaErrors:
-    """Covariance M of the residual of the fitted samples."""
+    """Covariance M of the residual of the fitted samples, and of that of the held-out ones."""
 
     stretches: tuple[Stretch, ...] = ()  # all stretches of all traces; none where M = 1
     count: int = 0  # n, number of fitted samples
     free: tuple[str, ...] = ()  # symbols of the free parameters of the model
+    held_out: FormulaErrors | None = None  # those of the held-out samples; None where M = 1 or nothing is held out
 
     def __bool__(self) -> bool:
         """Whether M differs from 1."""
@@ -87,14 +90,22 @@ class FormulaErrors:
         inexact = [effect for effect in s.added if effect.inexact]
         if s.far or not inexact:
             return EXACT
-        _, jacobian = fitted_samples(s.problem, s.x, s.weighted)
-        columns = np.stack([effect.inexact * (jacobian @ step_that_doubles(s, effect)) for effect in inexact], axis=1)
+        steps = np.stack([effect.inexact * step_that_doubles(s, effect) for effect in inexact], axis=1)
+        held_out = None if s.holdout is None else cls._of_samples(*s.holdout, s.x, steps)
+        return replace(cls._of_samples(s.problem, s.weighted, s.x, steps), held_out=held_out)
+
+    @classmethod
+    def _of_samples(
+        cls, problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, steps: np.ndarray
+    ) -> FormulaErrors:
+        """Where formula errors move the coordinates by so much at their size, shape (P, k)."""
+        columns = fitted_samples(problem, x, weighted)[1] @ steps
         columns = np.where(np.isfinite(columns), columns, 0.0)
-        number = stretch_of_samples(s.problem, s.weighted, ERROR_STRETCHES)
+        number = stretch_of_samples(problem, weighted, ERROR_STRETCHES)
         order = np.argsort(number, kind="stable")
         stretches = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
         found = tuple(Stretch.of_columns(samples, columns[samples]) for samples in stretches)
-        return cls(found, len(columns), s.problem.layout.free)
+        return cls(found, len(columns), problem.layout.free)
 
     def whitened(self, columns: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """M^-1/2 times columns, shape (n,) or (n, k).

@@ -11,7 +11,7 @@ from ..estimation.free_run import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend, descend_in_stages
 from ..estimation.result import FitResult, Optimum, Termination
-from ..estimation.rounds import rounds
+from ..estimation.rounds import deviance, rounds
 from ..problem import weights
 from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
@@ -22,7 +22,7 @@ from .candidate_model import CandidateModel
 from .composition import compose
 from .score import Score, holdout_rms, holdout_worsened
 from .settings import DiagnosisSettings
-from .trial import SPARED_GAIN
+from .trial import SPARED_GAIN, is_noise
 
 REFIT_TOLERANCE = 1e-4  # relative change of chi2 that ends the descent before the first whitening
 # chi2 per degree of freedom below which a model that was far from the data counts as near them
@@ -30,7 +30,6 @@ NEAR_CHI2_PER_DOF = 10.0
 WHITENING_ROUNDS = 10  # most rounds of whitening and refitting
 STILL = 0.2  # standard errors: a round of whitening that moves no parameter by more is the last
 REWEIGHINGS = 2  # times that the samples are weighed by their residuals, far from the data
-HELD_OUT_NOISE = 1.1  # whitened chi2 per held-out sample up to which nothing in it contradicts a model
 WORSE_CHI2 = 1.5  # chi2 per sample after a full refit over that before, from which on the refit is refused
 
 
@@ -125,7 +124,12 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
         end = Termination(True, "optimum of the guided residual", far=True)
         return _reweighed(whitened(s, problem, s.held_out, s.x, end), s.held_out)
     new = _in_rounds(s, problem, x, report)
-    return _in_rounds(s, problem, s.x, report) if refit_worsened(new, s) else new
+    return min(new, _in_rounds(s, problem, s.x, report), key=unlikely) if refit_worsened(new, s) else new
+
+
+def unlikely(s: CandidateModel) -> float:
+    """-2 log L of a model near its data, by its own whitening."""
+    return deviance(s.problem, s.weighted, s.x)
 
 
 def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
@@ -176,5 +180,4 @@ def held_out_shows_noise(new: CandidateModel, before: CandidateModel) -> bool:
         return False
     (problem, data), (problem_before, data_before) = new.holdout, before.holdout
     after, was = problem.chi2(new.x, data), problem_before.chi2(before.x, data_before)
-    noise = after < HELD_OUT_NOISE * data.samples
-    return bool(noise and after - was < SPARED_GAIN * (before.chi2 - new.chi2))
+    return is_noise(after, data.samples) and after - was < SPARED_GAIN * (before.chi2 - new.chi2)

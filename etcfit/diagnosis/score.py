@@ -85,10 +85,19 @@ def score(s: CandidateModel, errors: FormulaErrors = EXACT) -> Score:
     held_out = None
     if s.holdout is not None:
         problem, weighted = s.holdout
-        held_out = float(chi2_of(problem, s.x[None], weighted)[0])
+        held_out = _held_out_chi2(problem, weighted, s.x, errors.held_out)
     fit_rows = rows(s.problem.batch.traces, s.problem.free_run(s.x))
     count = independent(_channels(s.problem, r))
     return Score(_chi2(s, r, errors), count, held_out, fit_rows, _holdout_rows(s), errors)
+
+
+def _held_out_chi2(
+    problem: EstimationProblem, weighted: WeightedData, x: np.ndarray, errors: FormulaErrors | None
+) -> float:
+    if not errors:
+        return float(chi2_of(problem, x[None], weighted)[0])
+    r = errors.whitened(problem.residual(x, weighted)[np.asarray(weighted.slots.weight) > 0.0])
+    return float(r @ r)
 
 
 def baseline(s: CandidateModel) -> Score:

@@ -33,6 +33,7 @@ from .tangents import variants
 
 # held-out chi2 may rise by this share of the fall of chi2 of the fitted traces: held-out traces may not show the effect
 SPARED_GAIN = 0.01
+HELD_OUT_NOISE = 1.1  # whitened chi2 per held-out sample up to which nothing in it contradicts a model
 
 
 _FOUND_BY_CHECKS = 10.0  # times as probable, before any fit, as a mistake that no check found
@@ -73,6 +74,15 @@ def surprise(effect: Effect, values: Mapping[str, float], stated: Iterable[Effec
 # no other trace can contradict the lateness of one trace.
 
 
+def is_noise(held_out: float | None, samples: float) -> bool:
+    """Whether held-out samples, each predicted from those before it, differ from a model by noise alone.
+
+    Args:
+        held_out: their chi2.
+    """
+    return held_out is not None and held_out < HELD_OUT_NOISE * samples
+
+
 def required_bic_change(settings: DiagnosisSettings, beside_formulas: bool) -> float:
     """Change of BIC below which an effect is worth its parameters; beside effects with inexact formulas it is lower."""
     return settings.strong_bic_change * (BESIDE_FORMULAS if beside_formulas else 1.0)
@@ -95,6 +105,7 @@ class TrialVerdict:
     slack: float  # allowed relative rise of the held-out free-run RMS
     prior: float = 0.0  # -2 ln prior, a part of `bic_change`
     beside_formulas: bool = False  # whether effects with inexact formulas are at work in the model before
+    held_out_noise: bool = False  # whether the model with it predicts held-out samples from those before them to noise
 
     def required_bic_change(self, settings: DiagnosisSettings) -> float:
         """Change of BIC below which the effect is worth its parameters."""
@@ -106,9 +117,11 @@ class TrialVerdict:
 
     def helps_elsewhere(self) -> bool:
         """Whether held-out traces do not contradict the effect. They need not show it: for example, not every trace
-        reaches a stop."""
+        reaches a stop. A free run adds up what the noise of the input does: where it is worse but every held-out
+        sample, predicted from those before it, differs by noise alone, nothing contradicts the effect."""
         spared = self.holdout_chi2_change is None or self.holdout_chi2_change < SPARED_GAIN * self.gain
-        return spared and (self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack)
+        near = self.holdout_rms_ratio is None or self.holdout_rms_ratio < 1.0 + self.slack
+        return spared and (near or self.held_out_noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +183,9 @@ def judge_trial(effect: Effect, before: Score, s: CandidateModel, cost: Cost | N
         counted = replace(after, chi2=after.chi2 + gain_in_one_event(s, effect))
     verdict = compare(effect, before, counted, cost or Cost.of_effect(effect, s.composition), s.weighted.samples, slack)
     prior = surprise(effect, s.values, s.composition.stated) if s.at_work(effect) else 0.0
-    return Trial(s, replace(verdict, score=after, bic_change=verdict.bic_change + prior, prior=prior))
+    noise = not s.far and s.holdout is not None and is_noise(after.held_out, s.holdout[1].samples)
+    bic = verdict.bic_change + prior
+    return Trial(s, replace(verdict, score=after, bic_change=bic, prior=prior, held_out_noise=noise))
 
 
 def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], before: Score) -> Trial:
@@ -191,6 +206,7 @@ def second_trial(first: Trial, full: CandidateModel, before: Score) -> Trial:
         best.verdict,
         holdout_rms_ratio=again.verdict.holdout_rms_ratio,
         holdout_chi2_change=again.verdict.holdout_chi2_change,
+        held_out_noise=again.verdict.held_out_noise,
         slack=full.settings.refit_rise,
     )
     return replace(best, verdict=verdict)

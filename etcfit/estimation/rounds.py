@@ -15,7 +15,15 @@ from ..problem.cores import concurrently
 from ..problem.prediction_error import columns
 from ..problem.problem import EstimationProblem
 from ..problem.residual import WeightedData
-from .levenberg_marquardt import ROUGH_TOLERANCE, descend, descend_in_stages, linearise_at, minimise, with_lag_of_start
+from .levenberg_marquardt import (
+    ROUGH_TOLERANCE,
+    LinearisedProblem,
+    descend,
+    descend_in_stages,
+    linearise_at,
+    minimise,
+    with_lag_of_start,
+)
 from .result import Reason, Termination
 from .settings import FitSettings, GlobalSearchSettings
 
@@ -25,7 +33,8 @@ from .settings import FitSettings, GlobalSearchSettings
 SETTLED = 0.05  # a round that moves no parameter by more is the last, standard errors
 CLOCK_ROUNDS = 4
 """Number of first rounds, which also estimate the jitter of the sampling instants. Later rounds linearise half way
-between the last two optima: an impact that crosses a sampling instant would otherwise make two optima alternate."""
+between the last optimum and the likeliest place so far: an impact or a slip that crosses a sampling instant would
+otherwise make optima alternate. Where the rounds do not settle, that place is their end if it is the likelier."""
 OFF_BOUND_ROUNDS = 2  # number of first rounds whose descents begin away from the bounds of the parameters
 ALTERNATING = 1.0  # a last round that moves a parameter by more is reported to alternate, standard errors
 WANDERING = 10.0  # a last round that moves one by more is no optimum: the fit has not converged, standard errors
@@ -55,6 +64,24 @@ class Reached(NamedTuple):
         """chi2 per sample."""
         return self.problem.chi2(self.x, self.weighted) / max(1.0, self.weighted.samples)
 
+    @property
+    def deviance(self) -> float:
+        """-2 log L of the data, see `deviance`."""
+        return deviance(self.problem, self.weighted, self.x)
+
+
+def deviance(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) -> float:
+    """-2 log L of the data at coordinates x, shape (P,), up to a constant; infinite if the model cannot be computed.
+
+        -2 log L = sum_k (r_k^2 + log S_k) + r_prior^2
+
+    It compares two filters, which chi2 alone cannot: a filter that expects large errors gives a small chi2.
+    """
+    seen = np.asarray(weighted.slots.weight) > 0.0
+    precision = np.asarray(weighted.whitening.weight)[seen]
+    found = float(chi2_of(problem, x[None], weighted)[0] - 2.0 * np.sum(np.log(precision)))
+    return found if np.isfinite(found) else np.inf
+
 
 def whitened(
     problem: EstimationProblem, x: np.ndarray, report: Report, settings: FitSettings = FitSettings()
@@ -81,22 +108,25 @@ def rounds(
     Args:
         still: largest movement that counts as none, standard errors.
     """
-    moved, outliers, about = np.inf, 0, x
+    moved, outliers, about, likeliest = np.inf, 0, x, None
     k = 0
     while True:
         before = f": the last one moved {moved:.2g} standard errors" if k else ""
         report(f"whitening {k + 1}{before}", 0.5 + 0.4 * k / most)
         weighted = problem.weighted(problem.kalman(about))
+        unlikely = deviance(problem, weighted, about)
         down = descend if k < OFF_BOUND_ROUNDS else minimise
         x, _ = down(problem, x, weighted, settings.tolerance, settings.steps)
+        if likeliest is None or unlikely < likeliest.deviance:
+            likeliest = _Round(problem, about, x, outliers, unlikely)
         here = linearise_at(problem, x, weighted)
-        moved = float(np.max(np.abs(x - about) / np.sqrt(np.diag(here.covariance))))
+        moved = _standard_errors(x - about, here)
         if (moved < still and k > 0) or k == most - 1:
             end = after_rounds(moved, here.gain, outliers)
-            return Reached(problem, weighted, x, replace(end, wander=(x - about)[None], gain=here.gain))
-        # later rounds linearise half way: an impact that crosses a sampling instant makes two optima alternate
+            reached = Reached(problem, weighted, x, replace(end, wander=(x - about)[None], gain=here.gain))
+            return reached if moved < ALTERNATING else _likelier(reached, likeliest)
         early = k < CLOCK_ROUNDS
-        about = x if early else 0.5 * (about + x)
+        about = x if early else 0.5 * (likeliest.about + x)
         r = problem.residual(x, weighted)
         whitened = columns(problem.batch, r)
         del weighted  # free the largest arrays of a fit before the next ones are made
@@ -104,6 +134,32 @@ def rounds(
         problem = problem.with_instants(about)
         problem, outliers = weights.outliers_weighed(problem, whitened)
         k += 1
+
+
+class _Round(NamedTuple):
+    """A round without its largest arrays."""
+
+    problem: EstimationProblem
+    about: np.ndarray  # coordinates of its filter, shape (P,)
+    x: np.ndarray  # where it led, shape (P,)
+    outliers: int
+    deviance: float  # -2 log L of the data at `about`
+
+
+def _likelier(reached: Reached, likeliest: _Round) -> Reached:
+    """The end of rounds that did not settle, or the place of the likeliest filter if the data are likelier there."""
+    own = reached.problem.weighted(reached.problem.kalman(reached.x))
+    if not likeliest.deviance < deviance(reached.problem, own, reached.x):
+        return reached
+    problem, x, optimum, outliers, _ = likeliest
+    weighted = problem.weighted(problem.kalman(x))
+    here, wander = linearise_at(problem, x, weighted), optimum - x
+    end = after_rounds(_standard_errors(wander, here), here.gain, outliers)
+    return Reached(problem, weighted, x, replace(end, wander=wander[None], gain=here.gain))
+
+
+def _standard_errors(step: np.ndarray, here: LinearisedProblem) -> float:
+    return float(np.max(np.abs(step) / np.sqrt(np.diag(here.covariance))))
 
 
 def after_rounds(moved: float, gain: float, outliers: int = 0) -> Termination:
@@ -241,13 +297,9 @@ def search_about(
 # With an ECU in the model, a plate that sticks one tick later, turns a little earlier or holds instead of slipping
 # makes other valleys of the sum of squares, a few percent of a parameter apart and about as deep. The fit is started
 # again from points about its end, with errors of timing tolerated at first; again about a likelier end; and, if it
-# ended in a valley that does not explain the data, from points about its start. Of all ends the likeliest is kept, by
-#
-#     -2 log L = sum_k (r_k^2 + log S_k) + r_prior^2
-#
-# because chi2 alone cannot compare two filters: a filter that expects large errors gives a small chi2. The distances of
-# the other ends belong to the parameters' covariance, weighted by their likelihoods to the power 1/T, because each end
-# owes some of its likelihood to instants of slips and ticks that happen to fit:
+# ended in a valley that does not explain the data, from points about its start. Of all ends the likeliest is kept
+# (`deviance`). The distances of the other ends belong to the parameters' covariance, weighted by their likelihoods to
+# the power 1/T, because each end owes some of its likelihood to instants of slips and ticks that happen to fit:
 #
 #     C + sum_k w_k d_k d_k^T,    w_k = L_k^(1/T) / sum_j L_j^(1/T)
 #
@@ -278,20 +330,11 @@ class _End(NamedTuple):
     deviance: float
 
 
-def deviance(reached: Reached) -> float:
-    """-2 log L of the data at an end, up to a constant; infinite if the model cannot be computed there."""
-    problem, weighted, x, _ = reached
-    seen = np.asarray(weighted.slots.weight) > 0.0
-    precision = np.asarray(weighted.whitening.weight)[seen]
-    found = float(chi2_of(problem, x[None], weighted)[0] - 2.0 * np.sum(np.log(precision)))
-    return found if np.isfinite(found) else np.inf
-
-
 def likeliest_nearby(
     reached: Reached, start: Float[np.ndarray, " P"], report: Report, settings: FitSettings = FitSettings()
 ) -> Reached:
     """The likeliest of an end and those nearby, with the distances of the others in `Termination.wander`."""
-    best = _End(reached, deviance(reached))
+    best = _End(reached, reached.deviance)
     if not settings.neighbours or not np.isfinite(best.deviance):
         return reached
     rng = np.random.default_rng(settings.seed)
@@ -335,7 +378,7 @@ def _further(end: _End, settings: FitSettings) -> _End:
 
 def _whitened(problem: EstimationProblem, x: np.ndarray, most: int, settings: FitSettings) -> _End:
     reached = rounds(problem, x, quiet, NEARLY_SETTLED, most, settings)
-    return _End(reached, deviance(reached))
+    return _End(reached, reached.deviance)
 
 
 def _with_distances(best: Reached, ends: list[_End]) -> Reached:

@@ -19,6 +19,7 @@ from etcfit.diagnosis.formula_errors import (
     formula_covariance,
     percent_off,
 )
+from etcfit.diagnosis.score import score
 from etcfit.diagnosis.tangents import fitted_samples
 from etcfit.estimation.identifiability import WIDE
 from etcfit.estimation.result import Termination
@@ -118,6 +119,18 @@ def test_a_model_s_errors_are_those_of_its_added_effects_stretch_by_stretch(mode
         size = np.linalg.norm(GRAVITY.inexact * doubled[samples])
         assert_allclose(shrinkage, 1.0 - 1.0 / np.sqrt(1.0 + size**2), atol=1e-9)
         assert_allclose(np.abs(u.T @ doubled[samples]), size / GRAVITY.inexact, rtol=1e-9, atol=1e-12)
+
+
+def test_held_out_traces_are_allowed_the_same_formula_errors(small: CandidateModel) -> None:
+    """The held-out trace is the fitted one: its chi2 is r^T M^-1 r, no parameter refitted."""
+    found = small.with_effects((GRAVITY,), {"T_g": 0.2})
+    errors = FormulaErrors.of_model(found)
+    r, _ = fitted_samples(found.problem, found.x, found.weighted)
+    whitened = errors.whitened(r)
+    assert score(found, errors).held_out == pytest.approx(whitened @ whitened, rel=1e-12)
+    assert whitened @ whitened < r @ r - 1e3
+    assert score(found).held_out == pytest.approx(r @ r, rel=1e-9)
+    assert FormulaErrors.of_model(replace(found, holdout=None)).held_out is None
 
 
 # ---- what they do to the parameters

@@ -92,10 +92,10 @@ def test_no_free_run_contradicts_a_model_to_which_each_held_out_sample_is_noise(
     monkeypatch.setattr("etcfit.diagnosis.refit.holdout_worsened", lambda *_: True)
     per_sample = best.holdout[0].chi2(best.x, best.holdout[1]) / best.holdout[1].samples
     for limit, noise in ((1.01 * per_sample, True), (0.99 * per_sample, False)):
-        monkeypatch.setattr("etcfit.diagnosis.refit.HELD_OUT_NOISE", limit)
+        monkeypatch.setattr("etcfit.diagnosis.trial.HELD_OUT_NOISE", limit)
         assert held_out_shows_noise(best, worse) is noise
         assert is_no_worse(best, worse, was) is noise
-    monkeypatch.setattr("etcfit.diagnosis.refit.HELD_OUT_NOISE", 1e9)
+    monkeypatch.setattr("etcfit.diagnosis.trial.HELD_OUT_NOISE", 1e9)
     assert not held_out_shows_noise(worse, best)
     assert not held_out_shows_noise(replace(best, holdout=None), worse)
     assert not held_out_shows_noise(replace(best, end=FAR), worse)

@@ -97,6 +97,13 @@ def test_held_out_traces_must_not_contradict(
     assert v.helps_elsewhere() is helps
 
 
+def test_a_worse_free_run_contradicts_no_effect_that_leaves_noise_on_the_held_out_traces() -> None:
+    """Their chi2 must not rise all the same."""
+    for change, helps in ((0.9, True), (1.1, False)):
+        v = verdict(LIMP, -100.0, holdout_chi2_change=change, holdout_rms_ratio=1.5, held_out_noise=True)
+        assert v.helps_elsewhere() is helps
+
+
 @pytest.mark.parametrize(("bic", "strong"), [(-10.1, True), (-10.0, False), (-9.9, False), (math.nan, False)])
 def test_only_a_bic_that_falls_by_more_than_ten_is_strong(bic: float, strong: bool) -> None:
     assert verdict(LIMP, bic).is_strong(SETTINGS) is strong

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from etcfit.estimation import rounds
-from etcfit.estimation.result import Termination
-from etcfit.estimation.rounds import Reached, deviance, likeliest_nearby
+from etcfit.estimation.levenberg_marquardt import LinearisedProblem
+from etcfit.estimation.result import Reason, Termination
+from etcfit.estimation.rounds import Reached, likeliest_nearby
 from etcfit.estimation.settings import FitSettings
 
 
@@ -83,13 +85,50 @@ def _a_line_for_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_deviance_is_that_of_normal_samples_and_of_the_prior(sd: float) -> None:
     x = 1.3
     by_hand = sum(((y - x) / sd) ** 2 + np.log(sd**2) for y in (1.0, 2.0)) + ((x - 1.0) / 0.1) ** 2
-    assert deviance(end(x, sd, prior_sd=0.1)) == pytest.approx(by_hand, rel=1e-12)
+    assert end(x, sd, prior_sd=0.1).deviance == pytest.approx(by_hand, rel=1e-12)
 
 
 def test_a_filter_that_expects_large_errors_is_not_likelier_for_its_small_chi2() -> None:
     near, lax = end(1.5, 0.5), end(1.5, 50.0)
     assert lax.problem.chi2(lax.x, None) < near.problem.chi2(near.x, None)
-    assert deviance(lax) > deviance(near)
+    assert lax.deviance > near.deviance
+
+
+# ---- rounds that do not settle
+
+
+class Alternating(Line):
+    """Two optima take turns, whatever the filter: the data are likeliest half way."""
+
+    def __init__(self) -> None:
+        super().__init__(0.5)
+        self.batch = None
+
+    def kalman(self, about: np.ndarray) -> Any:
+        return None
+
+    def weighted(self, whitening: Any) -> Any:
+        return end(1.0, self.sd).weighted
+
+
+@pytest.mark.parametrize(("optima", "kept"), [((1.2, 1.8), 1.5), ((1.5, 1.5), 1.5), ((1.49, 1.9), 1.49)])
+def test_rounds_that_alternate_end_where_the_data_are_likeliest(
+    optima: tuple[float, float], kept: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    turns = itertools.cycle(optima)
+    for way in ("descend", "minimise"):
+        monkeypatch.setattr(rounds, way, lambda *_: (np.array([next(turns)]), 1))
+    monkeypatch.setattr(rounds, "columns", lambda *_: [])
+    monkeypatch.setattr(rounds.weights, "timed", lambda problem, *_: problem)
+    monkeypatch.setattr(rounds.weights, "outliers_weighed", lambda problem, _: (problem, 0))
+    here = LinearisedProblem(1.0, np.array([[0.01]]), 0.0, np.zeros(1))
+    monkeypatch.setattr(rounds, "linearise_at", lambda *_: here)
+    line: Any = Alternating()
+    reached = rounds.rounds(line, np.array([3.0]), lambda *_: None, 0.05, 10)
+    assert reached.x[0] == pytest.approx(kept, abs=0.02)
+    assert reached.end.wander is not None
+    moved = float(np.max(np.abs(reached.end.wander))) / 0.1
+    assert (reached.end.reason_code is Reason.OPTIMUM) is (moved < 1.0)
 
 
 class Rounds:
@@ -117,7 +156,7 @@ def test_the_likeliest_end_is_kept_and_the_others_widen_it(monkeypatch: pytest.M
     first = end(1.9)
     kept = nearby(first, Rounds(1.5, 1.2, 1.5, 1.2), monkeypatch, neighbours=2, SEARCHES=1)
     assert kept.x[0] == 1.5
-    less = [deviance(each) - deviance(end(1.5)) for each in (first, end(1.5), end(1.2))]
+    less = [each.deviance - end(1.5).deviance for each in (first, end(1.5), end(1.2))]
     weight = np.exp(-0.5 / rounds.ROUGHNESS * np.array(less))
     expected = 0.01**2 + np.sum(weight / weight.sum() * np.array([0.4, 0.0, -0.3]) ** 2)
     assert kept.end.wander is not None
