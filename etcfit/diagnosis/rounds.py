@@ -31,6 +31,9 @@ from .trial import Trial, judge_trial
 # guide.
 
 
+MASKED_ROUNDS = 2  # rounds after which a hidden effect is sought: beside none, and beside the first effect found
+
+
 def maskable(candidates: Iterable[Effect]) -> tuple[Effect, ...]:
     """The candidates that a run guided along the measured angle does not show."""
     return tuple(effect for effect in candidates if effect.hidden)
@@ -44,9 +47,12 @@ def find_masked_effect(result: FitResult, turned: Round, report: Report) -> tupl
     is tried while more than noise is left.
 
     Args:
-        turned: the first round, after which the model is still far from the data.
+        turned: a round after which the model is still far from the data. Effects of the rig are tried in the first
+            alone, by the free run of the first fit.
     """
-    candidates = (*maskable(turned.before.composition.candidates), *_of_the_rig(result, turned.before))
+    before = turned.before
+    hidden = (e for e in maskable(before.composition.candidates) if not before.at_work(e))
+    candidates = (*hidden, *(() if before.added else _of_the_rig(result, before)))
     found = nearest(_near(candidates, result, turned, report))
     if found is None:
         return None
@@ -190,7 +196,7 @@ def forward(
         def in_round(text: str, share: float, made: int = made) -> None:
             report(f"round {made + 1}: {text}", (made + share) / limit)
 
-        turned, s = _round(result, progress.model, in_round, first=not made)
+        turned, s = _round(result, progress.model, in_round, made)
         progress = replace(progress, model=s, rounds=(*progress.rounds, reported(turned)))
         report(f"round {made + 1}: {turned.choice.why}", (made + 0.5) / limit)
         if turned.added is None:
@@ -200,11 +206,15 @@ def forward(
     return progress
 
 
-def _round(result: FitResult, s: CandidateModel, report: Report, first: bool) -> tuple[Round, CandidateModel]:
-    """One round and the model after it; after a first round that stays far from the data, effects that the guide hides
-    are tried."""
+def _round(result: FitResult, s: CandidateModel, report: Report, made: int) -> tuple[Round, CandidateModel]:
+    """One round and the model after it; after a first or second round that stays far from the data, effects that the
+    guide hides are tried.
+
+    Args:
+        made: rounds before it.
+    """
     turned, new = refit_chosen(run_round(s, report), report)
-    if first and new.far:
+    if made < MASKED_ROUNDS and new.far:
         return find_masked_effect(result, turned, report) or (turned, new)
     return turned, new
 

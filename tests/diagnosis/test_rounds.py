@@ -12,16 +12,18 @@ import results
 from diagnoses import rounds, score, verdict
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.choice import Choice, Outcome, choose
+from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.loop import Round, deeper_optimum, refit_chosen, run_round, starts_of
 from etcfit.diagnosis.probabilities import probabilities, questions
-from etcfit.diagnosis.rounds import Near, Progress, find_masked_effect, forward, maskable, nearest, reported
+from etcfit.diagnosis.rounds import Near, Progress, _round, find_masked_effect, forward, maskable, nearest, reported
 from etcfit.diagnosis.score import baseline
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.trial import Trial, judge_trial
 from etcfit.estimation.joint_fit import quiet
+from etcfit.estimation.result import FitResult, Termination
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS
 from etcfit.rig.base import Rig
 from results import result
@@ -128,6 +130,8 @@ def test_the_first_fit_is_the_final_one_where_nothing_was_added(small: Candidate
 # ---- Which effects a fit is made anew with; that it finds one is tested on a whole folder: test_recovery_of_the_hidden
 
 LAG, BACKLASH = (EFFECT_BY_NAME[n] for n in ("position_sensor_lag", "backlash"))
+NOTHING_PROMISES = Choice(Outcome.NO_PROMISE, None, (), "")
+AT = {"T_g": 0.1}
 
 
 def test_only_a_sensor_that_follows_late_is_hidden() -> None:
@@ -142,8 +146,29 @@ def test_a_fit_is_made_anew_with_hidden_effects_alone() -> None:
 
 def test_where_none_is_hidden_no_fit_is_made_and_nothing_is_added(small: CandidateModel, rig: Rig) -> None:
     assert maskable(small.composition.candidates) == ()
-    turned = Round(small, score(1.0), (), (), Choice(Outcome.NO_PROMISE, None, (), ""))
+    turned = Round(small, score(1.0), (), (), NOTHING_PROMISES)
     assert find_masked_effect(result(rig), turned, lambda text, share: pytest.fail(text)) is None
+
+
+def test_a_hidden_effect_is_sought_beside_none_and_beside_the_first_found(
+    small: CandidateModel, rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Effects of the rig only beside none, because they are screened in the free run of the first fit."""
+    room, tried = "etcfit.diagnosis.rounds", list[tuple[tuple[str, ...], str]]()
+    monkeypatch.setattr(f"{room}.maskable", lambda _: (LAG,))
+    monkeypatch.setattr(f"{room}._of_the_rig", lambda *_: (BACKLASH,))
+    far, second = (replace(s, end=Termination(True, "", far=True)) for s in (small, small.with_effects((GRAVITY,), AT)))
+
+    def refused(effect: Effect, _: FitResult, before: CandidateModel, *__: object) -> None:
+        tried.append((tuple(e.name for e in before.added), effect.name))
+
+    monkeypatch.setattr(f"{room}.fitted_with", refused)
+    monkeypatch.setattr(f"{room}.run_round", lambda s, _: Round(s, score(1.0), (), (), NOTHING_PROMISES))
+    monkeypatch.setattr(f"{room}.refit_chosen", lambda turned, _: (turned, turned.before))
+    for made, s in enumerate((far, second, second)):
+        turned, new = _round(result(rig), s, quiet, made)
+        assert (turned.before, new) == (s, s)
+    assert tried == [((), LAG.name), ((), BACKLASH.name), ((GRAVITY.name,), LAG.name)]
 
 
 @pytest.mark.parametrize(
