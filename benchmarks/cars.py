@@ -42,7 +42,7 @@ def run(seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
         log = Path(scratch) / "log.csv"
         write_log(log, log_of(car, seed))
-        asked = TuneRequest("rusefi", car.gains, anyway=True)
+        asked = TuneRequest("rusefi", (car.gains,), anyway=True)
         found = tune_logs([log], RunFolder(Path(scratch) / "run"), asked)
     row: dict[str, Any] = {
         "rate": car.rate,

@@ -19,7 +19,7 @@ from dataclasses import Field, dataclass, field, fields
 from enum import IntEnum
 from math import inf, pi
 from pathlib import Path
-from typing import Annotated, Any, cast, get_type_hints
+from typing import Annotated, Any, cast, get_args, get_origin, get_type_hints
 
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperOption
@@ -123,8 +123,15 @@ def _make(
         asked: what the work takes besides the run folder and the progress.
         opened: further arguments of `stages.opened`.
     """
-    with _progress(quiet, stages.expected(run, stage) if stage else None) as progress:
-        done = work(stages.opened(run, **opened), progress, *asked)
+    _finish(work, stages.opened(run, **opened), quiet, *asked, expected=stages.expected(run, stage) if stage else None)
+
+
+def _finish(
+    work: Callable[..., stages.Done], run: Any, quiet: bool, *asked: Any, expected: Expected | None = None
+) -> None:
+    """Do work in a run folder, show its progress, and print what it leaves."""
+    with _progress(quiet, expected) as progress:
+        done = work(run, progress, *asked)
     _show_outcome(done)
 
 
@@ -135,29 +142,41 @@ def _option(
 
     Args:
         default: Ellipsis for an option that is required.
+        metavar: a key of `_READERS` where the option takes a text and the parameter what that means.
         shown: the default in words, for `--help`.
         names: names of the option, if they differ from the parameter's; more: further arguments of `typer.Option`.
     """
-    option = typer.Option(*names, help=help, metavar=metavar, show_default=shown or True, **more)
-    return field(default=default, metadata={"option": option})
+    more |= {"help": help, "metavar": metavar, "show_default": shown or True}
+    return field(default=default, metadata={"names": names, "more": more})
 
 
 def _with_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give typer a parameter for each option: of the command itself, and for each field of its argument `options`."""
-    hints, given_so = get_type_hints(command, include_extras=True), inspect.signature(command).parameters.values()
+    hints, taken, readers = get_type_hints(command, include_extras=True), list[inspect.Parameter](), {}
     kind = hints.get("options")
-    taken: list[inspect.Parameter] = []
-    for each in given_so:
+
+    def take(name: str, hint: Any, option: Any) -> None:
+        if isinstance(option, Field):
+            names, more = option.metadata["names"] or (f"--{name.replace('_', '-')}",), option.metadata["more"]
+            if read := _READERS.get(more["metavar"]):
+                readers[name] = functools.partial(read, names[0])
+                hint = list[str] | None if list in [get_origin(each) for each in get_args(hint)] else str | None
+            hint, option = Annotated[hint, typer.Option(*names, **more)], option.default
+        taken.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=hint))
+
+    for each in inspect.signature(command).parameters.values():
         if each.name == "options":
             theirs = get_type_hints(kind)
-            taken += [_parameter(own.name, theirs[own.name], own) for own in fields(hints["options"])]
-        elif isinstance(each.default, Field):
-            taken.append(_parameter(each.name, hints[each.name], each.default))
+            for own in fields(hints["options"]):
+                take(own.name, theirs[own.name], own)
         else:
-            taken.append(each.replace(kind=each.KEYWORD_ONLY, annotation=hints[each.name]))
+            take(each.name, hints[each.name], each.default)
 
     @functools.wraps(command)
     def spread(**given: Any) -> None:
+        for name, read in readers.items():
+            if (text := given[name]) is not None:
+                given[name] = list(map(read, text)) if isinstance(text, list) else read(text)
         if kind is not None:
             given["options"] = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
         command(**given)
@@ -165,11 +184,6 @@ def _with_options(command: Callable[..., None]) -> Callable[..., None]:
     spread.__signature__ = inspect.Signature(taken)  # type: ignore[attr-defined]
     spread.__annotations__ = {each.name: each.annotation for each in taken}
     return spread
-
-
-def _parameter(name: str, hint: Any, option: Field[Any]) -> inspect.Parameter:
-    hint = Annotated[hint, option.metadata["option"]]
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option.default, annotation=hint)
 
 
 _TAG = re.compile(r"(\\*)(\[[a-z#/@][^\[]*?\])")  # text that rich would read as markup
@@ -212,11 +226,54 @@ def _small(name: str | None) -> str | None:
     return None if name is None else name.casefold()
 
 
+def _seconds(option: str, text: str) -> float:
+    """A time with its unit, s."""
+    return _with_unit(option, text, {"us": 1e-6, "ms": 1e-3, "s": 1.0}, "a time", "1ms")
+
+
+def _radians(option: str, text: str) -> float:
+    """An angle with its unit, rad."""
+    return _with_unit(option, text, {"deg": pi / 180.0, "rad": 1.0}, "an angle", "0.1deg")
+
+
+def _bytes(option: str, text: str) -> int:
+    """A size with its unit, bytes."""
+    return int(_with_unit(option, text, {"kB": 1e3, "MB": 1e6, "GB": 1e9}, "a size", "2GB"))
+
+
+def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, example: str) -> float:
+    """A number with its unit, in SI."""
+    number, unit = next(((text.removesuffix(u), u) for u in units if text.endswith(u)), (text, ""))
+    try:
+        value = float(number) * units[unit]
+    except (KeyError, ValueError):
+        *others, last = units
+        known = f"{', '.join(others)} or {last}"
+        raise UsageError(
+            f"{option} {text}: {what} needs a number and a unit, {known}. Write, say, {example}."
+        ) from None
+    if not 0.0 <= value < inf:
+        raise UsageError(f"{option} {text}: {what} cannot be negative or infinite. Write, say, {example}.")
+    return value
+
+
+def _three_gains(option: str, present: str) -> tuple[float, float, float]:
+    """The gains P, I and D that the ECU has now."""
+    try:
+        p, i, d = map(float, present.split(","))
+    except ValueError:
+        raise UsageError(
+            f"{option} {present}: three numbers between commas are required. Write, say, 6.2,40,0.05."
+        ) from None
+    if not all(0.0 <= gain < inf for gain in (p, i, d)):
+        raise UsageError(f"{option} {present}: a gain cannot be negative or infinite.")
+    return p, i, d
+
+
+_READERS = {"TIME": _seconds, "ANGLE": _radians, "SIZE": _bytes, "P,I,D": _three_gains}
 _ECU = _option(None, "Make of the ECU that gains are for, as rusefi; a wrong name lists all.", "NAME",
-               "no particular make",
-               callback=_small)  # fmt: skip
-_ANYWAY = _option(False, "Give gains for an ECU even where the fit did not converge or is a compromise.", None, None,
-                  "--anyway")  # fmt: skip
+               "no particular make", callback=_small)  # fmt: skip
+_ANYWAY = _option(False, "Give gains for an ECU even where the fit did not converge or is a compromise.")
 
 
 def _must_be_writable(out: Path | None) -> None:
@@ -247,8 +304,7 @@ def _global(
 @_verb("Look", "etcfit check measurements/bench_twin --advise --at runs/bench_twin")
 def check(
     folder: Folder,
-    advise: bool = _option(False, "Instead of the checks, show what one more trace of each test would add.", None, None,
-                           "--advise"),
+    advise: bool = _option(False, "Instead of the checks, show what one more trace of each test would add."),
     at: Path | None = _option(None, "Use the final model of this run for the advice, not the graph readings.", "RUN",
                               exists=True, file_okay=False),
     out: Path | None = _option(None, "Also write the advice to RUN/advice.json.", "RUN", file_okay=False),
@@ -297,7 +353,7 @@ def diagnose(run: Run, quiet: Quiet = False) -> None:
 def report(
     run: Run,
     interactive: bool = _option(False, "Write the interactive page RUN/report_interactive.html instead: zoom, sliders "
-                                "for parameters and gains, every trace with its verdict.", None, None, "--interactive"),
+                                "for parameters and gains, every trace with its verdict."),
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Write RUN/report.html, one self-contained page of everything in RUN, with pictures; or an interactive page."""
@@ -313,7 +369,7 @@ def run_(
         None, f"The last stage that runs: {', '.join(stages.LAST)}. The page is written in every case.", "STAGE",
         stages.LAST[-1],
     ),
-    no_sample: bool = _option(False, "Skip the posterior, which takes longest.", None, None, "--no-sample"),
+    no_sample: bool = _option(False, "Skip the posterior, which takes longest."),
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Run all stages from FOLDER to RUN/report.html, in order; a stage whose results are up to date is skipped.
@@ -407,10 +463,9 @@ class TuneOptions:
     """Options of `etcfit tune`."""
 
     ecu: str = _option("generic", "Make of the ECU that made the logs and gets the gains.", "NAME", callback=_small)
-    present: list[str] | None = _option(
+    present: list[tuple[float, float, float]] | None = _option(
         None, "Gains P,I,D that the ECU has now, in its own numbers; if the logs have different gains, once for each "
-        "log, the present gains last.",
-        "P,I,D",
+        "log, the present gains last.", "P,I,D"
     )  # fmt: skip
     msq: Path | None = _option(
         None, "Tune of the ECU: gains (unless --present gives them), bias table and limit of the integral.", "FILE",
@@ -418,8 +473,8 @@ class TuneOptions:
     )  # fmt: skip
     hold_out: float = _option(40.0, "Share of the longest log that is predicted, not fitted, %.", min=0.0, max=80.0)
     supply: float | None = _option(None, "Supply voltage, V.", None, "as logged, else 13.5", min=1.0, max=100.0)
-    ecu_period: str | None = _option(None, "Period of the ECU's clock.", "TIME", "as its maker publishes")
-    ecu_delay: str | None = _option(None, "Delay from the ECU's reading to its output.", "TIME", "one period")
+    ecu_period: float | None = _option(None, "Period of the ECU's clock.", "TIME", "as its maker publishes")
+    ecu_delay: float | None = _option(None, "Delay from the ECU's reading to its output.", "TIME", "one period")
     column: list[str] | None = _option(
         None, "Meaning of a column: HEADER=QUANTITY [UNIT] or HEADER=ignore; may be repeated.", "TEXT"
     )
@@ -441,33 +496,11 @@ def tune(
     from .importing.answers import parsed
     from .importing.tuning import TuneSettings
 
-    ecu, present = options.ecu, [_three_gains(each) for each in options.present or ()]
-    if len(present) > 1 and len(present) != len(logs):
-        raise UsageError(f"--present is given {len(present)} times for {len(logs)} logs. Give it once, or once for "
-                         "each log, in the order of the logs.")  # fmt: skip
-    given = _times_of_ecu(options)
-    _refuse_what_a_make_fixes(ecu, given)
-    answers = parsed(options.column or (), (), [str(file) for file in logs])
-    gains = present[-1] if present else None
-    request = TuneRequest(ecu, gains, tuple(given.items()), options.supply, answers, options.anyway,
-                          TuneSettings(hold_out=0.01 * options.hold_out),
-                          tuple(present) if len(present) > 1 else ())  # fmt: skip
-    if options.msq is not None:
-        request = request.with_tune(options.msq)
+    o, given = options, _given_of_ecu(options)
+    answers = parsed(o.column or (), (), [str(file) for file in logs])
+    request = TuneRequest(o.ecu, tuple(o.present or ()), tuple(given.items()), o.supply, answers, o.anyway,
+                          TuneSettings(hold_out=0.01 * o.hold_out)).for_logs(logs, o.msq)  # fmt: skip
     _make("", lambda run, report: stages.tune_logs(logs, run, report, request), out, quiet)
-
-
-def _three_gains(present: str) -> tuple[float, float, float]:
-    """The gains P, I and D that the ECU has now."""
-    try:
-        p, i, d = map(float, present.split(","))
-    except ValueError:
-        raise UsageError(
-            f"--present {present}: three numbers between commas are required. Write, say, 6.2,40,0.05."
-        ) from None
-    if not all(0.0 <= gain < inf for gain in (p, i, d)):
-        raise UsageError(f"--present {present}: a gain cannot be negative or infinite.")
-    return p, i, d
 
 
 @_verb("Explain", "etcfit sample runs/bench_twin")
@@ -506,11 +539,13 @@ class DesignOptions:
 
     rule: str = _option("optimal", "The tuning rule whose gains are proposed.", "NAME")
     ecu: str | None = _ECU
-    ecu_period: str | None = _option(None, "Period of the ECU's clock.", "TIME", "that of [ecu] in rig.toml, else 1ms")
-    ecu_delay: str | None = _option(
+    ecu_period: float | None = _option(
+        None, "Period of the ECU's clock.", "TIME", "that of [ecu] in rig.toml, else 1ms"
+    )
+    ecu_delay: float | None = _option(
         None, "Delay from reading to acting.", "TIME", "that of [ecu] in rig.toml, else 0ms"
     )
-    ecu_filter: str | None = _option(None, "Time constant of the filter ahead of the ECU's converter.", "TIME", "0ms")
+    ecu_filter: float | None = _option(None, "Time constant of the filter ahead of the ECU's converter.", "TIME", "0ms")
     divides_by_battery: bool | None = _option(
         None,
         "Whether the ECU divides its duty by the battery voltage, so that its output means volts.",
@@ -518,23 +553,25 @@ class DesignOptions:
         "as the make is known, else not",
         "--divides-by-battery/--no-divides-by-battery",
     )
-    present: str | None = _option(None, "Gains that the ECU has now, in its own numbers, as 60,80,120.", "P,I,D")
+    present: tuple[float, float, float] | None = _option(
+        None, "Gains that the ECU has now, in its own numbers, as 60,80,120.", "P,I,D"
+    )
     swings_at: float | None = _option(
         None, "The P, in the ECU's own number, at which P alone makes the plate oscillate.", min=0.0
     )
-    sensor_noise: str | None = _option(
+    sensor_noise: float | None = _option(
         None,
         "Noise of one position reading, 1 sd, as 0.1deg.",
         "ANGLE",
         "that of the rig's logs, as fit.json has it; 0deg where none logs a position",
     )
     adc_bits: int = _option(12, "Bits of the position sensor's converter, over the travel.", min=6, max=24)
-    feed_forward: bool = _option(False, "The ECU has a bias curve.", None, None, "--feed-forward")
+    feed_forward: bool = _option(False, "The ECU has a bias curve.")
     feed_forward_terms: str | None = _option(
         None, "Feed-forward that code of yours adds: friction, rate or both, as friction,rate.", "TERMS"
     )
     overshoot: float = _option(20.0, "Largest overshoot, %.", min=0.0)
-    settling: str = _option("0.2s", "Longest settling time, as 0.2s.", "TIME")
+    settling: float = _option("0.2s", "Longest settling time, as 0.2s.", "TIME")
     error: float = _option(0.5, "Largest steady-state error, %.", min=0.0)
     duty_activity: float = _option(5.0, "Largest standard deviation of the duty at rest, %.", min=0.0)
     rms_current: float = _option(inf, "Largest rms current, A.", None, "no limit", min=0.0)
@@ -547,9 +584,7 @@ class DesignOptions:
         None, "Run folder of `etcfit fleet`: gains for parts like its units.", "RUN", exists=True, file_okay=False
     )
     anyway: bool = _ANYWAY
-    fleet: bool = _option(
-        False, "RUN is a run folder of `etcfit fleet`: gains for 99 % of its units.", None, None, "--fleet"
-    )
+    fleet: bool = _option(False, "RUN is a run folder of `etcfit fleet`: gains for 99 % of its units.")
 
 
 @_verb("Control", "etcfit design runs/bench_twin --ecu rusefi --ecu-period 1ms")
@@ -558,22 +593,15 @@ def design(run: Run, options: DesignOptions, quiet: Quiet = False) -> None:
     request = _design_request(options)
     if not options.fleet:
         return _make("design", stages.design_run, run, quiet, request)
-    with _progress(quiet) as progress:
-        done = stages.design_fleet(run, progress, request)
-    _show_outcome(done)
+    _finish(stages.design_fleet, run, quiet, request)
 
 
 def _design_request(o: DesignOptions) -> DesignRequest:
     """The request of `etcfit design`, in SI."""
-    given = _times_of_ecu(o)
-    if o.sensor_noise is not None:
-        given["noise"] = _with_unit("--sensor-noise", o.sensor_noise, _RADIANS, "an angle", "0.1deg")
-    if o.divides_by_battery is not None:
-        given["compensated"] = float(o.divides_by_battery)
-    _refuse_what_a_make_fixes(o.ecu, given)
+    given = _given_of_ecu(o)
     limits = {
         "overshoot_pct": o.overshoot,
-        "settling_s": _seconds("--settling", o.settling),
+        "settling_s": o.settling,
         "steady_state_error_pct": o.error,
         "duty_activity_pct": o.duty_activity,
         "current_rms_A": o.rms_current,
@@ -586,34 +614,31 @@ def _design_request(o: DesignOptions) -> DesignRequest:
     if o.fleet and o.parts is not None:
         raise UsageError("--parts and --fleet exclude each other: with --fleet RUN itself is the fleet.")
     required = {symbol: limit for symbol, limit in limits.items() if limit != inf}
-    known = {} if o.present is None else dict(zip("PID", _three_gains(o.present), strict=True))
+    known = {} if o.present is None else dict(zip("PID", o.present, strict=True))
     known |= {} if o.swings_at is None else {"swings_at": o.swings_at}
     return DesignRequest(o.rule, o.adc_bits, terms, required, given, o.ecu, o.log, o.parts, o.anyway, known)
 
 
-_TIMES = {"period": "--ecu-period", "delay": "--ecu-delay", "lag": "--ecu-filter"}  # field of `Ecu` -> option
+# field of `Ecu` -> option that gives it
+_OF_ECU = {"period": "ecu_period", "delay": "ecu_delay", "lag": "ecu_filter", "noise": "sensor_noise",
+           "compensated": "divides_by_battery"}  # fmt: skip
 
 
-def _times_of_ecu(options: TuneOptions | DesignOptions) -> dict[str, float]:
-    """The given times of the ECU, s, by field of `Ecu`."""
-    texts = {each: getattr(options, option[2:].replace("-", "_"), None) for each, option in _TIMES.items()}
-    given = {each: _seconds(_TIMES[each], text) for each, text in texts.items() if text is not None}
+def _given_of_ecu(options: TuneOptions | DesignOptions) -> dict[str, float]:
+    """The given properties of the ECU, by field of `Ecu`; one that its make fixes at another value is refused."""
+    every = {field: getattr(options, name, None) for field, name in _OF_ECU.items()}
+    given = {field: float(value) for field, value in every.items() if value is not None}
     if given.get("period") == 0.0:
-        raise UsageError(f"--ecu-period {texts['period']}: the period must be longer than 0. Write, say, 1ms.")
+        raise UsageError("--ecu-period: the period must be longer than 0. Write, say, 1ms.")
+    if options.ecu is not None:
+        from .model.ecus import named
+
+        with _naming_option("--ecu"):
+            clash = named(options.ecu).clashes(given)
+        if clash:
+            option = _OF_ECU[clash[0]].replace("_", "-")
+            raise UsageError(f"--{option}: {options.ecu} fixes it. Leave it out.")
     return given
-
-
-def _refuse_what_a_make_fixes(make: str | None, given: Mapping[str, float]) -> None:
-    """Refuse a property of the ECU that its make fixes at another value."""
-    if make is None:
-        return
-    from .model.ecus import named
-
-    with _naming_option("--ecu"):
-        clash = named(make).clashes(given)
-    if clash:
-        option = _TIMES | {"compensated": "--divides-by-battery"}
-        raise UsageError(f"{option[clash[0]]}: {make} fixes it. Leave it out.")
 
 
 @contextmanager
@@ -636,32 +661,6 @@ def _terms(spring: bool, others: str | None) -> bool | str:
     return f"spring,{others}" if spring else others
 
 
-_SECONDS = {"us": 1e-6, "ms": 1e-3, "s": 1.0}
-_BYTES = {"kB": 1e3, "MB": 1e6, "GB": 1e9}
-_RADIANS = {"deg": pi / 180.0, "rad": 1.0}
-
-
-def _seconds(option: str, text: str) -> float:
-    """A time with its unit, s."""
-    return _with_unit(option, text, _SECONDS, "a time", "1ms")
-
-
-def _with_unit(option: str, text: str, units: Mapping[str, float], what: str, example: str) -> float:
-    """A number with its unit, in SI."""
-    number, unit = next(((text.removesuffix(u), u) for u in units if text.endswith(u)), (text, ""))
-    try:
-        value = float(number) * units[unit]
-    except (KeyError, ValueError):
-        *others, last = units
-        known = f"{', '.join(others)} or {last}"
-        raise UsageError(
-            f"{option} {text}: {what} needs a number and a unit, {known}. Write, say, {example}."
-        ) from None
-    if not 0.0 <= value < inf:
-        raise UsageError(f"{option} {text}: {what} cannot be negative or infinite. Write, say, {example}.")
-    return value
-
-
 @_verb("Many units", "etcfit fleet line_4 --out runs/line_4 --workers 4")
 def fleet(
     what: Annotated[
@@ -678,9 +677,7 @@ def fleet(
     """
     match what, out:
         case ["report", run], None:
-            with _progress(quiet) as progress:
-                done = stages.fleet_report(Path(run), progress)
-            return _show_outcome(done)
+            return _finish(stages.fleet_report, Path(run), quiet)
         case [_], None:
             raise UsageError("--out RUN is missing: the run folder to write.")
         case [location], Path():
@@ -693,9 +690,7 @@ def fleet(
     def watched(address: str, share: float) -> None:
         _stderr().print(f"workers: {address}", markup=False)
 
-    with _progress(quiet) as progress:
-        done = stages.fleet(location, out, workers, scheduler, progress, silent if quiet else watched)
-    _show_outcome(done)
+    _finish(stages.fleet, out, quiet, location, workers, scheduler, silent if quiet else watched)
 
 
 @_verb("Share", "etcfit export runs/bench_twin --to c --out firmware")
@@ -703,7 +698,7 @@ def export(
     run: Run,
     to: str = _option(..., "Format: c, fmu, msq, mat, m, python, mujoco, mujoco-position or isaac.", "FORMAT"),
     out: Path | None = _option(None, "The folder to write; RUN/export if not given.", "DIR", file_okay=False),
-    step: str | None = _option(None, "Time step of the plant in C and FMU.", "TIME", "0.5ms"),
+    step: float | None = _option(None, "Time step of the plant in C and FMU.", "TIME", "0.5ms"),
     at: float = _option(25.0, "Operating point of a transfer function, % of the travel.", min=0.0, max=100.0),
     into: Path | None = _option(None, "Your own tune, for msq: the gains are written into a copy.", "FILE", exists=True,
                                 dir_okay=False),
@@ -711,8 +706,7 @@ def export(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Write the model in RUN (after a diagnosis, the final one) for another program; say what that format lacks."""
-    seconds = None if step is None else _seconds("--step", step)
-    _make("", stages.export_run, run, quiet, to, out, seconds, at / 100.0, into, anyway, opened={"out": out})
+    _make("", stages.export_run, run, quiet, to, out, step, at / 100.0, into, anyway, opened={"out": out})
 
 
 @_verb("Measure", "etcfit plan runs/bench_twin --out plans/next --current 4")
@@ -792,7 +786,7 @@ class ImportOptions:
         None, "Meaning of a column: [FILE:]HEADER=QUANTITY [UNIT] or =ignore; may be repeated.", "TEXT"
     )
     test: list[str] | None = _option(None, "Rig test of a file: FILE=TEST; may be repeated.", "TEXT")
-    period: str | None = _option(None, "Sampling period, for files without a time column, as 1ms.", "TIME")
+    period: float | None = _option(None, "Sampling period, for files without a time column, as 1ms.", "TIME")
     rig: Path | None = _option(None, "A rig.toml to copy, as `etcfit new` writes one.", "RIG.TOML", dir_okay=False)
     motor: str | None = _option(None, "The motor to read from files that have several.", "NAME")
     servo: str | None = _option(
@@ -801,7 +795,7 @@ class ImportOptions:
         "dynamixel-ax.",
         "NAME",
     )
-    limit: str = _option("256MB", "Largest size of one recording's numbers in memory.", "SIZE")
+    limit: int = _option("256MB", "Largest size of one recording's numbers in memory.", "SIZE")
 
 
 @_verb("Measure", "etcfit import recordings/* --to measurements/mine --rig my_rig/rig.toml", name="import")
@@ -818,12 +812,10 @@ def import_(
     from .reporting.closing import of_imported
 
     o = options
-    seconds = None if o.period is None else _seconds("--period", o.period)
-    answers = parsed(o.column or (), o.test or (), [str(file) for file in files], seconds)
-    most = int(_with_unit("--limit", o.limit, _BYTES, "a size", "2GB"))
+    answers = parsed(o.column or (), o.test or (), [str(file) for file in files], o.period)
     resolve = accept_all if o.yes else _ask_user if sys.stdin.isatty() and sys.stderr.isatty() else refuse
     with _progress(quiet or resolve is _ask_user) as report:
-        done = import_files(files, o.to, answers, resolve, rig=o.rig, most=most, motor=o.motor, servo=o.servo,
+        done = import_files(files, o.to, answers, resolve, rig=o.rig, most=o.limit, motor=o.motor, servo=o.servo,
                             report=report)  # fmt: skip
     for file, source, reason in done.traces:
         _say(f"{done.folder}/{file}  from {source}: {reason}")

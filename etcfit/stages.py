@@ -232,7 +232,7 @@ def design_fleet(run: Path, report: Report, request: DesignRequest) -> Done:
     return Done(found.printed(), closing=of_fleet_design(found.design, run))
 
 
-def fleet(location: str, run: Path, workers: int | None, scheduler: str | None, report: Report, watch: Report) -> Done:
+def fleet(run: Path, report: Report, location: str, workers: int | None, scheduler: str | None, watch: Report) -> Done:
     """Every unit of a fleet fitted, and what they tell together: RUN/fleet.json, units.parquet, pictures, page.
 
     Arguments as of `etcfit.fleet`; `watch` is told where the workers can be watched.

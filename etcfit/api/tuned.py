@@ -52,28 +52,38 @@ class TuneRequest:
     """The request of `etcfit tune`."""
 
     profile: str  # name of the make of ECU
-    # P, I and D that the ECU has now, in its own numbers; None if unknown
-    gains: tuple[float, float, float] | None = None
+    # P, I and D in the ECU's own numbers: one set, or those under which each log was made, the present ones last; () if
+    # unknown
+    sets: tuple[tuple[float, float, float], ...] = ()
     ecu: tuple[tuple[str, float], ...] = ()  # given properties of the ECU, by field of `Ecu`, as `period`
     supply: float | None = None  # supply voltage, V; None: as logged
     answers: Answers = field(default_factory=Answers)  # the user's answers about the columns
     anyway: bool = False  # give gains even if the model is a compromise or did not converge
     settings: TuneSettings = field(default_factory=TuneSettings)  # which part of the logs is fitted
-    # gains under which each log was made, if given; the last ones are the present gains
-    of_logs: tuple[tuple[float, float, float], ...] = ()
     own: OwnTune | None = None  # settings of the user's own tune, or None; its gains count if none are given
 
-    def with_tune(self, file: Path) -> TuneRequest:
-        """The request with the settings of the user's own tune; given gains take precedence over those of the tune.
+    @property
+    def gains(self) -> tuple[float, float, float] | None:
+        """P, I and D that the ECU has now; None if unknown."""
+        return self.sets[-1] if self.sets else None
+
+    def for_logs(self, logs: Sequence[Path], tune_file: Path | None) -> TuneRequest:
+        """The request with the settings of the user's own tune, if any; given gains take precedence over those of the
+        tune.
 
         Raises:
-            UsageError: the make of ECU has no tune file.
+            UsageError: several sets of gains, but not one for each log; or the make of ECU has no tune file.
             MeasurementError: the file is no tune, or lacks these settings.
         """
+        if len(self.sets) not in (0, 1, len(logs)):
+            raise UsageError(f"gains: {len(self.sets)} sets for {len(logs)} logs. Give one, or one for each log, in "
+                             "their order.")  # fmt: skip
+        if tune_file is None:
+            return self
         from ..exporting.tune import read_tune
 
-        own = read_tune(file, named(self.profile))
-        return replace(self, gains=self.gains or own.gains, own=own)
+        own = read_tune(tune_file, named(self.profile))
+        return replace(self, sets=self.sets or (own.gains,), own=own)
 
     def options(self, of_files: bool = False) -> list[str]:
         """The options that repeat this request, without the present gains, which change from log to log.
@@ -204,7 +214,7 @@ def _known(profile: EcuProfile, given: dict[str, float], request: TuneRequest) -
         fields["integral"] = request.own.integral
     bias = () if request.own is None else request.own.bias
     gains = None if request.gains is None else Terms(*request.gains)
-    of_logs = tuple(Terms(*each) for each in request.of_logs)
+    of_logs = tuple(Terms(*each) for each in request.sets)
     return KnownEcu(
         profile.title, Ecu(**fields), "period" in fields, notation_of(profile), gains, request.supply, of_logs, bias
     )

@@ -512,12 +512,9 @@ def tune(
         from .tuned import TuneRequest, sets_of, tune_logs
 
         files = [Path(each) for each in ([logs] if isinstance(logs, str | Path) else logs)]
-        every = sets_of(gains)
-        if len(every) > 1 and len(every) != len(files):
-            raise UsageError(f"gains: {len(every)} sets for {len(files)} logs. Give one, or one for each log.")
-        request = TuneRequest(ecu, every[-1] if every else None, tuple(controller.items()), supply, anyway=anyway,
-                            settings=settings or TuneSettings(), of_logs=every if len(every) > 1 else ())  # fmt: skip
-        request = request if tune_file is None else request.with_tune(Path(tune_file))
+        request = TuneRequest(ecu, sets_of(gains), tuple(controller.items()), supply, anyway=anyway,
+                              settings=settings or TuneSettings())  # fmt: skip
+        request = request.for_logs(files, None if tune_file is None else Path(tune_file))
         return tune_logs(files, RunFolder(Path(out)), request, report)
 
 

@@ -38,7 +38,7 @@ from schemas import read_valid, validator
 BRIEF = DesignSettings(
     draws=4, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
 )
-ASKED = TuneRequest("rusefi", (1.0, 5.0, 0.01))
+ASKED = TuneRequest("rusefi", ((1.0, 5.0, 0.01),))
 
 
 def validated(written: dict[str, Any]) -> dict[str, Any]:
@@ -235,7 +235,7 @@ def test_the_next_command_keeps_what_the_user_said(
     again = asked_by(monkeypatch, shlex.split(command))
     of_this_log = {("", "TPS 1"): first.answers.columns["", "TPS 1"]}  # the next log has another name
     assert again.gains == pytest.approx(tuned.written(tuned.steps[1].gains), rel=1e-3)
-    assert replace(again, gains=first.gains) == replace(first, answers=replace(first.answers, columns=of_this_log))
+    assert replace(again, sets=first.sets) == replace(first, answers=replace(first.answers, columns=of_this_log))
     withheld = replace(found, why_not="The parameters behind this are a compromise.")
     _, _, command = of_tune(withheld, tmp_path / "car", [Path("lap.csv")]).next.partition("all the same: etcfit ")
     assert asked_by(monkeypatch, shlex.split(command)) == replace(first, anyway=True)
@@ -260,7 +260,7 @@ def test_a_tune_has_the_bias_table_and_gains_that_are_given_beside_it_go_before_
     assert (found.gains, found.own) == ((6.0, 40.0, 0.05), ("mine.msq", (6.0, 40.0, 0.05), bias, 0.25))
     assert found.options(of_files=True) == ["--ecu", "rusefi", "--msq", "mine.msq"]
     assert found.options() == ["--ecu", "rusefi"]  # new gains come with a table of zeros
-    assert asked_by(monkeypatch, [*words, "--present", "9,80,0.06"]) == replace(found, gains=(9.0, 80.0, 0.06))
+    assert asked_by(monkeypatch, [*words, "--present", "9,80,0.06"]) == replace(found, sets=((9.0, 80.0, 0.06),))
 
 
 def compromised(tuned: Tuned) -> Tuned:
@@ -320,7 +320,7 @@ def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path)
     assert not (tmp_path / "a" / "fit.json").exists()
 
 
-SLIPS = [(("--present", "1,2,3", "--present", "4,5,6"), "2 times for 1 logs"),
+SLIPS = [(("--present", "1,2,3", "--present", "4,5,6"), "2 sets for 1 logs"),
          (("--present", "1,2"), "three numbers"), (("--present", "1,-2,3"), "negative"),
          (("--ecu-period", "1ms"), "rusefi fixes it"), (("--ecu", "maxxecu"), "does not publish the unit")]  # fmt: skip
 

@@ -107,8 +107,7 @@ def of_tune(found: Any, run: Path, files: Sequence[Path]) -> Closing:
     if found.why_not and found.input.stopped_by:
         return Closing(said, found.input.stopped_by[0].cure, look)
     if found.why_not:
-        sets = found.request.of_logs or (() if found.request.gains is None else (found.request.gains,))
-        present = (",".join(f"{gain:.10g}" for gain in gains) for gains in sets)
+        present = (",".join(f"{gain:.10g}" for gain in gains) for gains in found.request.sets)
         again = _tune(map(str, files), replace(found.request, anyway=True).options(of_files=True), present, run)
         return Closing(said, f"look at {command('report', run)}; the gains all the same: {again}", look)
     if len(found.steps) == 1:
