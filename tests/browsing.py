@@ -9,7 +9,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Locator
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -42,6 +42,32 @@ class Visit:
         """When the page came to a mark, ms from its request."""
         self.until(f"performance.getEntriesByName('{name}').length")
         return float(self.page.evaluate(f"performance.getEntriesByName('{name}')[0].startTime"))
+
+    def drag(self, over: Locator) -> None:
+        """Over the second quarter of a chart's width."""
+        box = over.bounding_box()
+        assert box
+        self.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+        self.page.mouse.down()
+        self.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 25, steps=5)
+        self.page.mouse.up()
+        self.settle()
+
+    def check_names(self, *kinds: str) -> int:
+        """Every control of these kinds has a name, and every chart words; how many charts there are."""
+        for kind in kinds:
+            assert self.page.get_by_role(kind).count() > 0  # pyright: ignore[reportArgumentType]
+            assert self.page.get_by_role(kind, name="", exact=True).count() == 0  # pyright: ignore[reportArgumentType]
+        named = self.page.eval_on_selector_all(".chart", "(all) => all.map((each) => each.getAttribute('aria-label'))")
+        assert all(named)
+        return len(named)
+
+    def check_contrast(self, names: str, papers: str, least: float) -> None:
+        """Of colours by their names on the page; WCAG 2.2."""
+        colours = {name: self.page.evaluate(f"etcfit.colour('{name}')") for name in f"{names} {papers}".split()}
+        ratios = {(name, paper): contrast(colours[name], colours[paper])
+                  for name in names.split() for paper in papers.split()}  # fmt: skip
+        assert {pair: ratio for pair, ratio in ratios.items() if ratio < least} == {}
 
     def settle(self) -> None:
         self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")

@@ -32,9 +32,6 @@ def test_three_lines_and_the_files_that_are_there(tmp_path: Path) -> None:
     there.touch()
     closing = Closing("All is well.", "etcfit report runs/a", (tmp_path / "gone.png", there))
     assert str(closing).splitlines() == ["Answer: All is well.", f"Look:   '{there}'", "Next:   etcfit report runs/a"]
-
-
-def test_nothing_to_look_at_is_no_line() -> None:
     assert str(Closing("Yes.", "etcfit check a")) == "Answer: Yes.\nNext:   etcfit check a"
 
 

@@ -14,10 +14,9 @@ from etcfit.api.fit import Fit
 from etcfit.estimation.agreement import Influence
 from etcfit.estimation.joint_fit import FitResult
 from etcfit.experiment.check import CheckResult
-from etcfit.reporting.blocks import PlainTable, cautioned, render
+from etcfit.reporting.blocks import cautioned, render
 from etcfit.reporting.check_table import check_table
 from etcfit.reporting.page import write_page
-from etcfit.reporting.table import of_texts
 from etcfit.reporting.tables import fit_table
 from etcfit.run_folder.fit import FIT
 
@@ -29,11 +28,6 @@ def fitted(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
 
 def line(text: str, word: str) -> str:
     return next(line for line in text.splitlines() if line.startswith(word))
-
-
-def test_fit_table_says_synthetic_where_so_and_not_where_not(fitted: FitResult, tmp_path: Path) -> None:
-    assert "SYNTHETIC DATA" in render(fit_table(fitted))
-    assert "SYNTHETIC" not in render(fit_table(results.result(results.rig(tmp_path, synthetic=False))))
 
 
 def test_a_fit_that_did_not_converge_says_why(fitted: FitResult) -> None:
@@ -53,11 +47,6 @@ def test_check_table_says_that_nothing_can_be_fitted(fitted: FitResult) -> None:
     text = render(check_table(CheckResult(fitted.rig, (), None, (), None, (), "bench has no trace.")))
     assert "Nothing can be fitted" in text
     assert "bench has no trace." in text
-
-
-def test_a_name_with_its_place_in_brackets_is_no_style() -> None:
-    table = PlainTable(of_texts("", ("effect", "BIC"), [("channel_gain[response.current]", "-12 [V]")]))
-    assert "channel_gain[response.current]  -12 [V]" in render(table)
 
 
 @pytest.fixture(scope="module")

@@ -1,15 +1,13 @@
-"""The ledger of before and after. What `etcfit diagnose` prints."""
+"""The ledger of before and after; what of it tests/golden/ does not show."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import diagnoses
-import results
 from etcfit.diagnosis.findings import Diagnosis
 from etcfit.reporting.blocks import render
 from etcfit.reporting.diagnosis import diagnosis_table
@@ -29,7 +27,7 @@ def test_every_test_and_channel_has_an_entry_held_out_ones_first(found: Diagnosi
     )
 
 
-def test_positions_are_in_degrees_whatever_the_sensor(found: Diagnosis) -> None:
+def test_positions_are_in_degrees_whatever_the_sensor_and_other_channels_as_logged(found: Diagnosis) -> None:
     (row,) = (r for r in found.before.score_holdout if r.channel == "position")
     one = entry(found, "response", "position", True)
     assert row.unit == "V"
@@ -39,9 +37,6 @@ def test_positions_are_in_degrees_whatever_the_sensor(found: Diagnosis) -> None:
     in_degrees = entry(found, "back_emf", "position", False)
     (row,) = (r for r in found.after.score_fit if (r.test, r.channel) == ("back_emf", "position"))
     assert (row.unit, in_degrees.after.rms) == ("deg", pytest.approx(row.rms))
-
-
-def test_other_channels_stay_as_logged(found: Diagnosis) -> None:
     (row,) = (r for r in found.after.score_holdout if r.channel == "current")
     one = entry(found, "response", "current", True)
     assert (one.unit, one.after.rms) == ("mA", pytest.approx(row.rms))
@@ -78,20 +73,10 @@ def test_a_model_that_cannot_be_simulated_has_no_headline(found: Diagnosis) -> N
     assert headline(replace(found, before=before)) == "The model cannot be simulated"
 
 
-@pytest.fixture(scope="module")
-def text(found: Diagnosis) -> str:
-    return render(diagnosis_table(found), 160)
-
-
 def test_without_an_unknown_there_is_no_column_for_it(found: Diagnosis) -> None:
     plain = render(diagnosis_table(replace(found, unexplained=None)), 160)
     assert "with unknown" not in plain
     assert "What no effect explains" not in plain
-
-
-def test_made_up_data_are_said_to_be(text: str, tmp_path: Path) -> None:
-    assert "SYNTHETIC DATA" in text
-    assert "SYNTHETIC" not in render(diagnosis_table(diagnoses.diagnosis(results.rig(tmp_path, synthetic=False))))
 
 
 def test_a_final_fit_that_did_not_converge_says_so(found: Diagnosis) -> None:

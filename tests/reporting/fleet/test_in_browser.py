@@ -153,12 +153,7 @@ def test_a_drag_zooms_the_charts_of_a_group_and_a_double_click_shows_all_again(b
     page = visit.page
     begin = visit.views()
     over = page.locator("#population-panels .u-over").first
-    box = over.bounding_box()
-    assert box
-    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 25, steps=5)
-    page.mouse.up()
+    visit.drag(over)
     zoomed = visit.views()
     assert all(each == zoomed[0] for each in zoomed)
     assert zoomed[0][1] - zoomed[0][0] == pytest.approx(0.25 * (begin[0][1] - begin[0][0]), rel=0.1)
@@ -238,30 +233,17 @@ def test_nothing_is_wider_than_the_screen_or_too_small_to_read(
 
 
 def test_every_control_has_a_name_and_every_chart_words(browser: Browser, few: Path) -> None:
-    page = Visit(browser, few).page
-    for kind in ("button", "combobox", "checkbox", "searchbox"):
-        assert page.get_by_role(kind).count() > 0  # pyright: ignore[reportArgumentType]
-        assert page.get_by_role(kind, name="", exact=True).count() == 0  # pyright: ignore[reportArgumentType]
-    named = page.eval_on_selector_all(".chart", "(all) => all.map((each) => each.getAttribute('aria-label'))")
-    assert len(named) > 15
-    assert all(named)
+    assert Visit(browser, few).check_names("button", "combobox", "checkbox", "searchbox") > 15
 
 
-def test_letters_and_marks_stand_out_from_their_paper(browser: Browser, few: Path) -> None:
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_letters_and_marks_stand_out_from_their_paper(browser: Browser, few: Path, scheme: str) -> None:
     """WCAG 2.2: 4.5 of letters (1.4.3), in the cells of the matrix too; 3 of what is drawn (1.4.11)."""
-    for scheme in ("light", "dark"):
-        page = Visit(browser, few, 1300, scheme).page
-        colours = {name: page.evaluate(f"etcfit.colour('{name}')") for name in
-                   ("paper", "wash", "ink", "soft", "red", "green", "accent", "plain", "odd", "chosen",
-                    "band")}  # fmt: skip
-        for name in ("ink", "soft", "green", "red", "accent"):
-            for paper in ("paper", "wash"):
-                assert contrast(colours[name], colours[paper]) >= 4.5, (scheme, name, paper)
-        for name in ("plain", "odd", "chosen"):
-            for paper in ("paper", "band"):
-                assert contrast(colours[name], colours[paper]) >= 3.0, (scheme, name, paper)
-        cells = page.eval_on_selector_all(
-            ".matrix button",
-            "(all) => all.map((each) => [getComputedStyle(each).color, getComputedStyle(each).backgroundColor])",
-        )
-        assert min(contrast(ink, paper) for ink, paper in cells) >= 4.5
+    visit = Visit(browser, few, 1300, scheme)
+    visit.check_contrast("ink soft green red accent", "paper wash", 4.5)
+    visit.check_contrast("plain odd chosen", "paper band", 3.0)
+    cells = visit.page.eval_on_selector_all(
+        ".matrix button",
+        "(all) => all.map((each) => [getComputedStyle(each).color, getComputedStyle(each).backgroundColor])",
+    )
+    assert min(contrast(ink, paper) for ink, paper in cells) >= 4.5

@@ -41,10 +41,6 @@ def test_numbers_have_the_digits_that_their_intervals_warrant(content: dict[str,
     assert " ".join(row.split()) == "K_s 0.1332 0.1310 ... 0.1354 0.0086 0.0071 ... 0.0102 0.654 60 N*m/rad"
 
 
-def test_measured_data_are_not_called_made_up(content: dict[str, Any]) -> None:
-    assert "SYNTHETIC" not in text(content | {"synthetic": False})
-
-
 def test_an_empty_fleet_says_so_and_no_more() -> None:
     assert text(EMPTY).split("\n", 1)[0].strip() == "Fleet without a name"
     assert "0 units have a result" in text(EMPTY)

@@ -9,7 +9,6 @@ import pytest
 
 import browsing
 import interactive_runs as made
-from browsing import contrast
 from etcfit.reporting.interactive import write_interactive
 
 if TYPE_CHECKING:
@@ -55,13 +54,7 @@ def test_a_drag_over_one_chart_zooms_all_and_a_double_click_shows_all_again(brow
     begin = visit.scales()
     assert len(begin) >= 4
     over = page.locator("#charts .u-over").first
-    box = over.bounding_box()
-    assert box
-    page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 40)
-    page.mouse.down()
-    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 45, steps=5)
-    page.mouse.up()
-    visit.settle()
+    visit.drag(over)
     zoomed = visit.scales()
     span = begin[0][1] - begin[0][0]
     assert all(each == zoomed[0] for each in zoomed)
@@ -176,23 +169,10 @@ def test_nothing_is_wider_than_the_screen_in_either_dress(browser: Browser, few:
 
 
 def test_every_control_has_a_name_and_every_chart_words(browser: Browser, few: Path) -> None:
-    page = Visit(browser, few).page
-    for kind in ("button", "slider", "combobox", "checkbox"):
-        controls = page.get_by_role(kind)  # pyright: ignore[reportArgumentType]
-        assert controls.count() > 0
-        nameless = page.get_by_role(kind, name="", exact=True)  # pyright: ignore[reportArgumentType]
-        assert nameless.count() == 0
-    charts = page.locator(".chart")
-    assert all(charts.nth(k).get_attribute("aria-label") for k in range(charts.count()))
+    assert Visit(browser, few).check_names("button", "slider", "combobox", "checkbox") > 3
 
 
-def test_letters_stand_out_from_their_paper(browser: Browser, few: Path) -> None:
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_letters_stand_out_from_their_paper(browser: Browser, few: Path, scheme: str) -> None:
     """WCAG 2.2, 1.4.3: a contrast of 4.5 at least, in both dresses."""
-    for scheme in ("light", "dark"):
-        page = Visit(browser, few, 1300, scheme).page
-        colours = {name: page.evaluate(f"etcfit.colour('{name}')") for name in
-                   ("paper", "wash", "ink", "soft", "green", "yellow", "red", "accent", "now")}  # fmt: skip
-        for name in ("ink", "soft", "green", "yellow", "red", "accent", "now"):
-            for paper in ("paper", "wash"):
-                ratio = contrast(colours[name], colours[paper])
-                assert ratio >= 4.5, (scheme, name, paper, ratio)
+    Visit(browser, few, 1300, scheme).check_contrast("ink soft green yellow red accent now", "paper wash", 4.5)
