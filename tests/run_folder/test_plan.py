@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import campaigns
+import folders
 import results
 from etcfit.api.measurements import Planned
 from etcfit.errors import UsageError
@@ -28,9 +29,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 
 def test_the_folder_is_readable_once_the_records_are_there(plan: Campaign, tmp_path: Path) -> None:
-    for path, text in waiting_folder(plan).items():
-        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path).write_text(text, encoding="utf-8")
+    folders.write(tmp_path, waiting_folder(plan))
     for test, record in zip(plan.tests, PLAN.json(plan)["tests"], strict=True):
         head = [column["header"] for column in record["logger"]]
         rng = np.random.default_rng(1)
@@ -119,10 +118,7 @@ int main() { setup(); loop(); return 0; }
 
 @pytest.fixture
 def folder(plan: Campaign, tmp_path: Path) -> Path:
-    for path, text in play_files(plan).items():
-        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path).write_text(text, encoding="utf-8")
-    return tmp_path / "play"
+    return folders.write(tmp_path, play_files(plan)) / "play"
 
 
 def test_what_is_not_driven_has_nothing_to_play(plan: Campaign) -> None:
@@ -147,17 +143,8 @@ def test_a_compiler_reads_the_table_back_equal(plan: Campaign, folder: Path) -> 
     here = folder / "plan_1"
     (here / "main.c").write_text(READ_BACK, encoding="utf-8")
     for standard in ("-std=c99", "-std=c11"):
-        words = [
-            CC,
-            standard,
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            "-pedantic",
-            "-o",
-            str(here / "main"),
-            str(here / "main.c"),
-        ]
+        words = [CC, standard, "-Wall", "-Wextra", "-Werror", "-pedantic", "-o", str(here / "main"),
+                 str(here / "main.c")]  # fmt: skip
         subprocess.run(words, check=True, capture_output=True, timeout=60)
     told, *counts = subprocess.run([here / "main"], check=True, capture_output=True, text=True).stdout.splitlines()
     played = plan.tests[0].candidate.played
