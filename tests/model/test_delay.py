@@ -131,15 +131,6 @@ def test_an_input_without_delay_is_itself(drive: Any) -> None:
 
 
 @pytest.mark.parametrize("delay", DELAYS)
-def test_a_ramp_is_shifted_exactly_and_rests_at_its_first_value_before_it_began(delay: float) -> None:
-    signal = everywhere(lambda t, k: 3.0 + k + (2.0 - 5.0 * k) * t)
-    moved = np.asarray(shifted(signal, LAID.steps, LAID.resets, delay))
-    for k, (lane, rows) in enumerate(LAID.places):
-        since = np.maximum(LAID.clock(k) - delay, 0.0)
-        assert_allclose(moved[rows, lane], 3.0 + k + (2.0 - 5.0 * k) * since, rtol=1e-12)
-
-
-@pytest.mark.parametrize("delay", DELAYS)
 def test_a_signal_is_read_off_between_its_samples(delay: float) -> None:
     signal = noise(3)
     moved = np.asarray(shifted(signal, LAID.steps, LAID.resets, delay))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from etcfit.model.effects import EFFECT_BY_NAME, State
+from etcfit.model.effects import State
 from etcfit.model.effects.gear import Backlash
 from etcfit.model.effects.paper import Armature, CoulombFriction, EndStops, Inertia, ReturnSpring
 from etcfit.model.stepper import Step, step
@@ -106,7 +106,3 @@ def test_the_motor_alone_has_no_plate_to_land() -> None:
     x, _ = step(body, State(jnp.zeros(()), jnp.asarray(1e-5), jnp.asarray(SPEED)), (jnp.ones(()),), s)
     assert float(x.omega) == pytest.approx(SPEED, rel=1e-9)
     assert float(x.theta) == pytest.approx(1e-5 + SPEED * H, rel=1e-9)
-
-
-def test_it_is_the_effect_of_the_catalogue() -> None:
-    assert EFFECT_BY_NAME["backlash"] is Backlash

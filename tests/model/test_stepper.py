@@ -126,11 +126,6 @@ def test_a_plate_resting_on_a_stop_does_not_leak_speed_into_the_current() -> Non
         assert_array_equal(resting[:, 0], held[:, 0])
 
 
-def test_a_plate_leaves_the_stop_when_it_is_pulled_inward() -> None:
-    x = path(body(), *batch(even(0.1, 100), 4.0))
-    assert x[-1, 1] > 0.1
-
-
 # ---- sensitivities
 
 

@@ -44,12 +44,8 @@ def places(throttle: Throttle) -> tuple[State, tuple[Any, ...], Step]:
     z = tuple(some(-1.0, 1.0) for _ in throttle.z0)
     mobile, circuit = (np.arange(COUNT) % 6 != 0) * 1.0, (np.arange(COUNT) % 8 != 0) * 1.0
     one, command = np.ones(COUNT), Command(*(some(0.0, 1.0) for _ in Command._fields))
-    fields: dict[str, Any] = {
-        "dt": some(1e-4, 4e-3),
-        "voltage0": some(-12, 12),
-        "voltage1": some(-12, 12),
-        "time": some(0.0, 2.0),
-    }
+    fields: dict[str, Any] = {"dt": some(1e-4, 4e-3), "voltage0": some(-12, 12), "voltage1": some(-12, 12),
+                              "time": some(0.0, 2.0)}  # fmt: skip
     fields |= {"torque0": 0.1 * one, "torque1": -0.1 * one, "mobile": mobile, "circuit": circuit, "plate": one}
     fields |= {"series": 0.3 * one, "gear_ratio": N * one, "lower": 0.0 * one, "upper": bodies.OPEN * one}
     fields |= {"guide_stiffness": some(0.0, 30.0), "target0": some(0.0, 1.5), "target1": some(0.0, 1.5), "lever": one}

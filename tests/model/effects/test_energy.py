@@ -12,14 +12,8 @@ import pytest
 from effect_samples import AXES, Path, every_effect, follow, inputs, made, rows, seen
 from etcfit.model.effects import EFFECT_BY_NAME, EFFECTS, AbstractEffect, Inputs, State
 
-POTENTIALS = [
-    "return_spring",
-    "limp_home_spring",
-    "stiffening_spring",
-    "gravity_load",
-    "airflow_torque",
-    "cogging_torque",
-]
+POTENTIALS = ["return_spring", "limp_home_spring", "stiffening_spring", "gravity_load", "airflow_torque",
+              "cogging_torque"]  # fmt: skip
 DISSIPATIVE = [
     *("viscous_friction", "coulomb_friction", "stribeck_friction", "load_dependent_friction"),
     *("motor_coulomb_friction", "presliding_friction", "quadratic_drag"),
