@@ -12,23 +12,11 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "etcfit"
 # the rooms, from the ground up: a file may import from its own room and from those before it
 ROOMS = [
-    *(
-        "errors",
-        "ranges",
-        "backend",
-        "files",
-        "kernels",
-        "model",
-        "datasets",
-        "rig",
-        "importing",
-        "problem",
-        "car_log",
-        "estimation",
-    ),
+    *("errors", "ranges", "backend", "files", "kernels", "model", "datasets", "rig", "importing", "problem", "car_log",
+      "estimation"),
     *("experiment", "control", "diagnosis", "posterior", "fleets", "run_folder", "reporting", "exporting"),
     *("api", "stages", "cli"),
-]
+]  # fmt: skip
 MOST_ROOMS = 23
 ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "optimistix": "estimation/damped_step.py",

@@ -142,14 +142,6 @@ def test_an_error_is_a_message_and_a_status(
     assert "Traceback" not in done.output
 
 
-@pytest.mark.slow  # it compiles the model; tests/experiment/test_rig_findings.py has a quick one
-def test_check_prints_its_verdict(invoke, tmp_path: Path) -> None:
-    results.rig(tmp_path / "rig")
-    done = invoke("check", "rig", "--quiet")
-    assert (done.exit_code, done.stderr) == (0, "")
-    assert "response/1.csv" in done.stdout
-
-
 @pytest.fixture
 def advised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Advice without working it out; notes at which model it is asked for."""
@@ -378,10 +370,7 @@ def test_an_fmu_without_a_compiler_is_refused_before_the_model_is_loaded(invoke,
     done = invoke("export", "bench", "--to", "fmu", "--quiet")  # in which there is no model
     assert done.exit_code == 2
     assert "no C compiler is found" in done.stderr
-
-
-def test_version(invoke) -> None:
-    assert invoke("--version").stdout == f"etcfit {etcfit.__version__}\n"
+    assert "--to c" in done.stderr
 
 
 def test_python_runs_the_package_as_a_program() -> None:

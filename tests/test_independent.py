@@ -208,14 +208,6 @@ def stored_energy(truth: Truth, m: Motion, k: int) -> float:
     return coil + flywheel + truth.K_s * m.angle[k] ** 2 / 2 + truth.T_PL * m.angle[k]
 
 
-def test_a_stop_takes_all_the_speed_and_no_position() -> None:
-    m = simulate(terminals_open(CONSISTENT, NONE), silent(0.3), fine(0.3), angle=OPEN)
-    landed = int(np.argmax(m.angle == 0.0))
-    assert m.speed[landed - 1] < -10.0
-    assert np.all(m.speed[landed:] == 0.0)
-    assert np.all(m.angle[landed:] == 0.0)
-
-
 # ---- beyond Eqs. 1-2, one by one
 
 
@@ -227,14 +219,8 @@ def moving(i: float = 0.0, w: float = 0.0, theta: float = 0.0, age: float = 0.0)
     return at_rest(throttle(CONSISTENT, NONE), theta)._replace(i=i, w=w, age=age)
 
 
-AT_THE_LOG = (
-    "position_sensor_lag",
-    "position_sensor_nonlinearity",
-    "current_sensor_offset",
-    "channel_delay",
-    "sensor_dead_spot",
-    "sensor_hysteresis",
-)
+AT_THE_LOG = ("position_sensor_lag", "position_sensor_nonlinearity", "current_sensor_offset", "channel_delay",
+              "sensor_dead_spot", "sensor_hysteresis")  # fmt: skip
 
 
 @pytest.mark.parametrize("name", [name for name in STRENGTHS if name not in AT_THE_LOG])
@@ -528,15 +514,6 @@ def test_drawn_truths_fill_the_band_and_let_the_plate_return() -> None:
         assert name == "N" or np.ptp(ratios) > 0.7
     assert all(truth.K_m == truth.K_b for truth in drawn)
     assert all(resting_angle(truth, NONE) == 0.0 for truth in drawn[:40])
-
-
-def test_a_sensor_scatters_as_much_as_it_declares() -> None:
-    sensor = Sensor("current", "A", 0.004, 0.02)
-    rng = np.random.default_rng(2)
-    true = rng.uniform(-1, 1, 40_000)
-    read = sensor.read(rng, true)
-    assert_allclose(np.std(read - true), sensor.declared, rtol=0.02)
-    assert_allclose(read / 0.02, np.round(read / 0.02), atol=1e-9)
 
 
 def test_the_clock_samples_beside_the_times_it_logs() -> None:

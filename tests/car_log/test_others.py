@@ -12,19 +12,10 @@ TIME = np.arange(5) / 10.0
 
 @pytest.mark.parametrize(
     ("header", "quantity"),
-    [
-        ("ETB Duty [%]", DUTY),
-        ("ETB: Duty (%)", DUTY),
-        ("duty [1]", DUTY),
-        ("TP (Sub)", SECOND),
-        ("TPS2", SECOND),
-        ("TPS1 secondary [%]", SECOND),
-        ("rawTps1Primary [V]", VOLTS_1),
-        ("rawTps1Secondary [V]", VOLTS_2),
-        ("TPS 1 Voltage", VOLTS_1),
-        ("TPS2 (mV)", VOLTS_2),
-    ],
-)
+    [("ETB Duty [%]", DUTY), ("ETB: Duty (%)", DUTY), ("duty [1]", DUTY), ("TP (Sub)", SECOND), ("TPS2", SECOND),
+     ("TPS1 secondary [%]", SECOND), ("rawTps1Primary [V]", VOLTS_1), ("rawTps1Secondary [V]", VOLTS_2),
+     ("TPS 1 Voltage", VOLTS_1), ("TPS2 (mV)", VOLTS_2)],
+)  # fmt: skip
 def test_names_of_the_throttle(header: str, quantity: str) -> None:
     assert list(found(["Time", header])) == [quantity]
 

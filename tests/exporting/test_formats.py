@@ -370,12 +370,6 @@ def called(name: str, **more: Any) -> Source:
 
 
 @hostile
-def test_no_name_of_a_rig_is_code_in_python(name: str) -> None:
-    innocent, found = (text(named("isaac").export(called(each)), "etcfit_isaac.py") for each in ("rig", name))
-    assert ast.dump(ast.parse(found.encode())) == ast.dump(ast.parse(innocent))
-
-
-@hostile
 def test_no_name_of_a_rig_is_markup(name: str, tmp_path: Path) -> None:
     mine = tmp_path / "mine.msq"
     mine.write_bytes(tune())
@@ -419,20 +413,19 @@ def test_no_name_of_a_rig_is_code_or_markup_in_an_fmu() -> None:
     assert "hostile" not in re.sub(r"/\*.*?\*/", "", front, flags=re.DOTALL)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("of", ["python", "m"])
+@pytest.mark.parametrize("of", ["isaac", *(pytest.param(each, marks=pytest.mark.slow) for each in ("python", "m"))])
 def test_no_name_of_a_rig_is_code_in_a_script(of: str) -> None:
     innocent = called("rig")
     wanted = code(of, innocent)
-    for source in named_in_turn(innocent):
+    for source in map(called, HOSTILE) if of == "isaac" else named_in_turn(innocent):
         assert code(of, source) == wanted
 
 
 def code(of: str, source: Source) -> str:
     """What is no comment; as Python itself reads it, where it is that."""
-    (found,) = named(of).export(source).files.values()
+    (found,) = (content for path, content in named(of).export(source).files.items() if path.endswith((".py", ".m")))
     assert isinstance(found, str)
-    if of == "python":
+    if of != "m":
         return ast.dump(ast.parse(found.encode()))
     return "\n".join(line for line in found.splitlines() if not line.startswith("% "))
 

@@ -19,7 +19,6 @@ import exports
 import results
 from etcfit.control.pid.loop import Body, Loop
 from etcfit.control.setpoint import Setpoint
-from etcfit.errors import UsageError
 from etcfit.exporting import Export, ExportSettings, Source, fmu
 from etcfit.exporting.plant import C
 from etcfit.model.ecu import Ecu
@@ -235,10 +234,3 @@ def test_the_same_model_is_the_same_c_and_another_step_is_another(tmp_path: Path
     assert first == again
     other = C.export(exports.source(settings=ExportSettings(step=1e-3))).files
     assert "#define ETCFIT_PLANT_STEP 0.001" in str(other["etcfit_plant.h"])
-
-
-def test_without_a_compiler_an_fmu_is_refused_with_the_cure(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", "")
-    monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(UsageError, match=r"no C compiler is found.*--to c"):
-        fmu.compiler()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import struct
 import subprocess
 import sys
 import time
@@ -16,23 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from equality import equal
 from etcfit.errors import UsageError
 from etcfit.fleets.engine.store import Store
 from etcfit.fleets.unit import FailedUnit, UnitResult
 from fleet_works import result_of
-
-
-def bits(value: object) -> object:
-    """Equal for equal bits only: NaN is itself, -0 is not 0."""
-    if isinstance(value, float):
-        return struct.pack("d", value)
-    if isinstance(value, np.ndarray):
-        return value.shape, value.dtype.str, value.tobytes()
-    if isinstance(value, dict):
-        return [(k, bits(v)) for k, v in value.items()]
-    if isinstance(value, tuple):
-        return tuple(bits(v) for v in value)
-    return bits(vars(value)) if hasattr(value, "__dict__") else (type(value), value)
 
 
 def odd() -> UnitResult:
@@ -55,8 +42,7 @@ def test_what_comes_back_has_the_same_bits(tmp_path: Path, end: UnitResult | Fai
     with Store(tmp_path / "parts") as store:
         store.add([end])
     (back,) = Store(tmp_path / "parts").ends()
-    assert type(back) is type(end)
-    assert bits(back) == bits(end)
+    assert equal(back, end)
 
 
 def test_the_last_word_on_a_unit_counts_and_the_order_is_that_of_the_words(tmp_path: Path) -> None:

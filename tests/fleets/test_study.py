@@ -243,15 +243,9 @@ def test_a_limit_in_a_unit_of_something_else_is_refused_with_the_line(tmp_path: 
 
 @pytest.mark.parametrize(
     ("name", "given"),
-    [
-        ("K_s", "mN*m/deg"),
-        ("J_eq", "g*cm^2"),
-        ("J_eq", "kg*m2"),
-        ("R_a", "mohm"),
-        ("opening_time", "ms"),
-        ("supply_response", "1"),
-    ],
-)
+    [("K_s", "mN*m/deg"), ("J_eq", "g*cm^2"), ("J_eq", "kg*m2"), ("R_a", "mohm"), ("opening_time", "ms"),
+     ("supply_response", "1")],
+)  # fmt: skip
 def test_a_limit_in_any_unit_of_its_own_kind_is_taken(tmp_path: Path, name: str, given: str) -> None:
     text = FLEET_TOML.replace("K_s = {", f"{name} = {{").replace("mN*m/rad", given)
     config = fleet_folder(tmp_path, text if name != "opening_time" else FLEET_TOML)

@@ -341,14 +341,6 @@ def test_on_a_terminal_it_asks_and_enter_takes_the_guess(bench: Path, tmp_path: 
     assert told.decode().startswith("rig/back_emf/analog.csv")
 
 
-@pytest.mark.slow
-def test_etcfit_check_takes_the_folder(piled, tmp_path: Path, run) -> None:
-    folder, _ = piled
-    done = run("import", *sorted(folder.iterdir()), "--to", "rig", "--yes", "--quiet")
-    assert done.exit_code == 0
-    assert run("check", "rig", "--quiet").exit_code == 0
-
-
 SEED = 7801  # a training seed
 DIALECTS: tuple[tuple[str, Callable[[Path, foreign.Columns], Path]], ...] = (
     ("mat", foreign.matlab_5), ("mf4", foreign.mdf4), ("tdms", foreign.tdms), ("parquet", foreign.parquet),

@@ -61,7 +61,10 @@ def test_draws_without_density_weigh_nothing() -> None:
 Function = Callable[[np.ndarray], np.ndarray]
 
 
-def test_points_of_all_jobs_are_computed_in_one_call() -> None:
+@pytest.mark.parametrize(("points", "times", "together"), [((2, 5), (3, 3), [7, 7, 7]), ((1, 1), (1, 3), [2, 1, 1])])
+def test_points_of_all_jobs_are_computed_in_one_call_and_a_job_that_asks_less_often_is_not_waited_for(
+    points: tuple[int, int], times: tuple[int, int], together: list[int]
+) -> None:
     sizes: list[int] = []
 
     def function(points: np.ndarray) -> np.ndarray:
@@ -69,24 +72,10 @@ def test_points_of_all_jobs_are_computed_in_one_call() -> None:
         return points[:, 0]
 
     def work(job: int, asked: Function) -> list[float]:
-        return [float(asked(np.full((job, 1), float(job + k)))[-1]) for k in range(3)]
+        return [float(asked(np.full((points[job], 1), 10.0 * job + k))[-1]) for k in range(times[job])]
 
-    assert in_step(work, (2, 5), function) == [[2.0, 3.0, 4.0], [5.0, 6.0, 7.0]]
-    assert sizes == [7, 7, 7]
-
-
-def test_a_job_that_asks_less_often_is_not_waited_for() -> None:
-    sizes: list[int] = []
-
-    def function(points: np.ndarray) -> np.ndarray:
-        sizes.append(len(points))
-        return points[:, 0]
-
-    def work(job: int, asked: Function) -> list[float]:
-        return [float(asked(np.full((1, 1), float(job + k)))[0]) for k in range(job)]
-
-    assert in_step(work, (1, 3), function) == [[1.0], [3.0, 4.0, 5.0]]
-    assert sizes == [2, 1, 1]
+    assert in_step(work, (0, 1), function) == [[10.0 * job + k for k in range(times[job])] for job in (0, 1)]
+    assert sizes == together
 
 
 @pytest.mark.parametrize("jobs", [(1,), (1, 2, 3)])

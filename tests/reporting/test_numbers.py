@@ -13,16 +13,9 @@ from etcfit.reporting.tables import Pool
 
 @pytest.mark.parametrize(
     ("value", "spread", "text"),
-    [
-        (1.512123, 0.00031, "1.51212"),
-        (1.512123, 0.2, "1.51"),
-        (0.0014, 0.99996e-5, "0.001400"),
-        (1.3822e-6, 4.9e-9, "1.3822e-06"),
-        (20.68, None, "20.68"),
-        (0.0, None, "0.000"),
-        (512345.0, 1234.0, "5.123e+05"),
-    ],
-)
+    [(1.512123, 0.00031, "1.51212"), (1.512123, 0.2, "1.51"), (0.0014, 0.99996e-5, "0.001400"),
+     (1.3822e-6, 4.9e-9, "1.3822e-06"), (20.68, None, "20.68"), (0.0, None, "0.000"), (512345.0, 1234.0, "5.123e+05")],
+)  # fmt: skip
 def test_two_digits_of_the_spread(value: float, spread: float | None, text: str) -> None:
     assert Digits.of_value(value, spread)(value) == text
 
