@@ -14,6 +14,8 @@ import pytest
 
 if TYPE_CHECKING:
     from etcfit.diagnosis.findings import Diagnosis
+    from etcfit.estimation.fitted_model import Fitted
+    from etcfit.estimation.result import FitResult
     from etcfit.rig.base import Rig
 
 os.environ.setdefault("JAX_ENABLE_X64", "1")
@@ -89,6 +91,19 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Rig:
     import results
 
     return results.rig(tmp_path_factory.mktemp("rig"))
+
+
+@pytest.fixture(scope="module")
+def fit(rig: Rig) -> FitResult:
+    """Of that rig, invented too: nominal values, every coordinate known to 0.02."""
+    import results
+
+    return results.result(rig)
+
+
+@pytest.fixture(scope="module")
+def fitted(fit: FitResult) -> Fitted:
+    return fit.fitted()
 
 
 @pytest.fixture(scope="module")

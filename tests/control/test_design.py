@@ -15,8 +15,10 @@ import results
 from effect_samples import every_effect, made, rows, seen, typical
 from etcfit.control.design import PAPERS, Design, binding, design, ecu_of, frictionless, propose, task_of
 from etcfit.control.linearise import reduce
+from etcfit.control.loop_figures import FIGURES
 from etcfit.control.pid import RULES, Gains, Requirements
 from etcfit.control.pid.formulas import Ultimate, ultimate
+from etcfit.control.pid.loop import Loop
 from etcfit.control.setpoint import trapezoid
 from etcfit.control.settings import DesignSettings
 from etcfit.errors import UsageError
@@ -36,16 +38,8 @@ from etcfit.run_folder.manifest import replacing
 from etcfit.run_folder.pid import PID
 from etcfit.run_folder.plant import reduction_json
 from etcfit.run_folder.reading import read_draws
-from etcfit.run_folder.state import load_final, save_fit
 from firmwares import Fome, PidV1, Rusefi, Settings, Textbook
 from schemas import validator, written_valid
-
-
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
-    """Nominal values, every coordinate known to 0.02."""
-    return results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
-
 
 QUICK = ("manual", "damping_optimum", "amigo")
 BRIEF = replace(results.BRIEF, draws=200)
@@ -81,14 +75,6 @@ def test_standard_errors_are_those_of_many_draws(fitted: Fitted) -> None:
 
 
 @pytest.mark.slow
-def test_to_control_is_the_same_plant(fitted: Fitted, tmp_path: Path) -> None:
-    result = results.result(results.rig(tmp_path))
-    tf = reduce(result.fitted(), "V", "deg").to_control()
-    assert tf.num[0][0] == pytest.approx([reduce(fitted, "V", "deg").plant.b0])
-    assert tf.den[0][0] == pytest.approx(reduce(fitted).plant.den)
-
-
-@pytest.mark.slow
 def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Path) -> None:
     found = written_valid(tmp_path, "pid", PID.json(designed))
     assert from_json(DesignSettings, found["settings"]) == BRIEF
@@ -98,19 +84,7 @@ def test_the_json_is_the_contract(designed: Design, fitted: Fitted, tmp_path: Pa
     assert ecu["P"] == gains["Kp"]
     assert ecu["I"] == pytest.approx(gains["Ki"] * ecu["period_s"])
     assert ecu["D"] == pytest.approx(gains["Kd"] / ecu["period_s"])
-    figures = {
-        "overshoot_pct",
-        "settling_s",
-        "steady_state_error_pct",
-        "rmse_pct",
-        "gain_margin_db",
-        "phase_margin_deg",
-        "duty_activity_pct",
-        "current_rms_A",
-        "winding_W",
-        "bridge_W",
-    }
-    assert set(found["linear"]) == set(found["nonlinear"]) == figures
+    assert set(found["linear"]) == set(found["nonlinear"]) == set(FIGURES)
     limits = {"overshoot_pct": 20.0, "settling_s": 0.2, "steady_state_error_pct": 0.5, "duty_activity_pct": 5.0}
     assert found["requirements"] == limits | dict.fromkeys(("rmse_pct", "current_rms_A", "winding_W", "bridge_W"))
     assert found["scenarios"]["small steps"]["overshoot_pct"] <= found["nonlinear"]["overshoot_pct"]
@@ -202,6 +176,20 @@ def test_a_curve_that_gains_were_found_without_is_pasted_as_zero(fitted: Fitted)
     assert np.ptp(made.bias.hold) > 0.1
 
 
+def simulated(made: Design) -> tuple[Loop, list[float], list[float], np.ndarray]:
+    """Its loop; at each tick setpoint and reading in per cent of the travel, and the duty that ours puts out."""
+    loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.proposed
+    path = loop.respond(Gains.stacked(ours), made.setpoint)
+    wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
+    seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
+    memory, duties = Memory.at_rest(ours, ecu, wanted[0]), []
+    for setpoint, position, ahead in zip(wanted, seen, loop.ahead(wanted), strict=True):
+        volts, memory = tick(ours, ecu, memory, setpoint, position, ahead)
+        duties.append(100.0 * float(volts) / ecu.supply)
+    targets, readings = ([100.0 * float(loop.share(angle)) for angle in each] for each in (wanted, seen))
+    return loop, targets, readings, np.array(duties)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("profile", "firmware"), [(RUSEFI, Rusefi), (FOME, Fome)], ids=["rusefi", "fome"])
 def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
@@ -214,23 +202,11 @@ def test_what_is_pasted_drives_the_plate_as_it_was_simulated(
     bins, values = ([float(v) for v in array(pasted, name)] for name in ("etbBiasBins", "etbBiasValues"))
     theirs = firmware(Settings(p, i, d, bins, values))
     assert min(p, i, d) > 0.0
-    loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
-    assert ours is not None
-    assert loop.bias is not None
-    path = loop.respond(Gains.stacked(ours), made.setpoint)
-    wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
-    seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
-    memory, simulated, duties = Memory.at_rest(ours, ecu, wanted[0]), [], []
-    for setpoint, position, ahead in zip(wanted, seen, loop.bias.volts(wanted), strict=True):
-        volts, memory = tick(ours, ecu, memory, setpoint, position, ahead)
-        simulated.append(100.0 * float(volts) / ecu.supply)
-        duties.append(theirs.update(*(100.0 * float(loop.share(angle)) for angle in (setpoint, position))))
-    assert np.ptp(simulated) > 20.0
+    _, wanted, seen, duty = simulated(made)
+    duties = [theirs.update(*angles) for angles in zip(wanted, seen, strict=True)]
+    assert np.ptp(duty) > 20.0
     # the rounding of the table's duties is all that parts them
-    assert (
-        np.max(np.abs(np.subtract(simulated, duties)))
-        < 0.5 * 10.0 ** -(profile.bias.decimals if profile.bias else 0) + 1e-5
-    )
+    assert np.max(np.abs(duty - duties)) < 0.5 * 10.0 ** -(profile.bias.decimals if profile.bias else 0) + 1e-5
 
 
 @pytest.mark.slow
@@ -245,30 +221,24 @@ def test_the_lines_of_code_put_ahead_what_was_simulated(
     made = made_for(fitted, ECUS[name], terms)
     lines = PID.json(made)["profile"]["code"]
     assert all(line in render(design_table(made)) for line in lines)
-    loop, ecu, ours = made.task.loop.first(1), made.task.ecu, made.chosen.gains
-    assert ours is not None
-    path = loop.respond(Gains.stacked(ours), made.setpoint)
-    wanted = np.asarray(loop.angle(made.setpoint.at(made.setpoint.instants(ecu.period))))
-    seen = ecu.resolution * np.round(np.asarray(path.position)[0, 0] / ecu.resolution)
-    bias, share = loop.bias, lambda angle: 100.0 * float(loop.share(angle))
+    (loop, wanted, seen, duty), ecu = simulated(made), made.task.ecu
+    bias = loop.bias
     bins, values = ((0.0, 100.0), (0.0, 0.0)) if bias is None else (
         100.0 * np.asarray(loop.share(bias.angles)), 100.0 * bias.hold / ecu.supply)  # fmt: skip
-    theirs = firmware(Settings(*made.written(ours, made.task.profile.notation)))  # type: ignore[union-attr]
-    known = {"constrain": lambda x, low, high: min(max(x, low), high), "rate": 0.0, "before": share(wanted[0]),
+    theirs = firmware(Settings(*made.written(made.proposed, made.task.profile.notation)))  # type: ignore[union-attr]
+    known = {"constrain": lambda x, low, high: min(max(x, low), high), "rate": 0.0, "before": wanted[0],
              "table": lambda target: np.interp(target, bins, values)}  # fmt: skip
     program = compile("\n".join(line.rstrip(";") for line in lines), "pasted", "exec")
-    memory, simulated, duties, alone = Memory.at_rest(ours, ecu, wanted[0]), [], [], []
-    for setpoint, position, ahead in zip(wanted, seen, loop.ahead(wanted), strict=True):
-        volts, memory = tick(ours, ecu, memory, setpoint, position, ahead)
-        simulated.append(100.0 * float(volts) / ecu.supply)
-        alone.append(theirs.update(share(setpoint), share(position)))
-        known |= {"target": share(setpoint), "output": alone[-1]}
+    duties, alone = [], []
+    for setpoint, position in zip(wanted, seen, strict=True):
+        alone.append(theirs.update(setpoint, position))
+        known |= {"target": setpoint, "output": alone[-1]}
         exec(program, known)
         duties.append(known["duty"])
     # from the second tick on: at the first the library takes the reading for where it was before
     near = len(duties) if firmware is PidV1 else round(0.55 / ecu.period)  # whose integral waits at another limit
-    assert np.max(np.abs(np.subtract(simulated, duties)[1:near])) < 1e-3
-    assert np.max(np.abs(np.subtract(simulated, alone)[1:near])) > 3.0
+    assert np.max(np.abs(duty - duties)[1:near]) < 1e-3
+    assert np.max(np.abs(duty - alone)[1:near]) > 3.0
 
 
 def test_friction_and_rate_are_refused_where_no_code_can_be_written(fitted: Fitted) -> None:
@@ -364,19 +334,8 @@ def test_an_unknown_rule_is_a_usage_error(fitted: Fitted) -> None:
         design(fitted, ecu_of(fitted), rule="guess")
 
 
-def test_a_run_folder_gives_its_model_back(tmp_path: Path) -> None:
-    result = results.result(results.rig(tmp_path / "rig"))
-    save_fit(tmp_path / "run", result)
-    back = load_final(tmp_path / "run").fitted()
-    assert back.values == result.values
-    assert read_draws(tmp_path / "run", back, 10, 0) is None
-    toml = tmp_path / "rig" / "rig.toml"
-    toml.write_text(toml.read_text().replace("B_m = { fixed = 2e-5 }", "R_a = { fixed = 1.5 }"))
-    with pytest.raises(UsageError, match="has changed since"):
-        load_final(tmp_path / "run")
-
-
 def test_a_posterior_of_the_same_model_is_drawn_from(tmp_path: Path, fitted: Fitted) -> None:
+    assert read_draws(tmp_path, fitted, 10, 0) is None
     rng = np.random.default_rng(0)
     values = {s: np.asarray(fitted.values[s]) * np.exp(0.1 * rng.standard_normal((2, 50)))
               for s in fitted.free_parameters.layout.free}  # fmt: skip

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import results
 from etcfit.control.linearise import SYMBOLS, MotorConstants, linear_plant, motor_constants, reduce
 from etcfit.estimation.fitted_model import Fitted
 from etcfit.reporting.blocks import render
@@ -19,12 +18,6 @@ from etcfit.run_folder.plant import reduction_json
 from schemas import written_valid
 
 N = 20.68
-
-
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
-    """Nominal values, every coordinate known to 0.02."""
-    return results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
 
 
 @pytest.fixture(scope="module")

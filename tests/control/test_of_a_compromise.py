@@ -39,50 +39,45 @@ FAR = "the model is far from the data (chi2/dof 17)"
 BRIEF = replace(results.BRIEF, draws=40)
 
 
-@pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> FitResult:
-    return results.result(results.rig(tmp_path_factory.mktemp("rig")))
-
-
-def compromised(sound: FitResult, moved: float = 0.2) -> FitResult:
+def compromised(fit: FitResult, moved: float = 0.2) -> FitResult:
     """One subset that moves every coordinate by so much: ten times what noise alone allows."""
-    size = sound.x.size
-    points, covariances = sound.x[None] - moved, 1e-4 * np.eye(size)[None]
+    size = fit.x.size
+    points, covariances = fit.x[None] - moved, 1e-4 * np.eye(size)[None]
     subsets = Compromise(FAR, ("inductance",), points, covariances, np.full((1, size), np.nan))
-    return replace(sound, chi2_per_dof=17.0, compromise=subsets)
+    return replace(fit, chi2_per_dof=17.0, compromise=subsets)
 
 
-def test_the_model_is_known_as_well_as_its_ranges_say(sound: FitResult) -> None:
+def test_the_model_is_known_as_well_as_its_ranges_say(fit: FitResult) -> None:
     """In coordinates: the far end is 0.2 + 1.96 * 0.01 off, on one side."""
-    far = compromised(sound).fitted()
-    known = np.isfinite(np.diag(sound.covariance))
+    far = compromised(fit).fitted()
+    known = np.isfinite(np.diag(fit.covariance))
     assert np.sqrt(np.diag(far.covariance))[known] == pytest.approx((0.2 + Z_95 * 0.01) / Z_95, rel=1e-9)
-    assert np.array_equal(sound.fitted().covariance, sound.covariance)
-    stated = intervals(compromised(sound))["K_s"]
+    assert np.array_equal(fit.fitted().covariance, fit.covariance)
+    stated = intervals(compromised(fit))["K_s"]
     drawn = np.asarray(far.throttles(far.laplace(4000, np.random.default_rng(0))).parameter("K_s"))
     assert stated.low is not None
     assert np.quantile(drawn, 0.025) == pytest.approx(stated.low, rel=0.05)
 
 
-def test_correlations_are_kept(sound: FitResult) -> None:
-    size = sound.x.size
+def test_correlations_are_kept(fit: FitResult) -> None:
+    size = fit.x.size
     tied = 0.02**2 * (0.5 * np.eye(size) + 0.5)
-    far = compromised(replace(sound, covariance=tied)).fitted().covariance
+    far = compromised(replace(fit, covariance=tied)).fitted().covariance
     sd = np.sqrt(np.diag(far))
     assert np.allclose(far / np.outer(sd, sd), tied / 0.02**2)
 
 
 @pytest.mark.slow
-def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_file_say_why(sound: FitResult) -> None:
-    fitted = compromised(sound).fitted()
-    known, wide = reduce(sound.fitted()), reduce(fitted)
+def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_file_say_why(fit: FitResult) -> None:
+    fitted = compromised(fit).fitted()
+    known, wide = reduce(fit.fitted()), reduce(fitted)
     assert np.all(wide.stderr > 4.0 * known.stderr)
     shown = " ".join(render(reduction_table(fitted, wide, 0)).split())
     assert FAR in shown
     assert "no standard error" in shown
-    assert FAR not in render(reduction_table(sound.fitted(), known, 0))
+    assert FAR not in render(reduction_table(fit.fitted(), known, 0))
     made = json.loads(json.dumps(reduction_json(fitted, wide, 0)))
-    assert made["fit"] == {"chi2_per_dof": 17.0, "converged": True, "reason": sound.reason, "compromise": FAR}
+    assert made["fit"] == {"chi2_per_dof": 17.0, "converged": True, "reason": fit.reason, "compromise": FAR}
     drawn = bode.draw(fitted, wide)
     assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
     labels = [handle.get_text() for legend in drawn.legends for handle in legend.get_texts()]
@@ -91,15 +86,15 @@ def test_its_coefficients_have_wider_errors_and_the_table_the_picture_and_the_fi
 
 
 @pytest.fixture(scope="module")
-def designed(sound: FitResult) -> Design:
-    fitted = compromised(sound).fitted()
+def designed(fit: FitResult) -> Design:
+    fitted = compromised(fit).fitted()
     made = ECUS["rusefi"]
     ecu = ecu_of(fitted, **made.completed({}))
     return results.proposed(fitted, task_of(fitted, ecu, settings=BRIEF, profile=made), "damping_optimum", "simc")
 
 
 @pytest.mark.slow
-def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> None:
+def test_so_do_its_gains(designed: Design, fit: FitResult, tmp_path: Path) -> None:
     made = PID.json(designed)
     found = written_valid(tmp_path, "pid", made)
     assert found["fit"]["compromise"] == FAR
@@ -108,7 +103,7 @@ def test_so_do_its_gains(designed: Design, sound: FitResult, tmp_path: Path) -> 
     assert "P(met) are not said of a model that is not the plant" in shown
     drawn = draw_responses(designed)
     assert FAR in " ".join(" ".join(text.get_text() for text in drawn.texts).split())
-    assert cautions(found) == compromised(sound).state.cautions
+    assert cautions(found) == compromised(fit).state.cautions
     assert "probability" not in sentence(found)
 
 
@@ -146,22 +141,20 @@ def test_asked_for_all_the_same_everything_is_given_and_the_caution_still_comes_
     assert "says little of the plant" in sentence(found)
 
 
-def test_what_is_asked_for_reaches_the_gains_and_the_manifest(
-    monkeypatch: pytest.MonkeyPatch, sound: FitResult
-) -> None:
+def test_what_is_asked_for_reaches_the_gains_and_the_manifest(monkeypatch: pytest.MonkeyPatch, fit: FitResult) -> None:
     @dataclass(frozen=True)
     class Made:
         anyway: bool = False
 
     monkeypatch.setattr("etcfit.control.design.design", lambda *args, **options: Made())
     for wanted in (DesignRequest(), DesignRequest(anyway=True)):
-        assert design_of(sound.fitted(), wanted, None, quiet).anyway is wanted.anyway
+        assert design_of(fit.fitted(), wanted, None, quiet).anyway is wanted.anyway
         assert wanted.recorded()["anyway"] is wanted.anyway
 
 
 @pytest.mark.slow
-def test_their_share_of_models_that_meet_all_counts_the_whole_range(designed: Design, sound: FitResult) -> None:
-    fitted = sound.fitted()
+def test_their_share_of_models_that_meet_all_counts_the_whole_range(designed: Design, fit: FitResult) -> None:
+    fitted = fit.fitted()
     narrow = results.proposed(fitted, task_of(fitted, ecu_of(fitted), settings=BRIEF), "damping_optimum")
 
     def spread(of: Design) -> float:

@@ -97,11 +97,6 @@ def test_what_is_no_gain_is_refused(given: dict[str, float], told: str) -> None:
         checked(given)
 
 
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fitted:
-    return results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
-
-
 def test_present_gains_of_an_ecu_with_a_known_unit_are_judged_as_found(fitted: Fitted) -> None:
     unit = Terms(2.0, 3.0, 4.0)
     assert gains_as_found(fitted, unit, {"P": 1.0, "I": 2.0, "D": 3.0}) == Gains(2.0, 6.0, 12.0)

@@ -13,11 +13,11 @@ from etcfit.control.design import Design, ecu_of, task_of
 from etcfit.control.pid import Gains
 from etcfit.control.pid.linear_loop import Margins
 from etcfit.control.proposal import HALF_WAY, PRESENT, PROPOSED, gain_steps, half_way, safe_half_way
+from etcfit.estimation.fitted_model import Fitted
 
 
 @pytest.fixture(scope="module")
-def designed(tmp_path_factory: pytest.TempPathFactory) -> Design:
-    fitted = results.result(results.rig(tmp_path_factory.mktemp("rig"))).fitted()
+def designed(fitted: Fitted) -> Design:
     task = task_of(fitted, ecu_of(fitted), settings=replace(results.BRIEF, draws=4))
     return results.proposed(fitted, task, "damping_optimum")
 

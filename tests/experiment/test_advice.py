@@ -28,11 +28,6 @@ VALUES = {"R_a": 1.5, "K_m": 0.019, "K_s": 0.15, "T_PL": 0.36, "T_f": 0.24}
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Rig:
-    return results.rig(tmp_path)
-
-
-@pytest.fixture
 def setting(rig: Rig) -> Setting:
     return Setting.of_rig(rig, VALUES)
 
