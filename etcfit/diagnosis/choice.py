@@ -23,8 +23,6 @@ RIVAL_PROMISE_FAR = 0.1  # the same far from the data, where the promise of a li
 LEAST_PART = 0.2
 LEAST_PART_OF_ONE = 1.0  # the same for an effect in one channel of one trace
 TIED_LIKELIHOOD = 6.0  # difference in -2 log likelihood below which two effects explain the data equally well
-# of chi2 above the noise: a contradicted effect that explains more is judged again after a full refit
-SECOND_TRIAL_SHARE = 0.5
 
 
 class Outcome(Enum):
@@ -100,13 +98,12 @@ def first_of(signatures: Sequence[Signature], most: int, settings: DiagnosisSett
 # ---- after a trial
 
 
-def deserves_second_trial(v: TrialVerdict, before: Score, far: bool, settings: DiagnosisSettings) -> bool:
-    """Whether the held-out traces contradict an effect that explains most of the misfit.
+def deserves_second_trial(v: TrialVerdict, far: bool, settings: DiagnosisSettings) -> bool:
+    """Whether the held-out traces alone speak against an effect.
 
     Its refit may have ended in a local optimum, or the whitening of the model before may hold it there.
     """
-    main = not far and v.gain > SECOND_TRIAL_SHARE * (before.chi2 - v.samples)
-    return main and not v.bic_change > v.required_bic_change(settings) and not v.helps_elsewhere()
+    return not far and v.is_strong(settings) and explains_enough(v, v.samples) and not v.helps_elsewhere()
 
 
 def is_accepted(v: TrialVerdict, settings: DiagnosisSettings) -> bool:
@@ -124,7 +121,7 @@ def choose(verdicts: Sequence[TrialVerdict], settings: DiagnosisSettings, noise:
     """
     strong = [v for v in verdicts if v.is_strong(settings)]
     good = [v for v in strong if v.helps_elsewhere()]
-    main = [v for v in good if v.gain > least_part(v.effect) * (v.score.chi2 - noise)]
+    main = [v for v in good if explains_enough(v, noise)]
     return _added(main) if main else _none_added(good, strong, verdicts, settings)
 
 
@@ -152,6 +149,11 @@ def _none_added(
             f"(BIC {v.bic_change:+.1f}; {v.required_bic_change(settings):.0f} is required)."
         )
     return Choice(outcome, None, (), why)
+
+
+def explains_enough(v: TrialVerdict, noise: float) -> bool:
+    """Whether an effect explains its least part of what it leaves above the chi2 of noise alone."""
+    return v.gain > least_part(v.effect) * (v.score.chi2 - noise)
 
 
 def least_part(effect: Effect) -> float:

@@ -184,10 +184,10 @@ def _tried(
     if effect.rough and not s.far and trial.model.chi2_per_sample > ROUGH_CHI2:
         report(f"searching with {effect.name}", 0.7)
         trial = judge_trial(effect, before, trial.model.searched(effect))
-    if not deserves_second_trial(trial.verdict, before, s.far, settings):
+    if not deserves_second_trial(trial.verdict, s.far, settings):
         return trial
     report(f"refitting with {effect.name} in full", 0.8)
-    again = second_trial(trial, refit_fully(trial.model, report), before)
+    again = second_trial(trial, refit_fully(trial.model, report), s, before)
     return again if is_accepted(again.verdict, settings) else trial
 
 

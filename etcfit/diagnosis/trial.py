@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..estimation.rounds import deviance
 from ..model.parameters import parameters_of
 from .candidate_model import CandidateModel
 from .composition import Composition, Effect, is_of_one_channel, is_of_the_rig, resting
@@ -193,19 +194,26 @@ def run_trial(s: CandidateModel, effect: Effect, values: Mapping[str, float], be
     return judge_trial(effect, before, s.trying((effect,), values).optimised())
 
 
-def second_trial(first: Trial, full: CandidateModel, before: Score) -> Trial:
+def second_trial(first: Trial, full: CandidateModel, s: CandidateModel, before: Score) -> Trial:
     """The second trial of an effect that the held-out traces contradicted: they judge the model of a full refit, with
     the rise that is allowed there.
 
-    The fitted traces judge the better of both models, because the whitening of the model before can make the chi2 of
-    either too large.
+    The whitening of the model before can make the chi2 of either model too large: it knows nothing of an impact that
+    the effect moves. So the fitted traces judge the better of both models, and the held-out ones contradict the effect
+    only if their -2 log L, each model by its own whitening, rises too.
+
+    Args:
+        s: the model before, scored as `before`.
     """
     again = judge_trial(first.verdict.effect, before, replace(first.model, x=full.x))
     best = min(first, again, key=lambda t: t.verdict.score.chi2)
+    change = again.verdict.holdout_chi2_change
+    if change is not None and full.holdout is not None and s.holdout is not None and not full.far:
+        change = min(change, deviance(*full.holdout, full.x) - deviance(*s.holdout, s.x))
     verdict = replace(
         best.verdict,
         holdout_rms_ratio=again.verdict.holdout_rms_ratio,
-        holdout_chi2_change=again.verdict.holdout_chi2_change,
+        holdout_chi2_change=change,
         held_out_noise=again.verdict.held_out_noise,
         slack=full.settings.refit_rise,
     )

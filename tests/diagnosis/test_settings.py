@@ -72,7 +72,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
 CONSTANTS: dict[ModuleType, dict[str, float]] = {
     candidate_model: {"TRIAL_TOLERANCE": 1e-3, "STEEPEST_START": 3.0, "SEARCH_SPREAD": 0.15, "START_HALVINGS": 8},
     choice: {"LEAST_PROMISE": 0.5, "RIVAL_PROMISE": 0.3, "RIVAL_PROMISE_FAR": 0.1, "LEAST_PART": 0.2,
-             "LEAST_PART_OF_ONE": 1.0, "TIED_LIKELIHOOD": 6.0, "SECOND_TRIAL_SHARE": 0.5},
+             "LEAST_PART_OF_ONE": 1.0, "TIED_LIKELIHOOD": 6.0},
     evidence: {"EVENT": 0.1, "WHITE_P": 1e-5, "LARGE_RMS": 0.03, "LARGE_RMS_DEVIATIONS": 5.0, "SHARE_BINS": 24,
                "SHARE_SAMPLES": 200, "SHARE_NAMED": 0.05},
     exchange: {"EXCHANGE_RIVAL": 0.5},

@@ -19,6 +19,7 @@ from etcfit.diagnosis.score import score as score_of
 from etcfit.diagnosis.settings import DEFAULT, DiagnosisSettings
 from etcfit.diagnosis.tangents import variants
 from etcfit.diagnosis.trial import Cost, bic_change, compare, run_trial, second_trial, surprise
+from etcfit.estimation.rounds import deviance
 from etcfit.model.effects import EFFECT_BY_NAME
 from etcfit.model.rig_effects import rig_effect
 from etcfit.problem.free_parameters import free_parameters
@@ -129,7 +130,7 @@ def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: Can
     assert v.holdout_rms_ratio == pytest.approx(np.divide(v.score.holdout_rms or np.nan, before.holdout_rms))
     # at the coordinates of another refit: its held-out figures, which may rise by a fifth, and the better fit of both
     worse = small.with_effects((GRAVITY,), {"T_g": 0.01})
-    again = second_trial(trial, worse, before)
+    again = second_trial(trial, worse, small, before)
     elsewhere = score_of(replace(trial.model, x=worse.x))
     assert again.model is trial.model
     assert again.verdict.gain == v.gain
@@ -137,9 +138,15 @@ def test_an_effect_is_refitted_and_compared_with_the_model_without_it(small: Can
         np.divide(elsewhere.holdout_rms or np.nan, before.holdout_rms)
     )
     assert again.verdict.slack == SETTINGS.refit_rise
+    # held out, the fitted trace itself: of chi2 by the whitening before and of -2 log L the one that rises less
+    assert small.holdout is not None
+    assert worse.holdout is not None
+    likelier = deviance(*worse.holdout, worse.x) - deviance(*small.holdout, small.x)
+    by_whitening = np.subtract(elsewhere.held_out or np.nan, before.held_out or np.nan)
+    assert again.verdict.holdout_chi2_change == pytest.approx(min(likelier, by_whitening))
     # and the other way round
     first = replace(trial, model=worse, verdict=replace(v, score=elsewhere))
-    assert second_trial(first, trial.model, before).model.values["T_g"] == trial.model.values["T_g"]
+    assert second_trial(first, trial.model, small, before).model.values["T_g"] == trial.model.values["T_g"]
 
 
 def test_an_effect_of_the_rig_pays_for_all_the_places_where_it_could_have_been() -> None:
