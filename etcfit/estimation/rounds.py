@@ -79,6 +79,8 @@ def deviance(problem: EstimationProblem, weighted: WeightedData, x: np.ndarray) 
     """
     seen = np.asarray(weighted.slots.weight) > 0.0
     precision = np.asarray(weighted.whitening.weight)[seen]
+    if not np.all(precision > 0.0):
+        return np.inf
     found = float(chi2_of(problem, x[None], weighted)[0] - 2.0 * np.sum(np.log(precision)))
     return found if np.isfinite(found) else np.inf
 
