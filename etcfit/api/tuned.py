@@ -168,11 +168,9 @@ def tune_logs(files: Sequence[Path], run: RunFolder, request: TuneRequest, repor
     profile = named(request.profile)
     notation_of(profile)
     given = dict(request.ecu)
-    if clash := profile.clashes(given):
-        raise UsageError(f"{clash[0]}: {profile.title} fixes it at {profile.fixes[clash[0]]:g}. Leave it out.")
+    known = _known(profile, given, request)
     report("reading the logs", 0.0)
     with held(run.path):
-        known = _known(profile, given, request)
         logs = _imported(files, request)
         prepared = tune_input(logs, re.sub(r"[^\w .-]+", "_", files[0].stem), known, request.settings)
         lacks = record_next([as_log(log, logs.config) for log in logs.measurements if "position" in log.channels])

@@ -84,8 +84,6 @@ def _computer(fitted: Fitted, request: DesignRequest) -> tuple[Ecu, EcuProfile |
 
     make, ecu = None if request.profile is None else named(request.profile), request.ecu
     if make is not None:
-        if clash := make.clashes(ecu):
-            raise UsageError(f"{clash[0]}: {make.title} fixes it at {make.fixes[clash[0]]:g}. Leave it out.")
         ecu = make.completed(ecu)
     lower, upper = fitted.config.stops
     return ecu_of(fitted, **({"resolution": (upper - lower) / 2**request.adc_bits} | dict(ecu))), make

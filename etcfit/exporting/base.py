@@ -12,7 +12,7 @@ from typing import Any
 from .. import __version__
 from ..control.linearise import Reduction, reduce
 from ..errors import UsageError
-from ..estimation.fitted_model import Fitted
+from ..estimation.fitted_model import Fitted, body_types
 from ..files import whole
 from ..model.effects import AbstractEffect
 from ..model.parameters import Parameter, parameters_of
@@ -89,8 +89,7 @@ class Source:
     @property
     def effects(self) -> tuple[type[AbstractEffect], ...]:
         """Effects of the throttle itself, without those of the rig and the ECU that drove its logs."""
-        types = self.fitted.free_parameters.layout.types
-        return tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
+        return body_types(self.fitted.free_parameters.layout)
 
     @property
     def beyond_the_paper(self) -> tuple[type[AbstractEffect], ...]:

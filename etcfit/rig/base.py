@@ -287,7 +287,6 @@ class AbstractRigTest(abc.ABC):
     name: ClassVar[str]
     title: ClassVar[str]
     boundary: ClassVar[Boundary]
-    drives: ClassVar[tuple[str, ...]]  # channels one of which must be there to drive the model; () if none
     observes: ClassVar[tuple[str, ...]]  # channels the model predicts, where they were logged
     needs: ClassVar[tuple[tuple[str, ...], ...]]  # groups of alternative channels, one of each of which is required
 

@@ -290,7 +290,6 @@ class AbstractDriven(AbstractRigTest):
     """
 
     boundary = Boundary()
-    drives = DRIVES
     observes = ("current", "position", "motor_speed", "emf")
 
     def reading(self, traces: Sequence[Measurement], config: RigConfig, known: Mapping[str, float]) -> Reading:

@@ -30,7 +30,6 @@ class Resistance(AbstractRigTest):
     name = "resistance"
     title = "Motor resistance test"
     boundary = Boundary(plate_held=True)
-    drives = ("voltage", "duty")
     observes = ("current",)
     needs = (("voltage", "duty"), ("current",))
 
@@ -116,7 +115,6 @@ class Inductance(AbstractRigTest):
     name = "inductance"
     title = "Motor inductance test"
     boundary = Boundary(plate_held=True)
-    drives = ("voltage", "duty")
     observes = ("current",)
     needs = (("voltage", "duty"), ("current",))
 
@@ -170,7 +168,6 @@ class BackEmf(AbstractRigTest):
     name = "back_emf"
     title = "Back electromotive force test"
     boundary = Boundary(terminals_open=True, released=True)
-    drives = ()
     observes = ("emf", "position")
     needs = (("emf", "voltage"), ("position",))
 

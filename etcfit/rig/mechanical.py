@@ -62,7 +62,6 @@ class Viscous(AbstractRigTest):
     name = "viscous"
     title = "Viscous frictional coefficient test"
     boundary = Boundary(gear_apart=True)
-    drives = ("voltage", "duty")
     observes = ("current", "motor_speed")
     needs = (("voltage", "duty"), ("current",), ("motor_speed",))
 
@@ -114,7 +113,6 @@ class StaticLoad(AbstractRigTest):
     name = "static_load"
     title = "Static load test"
     boundary = Boundary()
-    drives = DRIVES
     observes = ("current", "position", "motor_speed", "emf")
     needs = (DRIVES, ("position",))
 
@@ -167,7 +165,6 @@ class Inertia(AbstractRigTest):
     name = "inertia"
     title = "Moment of inertia test"
     boundary = Boundary(terminals_open=True, released=True)
-    drives = ()
     observes = ("emf", "position")
     needs = (("position", "emf", "voltage"),)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
+from ...errors import UsageError
 from ..ecu import Ecu, Notation
 from ..feed_forward import Term
 
@@ -90,7 +91,13 @@ class EcuProfile:
         return tuple(name for name, value in given.items() if abs(self.fixes.get(name, value) - value) > 1e-9)
 
     def completed(self, given: Mapping[str, float]) -> dict[str, float]:
-        """Values by field of `Ecu`: fixed, given, and assumed ones."""
+        """Values by field of `Ecu`: fixed, given, and assumed ones.
+
+        Raises:
+            UsageError: a given field that its source fixes at another value.
+        """
+        if clash := self.clashes(given):
+            raise UsageError(f"{clash[0]}: {self.title} fixes it at {self.fixes[clash[0]]:g}. Leave it out.")
         return {**self.assumes, **given, **self.fixes}
 
 

@@ -111,8 +111,4 @@ class OtherRig(AbstractRigEffect):
     scope = "trace"
     told_by = "the serial number on the body, or that trace measured again"
     off: ClassVar[Mapping[str, float] | None] = {}
-
-    @classmethod
-    def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """No places: `diagnosis.other_rig` tests it in another way than effects."""
-        return ()
+    # no `places`: `diagnosis.other_rig` tests it in another way than effects

@@ -98,11 +98,6 @@ class WarmStart(AbstractRigEffect):
     warm_ohm: Scalar = parameter("ohm", Real(0.1), 0.0, "additional resistance of a warmer winding", "IEC 60034-1")
 
     @classmethod
-    def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """No places: for a whole test it is a series resistance."""
-        return ()
-
-    @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:
         """Each trace with a driven winding and its current, if its test has another one."""
         driven = [Place.named(file) for file, channels in logged.items() if {"voltage", "current"} <= channels]

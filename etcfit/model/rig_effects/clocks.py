@@ -58,11 +58,6 @@ class EdgePhase(AbstractRigEffect):
         "", Real(1.0), 0.5, "share of a sample interval from a sample to the edge after it", "JCGM 100:2008, 4.3"
     )
 
-    @classmethod
-    def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """No places: edges that are not in step have no phase to try."""
-        return ()
-
     def driven(self, steps: Any, test_of: Scalar) -> Any:
         edge = steps.edge
         if edge is None:
@@ -139,11 +134,6 @@ class TraceLate(AbstractRigEffect):
     off: ClassVar[Mapping[str, float] | None] = {"late": 0.0}
     delays: ClassVar[bool] = True
     late: Scalar = parameter("s", Real(0.01), 0.0, "lateness of a trace in the log", "Kester 2005")
-
-    @classmethod
-    def places(cls, logged: Logged) -> tuple[Place, ...]:
-        """No places: it does not concern whole tests."""
-        return ()
 
     @classmethod
     def in_traces(cls, logged: Logged) -> tuple[Place, ...]:

@@ -27,6 +27,7 @@ import numpy as np
 from ...control.pid.loop import lagging
 from ...control.setpoint import trapezoid
 from ...control.settings import LoopSettings
+from ...estimation.fitted_model import body_types
 from ...estimation.result import FitResult
 from ...kernels.graph import Graph
 from ...kernels.infix import NotWrittenError
@@ -37,7 +38,7 @@ from ...model.effects import AbstractEffect, State
 from ...model.parameters import NonNegative, Parameter, Positive, Scalar, parameters_of
 from ...model.pid import Gains, Memory, tick
 from ...model.refusals import refused
-from ...model.rig_effects import AbstractRigEffect, number_of
+from ...model.rig_effects import number_of
 from ...model.stepper import Step, step
 from ...model.throttle import Throttle
 from ...problem.problem import EstimationProblem
@@ -63,8 +64,7 @@ class Simulation:
 
 def simulation(result: FitResult) -> Simulation:
     """Print the throttle of a fitted model, without rig effects and without the ECU that drove it."""
-    types = result.free_parameters.layout.types
-    inside = tuple(t for t in types if not issubclass(t, AbstractRigEffect) and not t.commands)
+    inside = body_types(result.free_parameters.layout)
     try:
         return Simulation(inside, (), script(inside))
     except (NotScalarError, NotWrittenError):
