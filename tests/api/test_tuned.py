@@ -19,11 +19,10 @@ from etcfit.api.work import keep_design, keep_fit
 from etcfit.car_log.foretold import Comparison, Figure
 from etcfit.cli import app
 from etcfit.control.borne import Borne
-from etcfit.control.design import ecu_of, propose, task_of
-from etcfit.control.pid import RULES, Gains
+from etcfit.control.design import ecu_of, task_of
+from etcfit.control.pid import Gains
 from etcfit.control.proposal import SHOWN, gain_steps, not_held
-from etcfit.control.settings import DesignSettings, OptimumSettings
-from etcfit.estimation.agreement import Compromise
+from etcfit.estimation.result import FitResult
 from etcfit.importing.tuning import DUTY, LogCheck, TuneInput
 from etcfit.model.ecus import ECUS
 from etcfit.reporting.car_log import Held
@@ -35,9 +34,6 @@ from etcfit.run_folder.folder import RunFolder
 from independent.cars import draw_car, log_of, tracking_errors, write_log
 from schemas import read_valid, validator
 
-BRIEF = DesignSettings(
-    draws=4, optimum=OptimumSettings(searches=1, sweeps=1, population=8, elite=4, rounds=1, last_rounds=1)
-)
 ASKED = TuneRequest("rusefi", ((1.0, 5.0, 0.01),))
 
 
@@ -47,14 +43,14 @@ def validated(written: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def tuned(tmp_path_factory: pytest.TempPathFactory) -> Tuned:
+def tuned(fit: FitResult) -> Tuned:
     """A sound model, by one quick rule."""
-    result, rusefi = results.result(results.rig(tmp_path_factory.mktemp("rig"))), ECUS["rusefi"]
-    task = task_of(result.fitted(), ecu_of(result.fitted(), **rusefi.fixes), settings=BRIEF, profile=rusefi)
-    design = propose(result.fitted(), task, "damping_optimum", {"damping_optimum": RULES["damping_optimum"]}, "laplace")
+    of, rusefi = fit.fitted(), ECUS["rusefi"]
+    task = task_of(of, ecu_of(of, **rusefi.fixes), settings=results.BRIEF, profile=rusefi)
+    design = results.proposed(of, task, "damping_optimum")
     steps = gain_steps(design, Gains(*(0.5 * gain for gain in design.proposed)))
     told = TuneInput(DUTY, "so", (LogCheck("fast enough", True, True, "so"),), {}, "", 12.0, 1e-3)
-    return Tuned(ASKED, told, (), result, design, steps, (0.97, 0.98))
+    return Tuned(ASKED, told, (), fit, design, steps, (0.97, 0.98))
 
 
 def test_a_proposal_is_a_change_from_the_present_gains(tuned: Tuned) -> None:
@@ -266,10 +262,7 @@ def test_a_tune_has_the_bias_table_and_gains_that_are_given_beside_it_go_before_
 def compromised(tuned: Tuned) -> Tuned:
     """The same of a model far from its data."""
     assert tuned.result is not None
-    x = tuned.result.x
-    far = Compromise("the model is far from the data (chi2/dof 17)", ("drive",), x[None], np.eye(x.size)[None],
-                     np.full((1, x.size), np.nan))  # fmt: skip
-    return replace(tuned, result=replace(tuned.result, compromise=far))
+    return replace(tuned, result=results.compromised(tuned.result))
 
 
 def test_gains_of_a_compromise_are_named_nowhere(tuned: Tuned) -> None:
