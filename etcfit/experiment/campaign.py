@@ -45,6 +45,15 @@ class Forecast:
     shown: Mapping[str, np.ndarray]  # by channel, SI, shape (D, n) each
     warmth: np.ndarray  # of the winding above ambient, K, shape (D, n)
 
+    @property
+    def amps(self) -> float:
+        """Largest current by any of them, A."""
+        return float(np.abs(self.shown["current"]).max()) if "current" in self.shown else 0.0
+
+    def hottest(self, ambient: float) -> float:
+        """Highest temperature of the winding by any of them, degC."""
+        return ambient + float(self.warmth.max())
+
 
 @dataclass(frozen=True)
 class Winding:
@@ -123,19 +132,17 @@ def exceeded_limits(
     out = []
     if candidate.played is not None and (volts := float(np.abs(candidate.played.volts).max())) > s.supply:
         out.append(f"{volts:.1f} V of a supply of {s.supply:.1f} V")
-    amps = float(np.abs(forecast.shown["current"]).max()) if "current" in forecast.shown else 0.0
-    if amps > settings.current:
+    if (amps := forecast.amps) > settings.current:
         out.append(f"{amps:.1f} A, limit {settings.current:g} A")
-    hot = settings.ambient + float(forecast.warmth.max())
-    if hot > settings.temperature:
+    if (hot := forecast.hottest(settings.ambient)) > settings.temperature:
         out.append(f"winding {hot:.0f} degC, limit {settings.temperature:g} degC")
     if candidate.window is not None and candidate.free_plate and "position" in forecast.shown:
-        margin = settings.margin * (s.open - s.rest)
+        lowest, highest = s.kept_to(settings.margin)
         (begin, end), angle = candidate.window, forecast.shown["position"]
         low = float(angle[:, (forecast.time >= begin) & (forecast.time <= end)].min())
-        if low < s.rest + margin:
+        if low < lowest:
             out.append(f"plate down to {np.degrees(low):.0f} deg, where it rests {np.degrees(s.rest):.0f} deg")
-        if (high := float(angle.max())) > s.open - margin:
+        if (high := float(angle.max())) > highest:
             out.append(f"plate up to {np.degrees(high):.0f} deg, open stop {np.degrees(s.open):.0f} deg")
     return tuple(out)
 

@@ -71,6 +71,11 @@ class Setting:
         upper = self.config.travel[1]
         return upper if np.isfinite(upper) else self.rest + 0.5 * np.pi
 
+    def kept_to(self, margin: float) -> tuple[float, float]:
+        """Angles that stay off its rest and the open stop by this share of the way between them, rad."""
+        off = margin * (self.open - self.rest)
+        return self.rest + off, self.open - off
+
     def volts(self, torque: float) -> float:
         """Steady voltage whose motor torque is this one at the plate: R_a T / (N K_m), V."""
         return float(self.values["R_a"] * torque / (self.config.gear_ratio * self.values["K_m"]))

@@ -30,19 +30,13 @@ class _Numbered(NamedTuple):
     test: PlannedTest
 
 
-def _room(campaign: Campaign) -> list[float]:
-    margin = campaign.settings.margin * (campaign.setting.open - campaign.setting.rest)
-    return [campaign.setting.rest + margin, campaign.setting.open - margin]
-
-
 def _stderr(symbols: tuple[str, ...], before: np.ndarray, after: np.ndarray) -> dict[str, Any]:
     return {s: {"now": b, "expected": a} for s, b, a in zip(symbols, before.tolist(), after.tolist(), strict=True)}
 
 
 def _peaks(at: _Numbered) -> dict[str, Any]:
-    hot = at.campaign.settings.ambient + float(at.test.forecast.warmth.max())
     ends = {name: [float(v.min()), float(v.max())] for name, v in at.test.forecast.shown.items()}
-    return {**ends, "winding_degC": hot}
+    return {**ends, "winding_degC": at.test.forecast.hottest(at.campaign.settings.ambient)}
 
 
 def _expected(at: _Numbered) -> dict[str, Any]:
@@ -60,8 +54,8 @@ LIMITS = Record(
     supply_V=key("number", "V.", "setting.supply"),
     current_A=key("number", "A.", "settings.current"),
     winding_degC=key("number", "degC.", "settings.temperature"),
-    position_rad=key("[number]", "Between what the plate stays while it is driven about, rad.", _room,
-        each={"description": "rad."}),
+    position_rad=key("[number]", "Between what the plate stays while it is driven about, rad.",
+        lambda campaign: campaign.setting.kept_to(campaign.settings.margin), each={"description": "rad."}),
 )  # fmt: skip
 WINDING = record_of(Winding, called={"capacity": "capacity_J_per_K", "cooling": "cooling_s"})
 STDERR = Record(

@@ -44,25 +44,15 @@ def plan_table(campaign: Campaign) -> RenderableType:
 
 def tests_table(campaign: Campaign) -> Table:
     """The tests in the order in which they are made."""
+    warm = campaign.settings.ambient
     rows = [{"file": t.file, "test": t.candidate.plan.test, "how": t.candidate.plan.says,
-             "seconds": t.candidate.seconds, "current": amps(t), "temperature": hottest(t, campaign),
+             "seconds": t.candidate.seconds, "current": t.forecast.amps, "temperature": t.forecast.hottest(warm),
              "pause": t.pause, "remark": campaign.remark(t)} for t in campaign.tests]  # fmt: skip
     return Table("In this order", (
         Column("record as", "file", "path"), Column("what", with_remark, "prose"),
         Column("current, A", lambda row: f"{row['current']:.1f}"),
         Column("winding, degC", lambda row: f"{row['temperature']:.0f}"),
         Column("pause, s", lambda row: f"{row['pause']:.0f}")), rows)  # fmt: skip
-
-
-def amps(test: PlannedTest) -> float:
-    """Largest current expected, A."""
-    current = test.forecast.shown.get("current")
-    return 0.0 if current is None else float(np.abs(current).max())
-
-
-def hottest(test: PlannedTest, campaign: Campaign) -> float:
-    """Highest temperature of the winding expected, degC."""
-    return campaign.settings.ambient + float(test.forecast.warmth.max())
 
 
 _BAND = "#f2c49b"
@@ -172,28 +162,31 @@ def write_sheet(folder: Path, campaign: Campaign) -> Path:
         apart=any(TEST_BY_NAME[t.candidate.plan.test].boundary.gear_apart for t in campaign.tests),
         current=current,
         draws=campaign.settings.draws,
-        hot=max(hottest(t, campaign) for t in campaign.tests),
+        hot=_hottest(campaign),
     )
     write_text(path, page)
     return path
 
 
+def _hottest(campaign: Campaign) -> float:
+    return max(t.forecast.hottest(campaign.settings.ambient) for t in campaign.tests)
+
+
 def _limits(campaign: Campaign) -> Table:
     s, settings = campaign.setting, campaign.settings
-    margin = settings.margin * (s.open - s.rest)
     most = max((float(np.abs(t.candidate.played.volts).max()) for t in campaign.tests if t.candidate.played),
                default=0.0)  # fmt: skip
     angles = [_in_window(t) for t in campaign.tests if t.candidate.window is not None]
     rows = [
         ("voltage", f"{s.supply:.3g} V", f"{most:.2f} V"),
-        ("current", f"{settings.current:g} A", f"{max(amps(t) for t in campaign.tests):.2f} A"),
-        ("winding", f"{settings.temperature:g} °C", f"{max(hottest(t, campaign) for t in campaign.tests):.0f} °C"),
+        ("current", f"{settings.current:g} A", f"{max(t.forecast.amps for t in campaign.tests):.2f} A"),
+        ("winding", f"{settings.temperature:g} °C", f"{_hottest(campaign):.0f} °C"),
     ]
     if angles:
-        span = f"{math.degrees(min(a for a, _ in angles)):.0f} to {math.degrees(max(b for _, b in angles)):.0f}°"
-        rows.append(
-            ("plate while driven", f"{math.degrees(s.rest + margin):.0f} to {math.degrees(s.open - margin):.0f}°", span)
-        )
+        seen = min(a for a, _ in angles), max(b for _, b in angles)
+        allowed, expected = (f"{math.degrees(low):.0f} to {math.degrees(high):.0f}°"
+                             for low, high in (s.kept_to(settings.margin), seen))  # fmt: skip
+        rows.append(("plate while driven", allowed, expected))
     return of_texts("Limits, and the worst expected of them", ("", "limit", "worst expected"), rows)
 
 
@@ -210,7 +203,8 @@ def _step(folder: Path, campaign: Campaign, number: int, test: PlannedTest) -> S
     draw_one(path, partial(draw, test, campaign, number))
     rate = 1.0 / float(test.candidate.plan.time[1] - test.candidate.plan.time[0])
     facts = [f"{short(test.candidate.seconds, 2)} s", f"log at {rate:.0f} Hz or more",
-             f"up to {amps(test):.1f} A", f"winding up to {hottest(test, campaign):.0f} °C"]  # fmt: skip
+             f"up to {test.forecast.amps:.1f} A",
+             f"winding up to {test.forecast.hottest(campaign.settings.ambient):.0f} °C"]  # fmt: skip
     heads = ("header", "from", "to", "resolution or finer")
     logged = [(c.header, short(c.low, 3), short(c.high, 3), short(c.resolution, 2)) for c in logger(test, campaign)]
     pause = f"then wait {test.pause:.0f} s for the winding to cool" if test.pause >= 1.0 else "no pause needed after it"
