@@ -21,7 +21,7 @@ from ..errors import UsageError
 from ..estimation.fitted_model import Fitted
 from ..estimation.result import FitResult
 from ..posterior.sampling import Posterior
-from ..problem.prediction_error import PredictionError, pooled
+from ..problem.prediction_error import pooled
 from ..reporting import pictures, style
 from ..reporting.control import bode
 from ..reporting.control import pictures as control_pictures
@@ -100,13 +100,15 @@ def _overview(result: FitResult, most: int) -> Figure:
     count = len(every)
     every.sort(key=lambda each: (not each.held_out, each.trace.test.name))
     if count > most:
-        every = sorted(every, key=lambda each: (not each.held_out, -pooled(_rows(result, each.file))))[:most]
+        every = sorted(every, key=lambda each: (not each.held_out, -pooled(pictures.errors_of(result, each.file))))[
+            :most
+        ]
     down = -(-len(every) // _ACROSS)
     tall = 0.75 + 1.95 * down
     fig = style.figure(13.0, tall, result.rig.config.synthetic)
     grid = fig.subplots(down, _ACROSS, squeeze=False)
     for panel, each in zip(grid.flat, every, strict=False):
-        _glance(panel, each, pooled(_rows(result, each.file)))
+        _glance(panel, each, pooled(pictures.errors_of(result, each.file)))
     for panel in list(grid.flat)[len(every) :]:
         panel.remove()
     more = f", the worst {len(every)} of {count}" if len(every) < count else ""
@@ -114,11 +116,6 @@ def _overview(result: FitResult, most: int) -> Figure:
     fig.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.35 / tall), w_pad=0.6)
     style.legend(fig, list(grid.flat)[:1], 0.99, 1.0 - 0.35 / tall)
     return fig
-
-
-def _rows(result: FitResult, file: str) -> list[PredictionError]:
-    """Errors of one trace, one per channel."""
-    return [row for row in (*result.score_fit, *result.score_holdout) if row.file == file]
 
 
 def _glance(panel: Axes, each: FittedTrace, off: float) -> None:

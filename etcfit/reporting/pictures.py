@@ -18,6 +18,7 @@ from ..estimation.intervals import LUMPS, Interval, intervals, lumped
 from ..estimation.joint_fit import FitResult
 from ..model.effects import EFFECT_BY_NAME
 from ..model.paper import TABLE_2
+from ..problem.prediction_error import PredictionError
 from ..problem.trace import Trace
 from ..rig import TEST_BY_NAME
 from ..rig.base import RigConfig
@@ -184,6 +185,11 @@ def all_traces(result: FitResult) -> tuple[Trace, ...]:
     return (*result.problem.batch.traces, *held_out)
 
 
+def errors_of(result: FitResult, file: str) -> tuple[PredictionError, ...]:
+    """Errors of one trace, one per channel."""
+    return tuple(row for row in (*result.score_fit, *result.score_holdout) if row.file == file)
+
+
 def briefly(result: FitResult) -> str:
     """The model for a title: complete, without rig effects, or with the number of effects."""
     whole = model_words(result)
@@ -206,9 +212,8 @@ def _trace_picture(result: FitResult, k: int) -> traces.TracePicture:
         residual, label = result.whitened[k], "error [σ]" if result.far else "whitened\nresidual [σ]"
     else:
         residual, label = (trace.data - predicted) / np.asarray(trace.sigma)[None, :], "error [σ]"
-    rows = tuple(row for row in (*result.score_fit, *result.score_holdout) if row.file == file)
     synthetic = result.rig.config.synthetic
-    return traces.TracePicture(trace, predicted, residual, label, rows, synthetic, briefly(result))
+    return traces.TracePicture(trace, predicted, residual, label, errors_of(result, file), synthetic, briefly(result))
 
 
 def _test_picture(result: FitResult, name: str) -> traces.TestPicture:

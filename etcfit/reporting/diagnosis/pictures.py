@@ -22,7 +22,7 @@ from ...problem.trace import Trace
 from .. import style
 from ..drawing import Job
 from ..numbers import counted, short
-from ..pictures import all_traces, briefly, file_name
+from ..pictures import all_traces, briefly, errors_of, file_name
 from ..table import role
 from ..tables import Pool
 from ..traces import drive
@@ -60,10 +60,7 @@ class Overlay:
                 was, now = (_rows_of(d, rows([trace], [model])) for model in (each.others, each.own))
                 return cls(trace, each.others, each.own, was, now, synthetic, _BODIES, "of another rig")
         before, after = (np.asarray(result.predicted[file]) for result in (d.before, d.after))
-        was, now = (
-            _rows_of(d, [row for row in (*result.score_fit, *result.score_holdout) if row.file == file])
-            for result in (d.before, d.after)
-        )
+        was, now = (_rows_of(d, errors_of(result, file)) for result in (d.before, d.after))
         # the final model's further effects, as far as a legend has space
         names = listed(d.added) if d.added else ""
         after_words = names if len(names) <= _ROOM else counted(len(d.added), "effect")
