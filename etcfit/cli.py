@@ -730,10 +730,7 @@ def plan(
     from .datasets.base import refuse_to_overwrite
 
     refuse_to_overwrite(out)
-    try:
-        settings = CampaignSettings(tests=tests, current=current, temperature=temperature)
-    except ValueError as error:
-        raise UsageError(str(error)) from None
+    settings = CampaignSettings(tests=tests, current=current, temperature=temperature)
     with _usual("plan", quiet) as report:
         from .api.progress import part_of
         from .api.verbs import plan

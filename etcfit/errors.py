@@ -33,6 +33,10 @@ class UsageError(Exception):
     """The command line asks for something that cannot be done; exit status 2."""
 
 
+class SettingsError(UsageError, ValueError):
+    """A setting that cannot be so: the command line's mistake, and in Python an ordinary wrong value."""
+
+
 def command(*words: str | Path) -> str:
     """A command line of etcfit that a shell takes as it stands: words with blanks are in quotes."""
     return shlex.join(["etcfit", *map(str, words)])

@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, TypeVar
 
+from .errors import SettingsError
+
 S = TypeVar("S")
 
 
@@ -92,7 +94,7 @@ def check_ranges(settings: Any) -> None:
     Args:
         settings: a dataclass whose fields were made by the functions above, or hold settings themselves.
     Raises:
-        ValueError: names object and field, the value found, and what is allowed.
+        SettingsError: names object and field, the value found, and what is allowed.
     """
     for each in fields(settings):
         value, allowed = getattr(settings, each.name), each.metadata
@@ -102,8 +104,8 @@ def check_ranges(settings: Any) -> None:
         entries = value if many and isinstance(value, tuple) else (value,)
         if (many and not (isinstance(value, tuple) and value)) or not all(_inside(v, allowed) for v in entries):
             what = f"a tuple of one or more numbers, each {allowed['kind']}" if many else allowed["kind"]
-            raise ValueError(f"{type(settings).__name__}.{each.name} = {_shown(value)}: "
-                             f"it must be {what}, {allowed['range']}.")  # fmt: skip
+            raise SettingsError(f"{type(settings).__name__}.{each.name} = {_shown(value)}: "
+                                f"it must be {what}, {allowed['range']}.")  # fmt: skip
 
 
 def _shown(value: Any) -> str:

@@ -280,10 +280,7 @@ def export_run(
     from .exporting import ExportSettings, named
     from .reporting.closing.control import of_export
 
-    try:
-        settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
-    except ValueError as error:  # the range is the settings' own
-        raise UsageError(str(error)) from None
+    settings = ExportSettings(share=at) if step is None else ExportSettings(step, at)
     done = export(run, to, out, settings, into=into, anyway=anyway, quiet=report)
     lost, result = done.cannot_hold, run.final()
     closing = of_export(done.files, lost, named(to).title, result.state, run.path)

@@ -199,10 +199,7 @@ def sample(
     from ..run_folder.posterior import require_netcdf
 
     require_netcdf()
-    try:
-        SamplingSettings(most_steps=steps)
-    except ValueError as error:
-        raise UsageError(f"steps: {error}") from None
+    SamplingSettings(most_steps=steps)  # refuses what is out of its range
     with working(quiet) as report:
         report("taking up the model", 0.0)
         result = _fit_of("sample", model).result

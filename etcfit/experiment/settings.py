@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from ..errors import SettingsError
 from ..ranges import check_ranges, real, reals, whole
 
 
@@ -43,7 +44,9 @@ class PlanSettings:
     def __post_init__(self) -> None:
         check_ranges(self)
         if min(self.bands) <= self.lowest:
-            raise ValueError(f"PlanSettings.bands = {self.bands!r}: each must be greater than lowest, {self.lowest:g}.")
+            raise SettingsError(
+                f"PlanSettings.bands = {self.bands!r}: each must be greater than lowest, {self.lowest:g}."
+            )
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,6 @@ class CampaignSettings:
     def __post_init__(self) -> None:
         check_ranges(self)
         if self.temperature <= self.ambient:
-            raise ValueError(
+            raise SettingsError(
                 f"CampaignSettings.temperature = {self.temperature!r}: it must be above ambient, {self.ambient:g} degC."
             )
