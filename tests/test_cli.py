@@ -373,6 +373,10 @@ def test_an_fmu_without_a_compiler_is_refused_before_the_model_is_loaded(invoke,
     assert "--to c" in done.stderr
 
 
+def test_version(invoke) -> None:
+    assert invoke("--version").stdout == f"etcfit {etcfit.__version__}\n"
+
+
 def test_python_runs_the_package_as_a_program() -> None:
     done = subprocess.run([sys.executable, "-m", "etcfit", "--version"], capture_output=True, text=True, check=True)
     assert done.stdout == f"etcfit {etcfit.__version__}\n"
