@@ -196,7 +196,7 @@ def forward(
         def in_round(text: str, share: float, made: int = made) -> None:
             report(f"round {made + 1}: {text}", (made + share) / limit)
 
-        turned, s = _round(result, progress.model, in_round, made)
+        turned, s = round_and_model(result, progress.model, in_round, made)
         progress = replace(progress, model=s, rounds=(*progress.rounds, reported(turned)))
         report(f"round {made + 1}: {turned.choice.why}", (made + 0.5) / limit)
         if turned.added is None:
@@ -206,7 +206,7 @@ def forward(
     return progress
 
 
-def _round(result: FitResult, s: CandidateModel, report: Report, made: int) -> tuple[Round, CandidateModel]:
+def round_and_model(result: FitResult, s: CandidateModel, report: Report, made: int) -> tuple[Round, CandidateModel]:
     """One round and the model after it; after a first or second round that stays far from the data, effects that the
     guide hides are tried.
 

@@ -82,14 +82,16 @@ def test_a_refit_holds_where_it_is_neither_spoilt_nor_worse_on_what_was_held_out
     assert not is_no_worse(replace(worse, settings=lenient), best, was)
 
 
-def test_no_free_run_contradicts_a_model_to_which_each_held_out_sample_is_noise(
+def test_nothing_contradicts_a_model_to_which_each_held_out_sample_is_noise(
     small: CandidateModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The held-out trace is the fitted one here: the better model takes the place of the worse."""
+    """No free run, and no fitted sample by its own whitening. The held-out trace is the fitted one here: the better
+    model takes the place of the worse."""
     best, worse = two_points(small)
     was = score(worse)
     assert best.holdout is not None
-    monkeypatch.setattr("etcfit.diagnosis.refit.holdout_worsened", lambda *_: True)
+    for rule in ("refit_worsened", "holdout_worsened"):
+        monkeypatch.setattr(f"etcfit.diagnosis.refit.{rule}", lambda *_: True)
     per_sample = best.holdout[0].chi2(best.x, best.holdout[1]) / best.holdout[1].samples
     for limit, noise in ((1.01 * per_sample, True), (0.99 * per_sample, False)):
         monkeypatch.setattr("etcfit.diagnosis.trial.HELD_OUT_NOISE", limit)

@@ -16,7 +16,16 @@ from etcfit.diagnosis.composition import Effect
 from etcfit.diagnosis.course import final_fit
 from etcfit.diagnosis.loop import Round, deeper_optimum, refit_chosen, run_round, starts_of
 from etcfit.diagnosis.probabilities import probabilities, questions
-from etcfit.diagnosis.rounds import Near, Progress, _round, find_masked_effect, forward, maskable, nearest, reported
+from etcfit.diagnosis.rounds import (
+    Near,
+    Progress,
+    find_masked_effect,
+    forward,
+    maskable,
+    nearest,
+    reported,
+    round_and_model,
+)
 from etcfit.diagnosis.score import baseline
 from etcfit.diagnosis.screen import Signature
 from etcfit.diagnosis.settings import DiagnosisSettings
@@ -166,7 +175,7 @@ def test_a_hidden_effect_is_sought_beside_none_and_beside_the_first_found(
     monkeypatch.setattr(f"{room}.run_round", lambda s, _: Round(s, score(1.0), (), (), NOTHING_PROMISES))
     monkeypatch.setattr(f"{room}.refit_chosen", lambda turned, _: (turned, turned.before))
     for made, s in enumerate((far, second, second)):
-        turned, new = _round(result(rig), s, quiet, made)
+        turned, new = round_and_model(result(rig), s, quiet, made)
         assert (turned.before, new) == (s, s)
     assert tried == [((), LAG.name), ((), BACKLASH.name), ((GRAVITY.name,), LAG.name)]
 
