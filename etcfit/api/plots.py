@@ -96,19 +96,20 @@ class FitPlots:
 
 
 def _overview(result: FitResult, most: int) -> Figure:
+    def error(each: FittedTrace) -> float:
+        return pooled(pictures.errors_of(result, each.file))
+
     every = list(traces_of(result).values())
     count = len(every)
     every.sort(key=lambda each: (not each.held_out, each.trace.test.name))
     if count > most:
-        every = sorted(every, key=lambda each: (not each.held_out, -pooled(pictures.errors_of(result, each.file))))[
-            :most
-        ]
+        every = sorted(every, key=lambda each: (not each.held_out, -error(each)))[:most]
     down = -(-len(every) // _ACROSS)
     tall = 0.75 + 1.95 * down
     fig = style.figure(13.0, tall, result.rig.config.synthetic)
     grid = fig.subplots(down, _ACROSS, squeeze=False)
     for panel, each in zip(grid.flat, every, strict=False):
-        _glance(panel, each, pooled(pictures.errors_of(result, each.file)))
+        _glance(panel, each, error(each))
     for panel in list(grid.flat)[len(every) :]:
         panel.remove()
     more = f", the worst {len(every)} of {count}" if len(every) < count else ""

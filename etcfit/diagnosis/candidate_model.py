@@ -9,7 +9,7 @@ import numpy as np
 
 from ..estimation.levenberg_marquardt import descend, linearise_at
 from ..estimation.result import Termination
-from ..estimation.rounds import evolve_population
+from ..estimation.rounds import deviance, evolve_population
 from ..problem.chi2 import chi2_of
 from ..problem.free_parameters import FreeParameters
 from ..problem.problem import EstimationProblem
@@ -53,6 +53,11 @@ class CandidateModel:
     def chi2_per_sample(self) -> float:
         """1 where nothing but noise is left."""
         return self.chi2 / self.weighted.samples
+
+    @property
+    def deviance(self) -> float:
+        """-2 log L of the fitted traces by their own whitening, up to a constant; without meaning far from the data."""
+        return deviance(self.problem, self.weighted, self.x)
 
     @property
     def held_out(self) -> tuple[Trace, ...]:

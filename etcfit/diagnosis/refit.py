@@ -11,7 +11,7 @@ from ..estimation.free_run import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend, descend_in_stages
 from ..estimation.result import FitResult, Optimum, Termination
-from ..estimation.rounds import deviance, rounds
+from ..estimation.rounds import rounds
 from ..problem import weights
 from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
@@ -124,12 +124,9 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
         end = Termination(True, "optimum of the guided residual", far=True)
         return _reweighed(whitened(s, problem, s.held_out, s.x, end), s.held_out)
     new = _in_rounds(s, problem, x, report)
-    return min(new, _in_rounds(s, problem, s.x, report), key=unlikely) if refit_worsened(new, s) else new
-
-
-def unlikely(s: CandidateModel) -> float:
-    """-2 log L of a model near its data, by its own whitening."""
-    return deviance(s.problem, s.weighted, s.x)
+    if refit_worsened(new, s):
+        new = min(new, _in_rounds(s, problem, s.x, report), key=lambda end: end.deviance)
+    return new
 
 
 def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:

@@ -124,8 +124,7 @@ def rounds(
         here = linearise_at(problem, x, weighted)
         moved = _standard_errors(x - about, here)
         if (moved < still and k > 0) or k == most - 1:
-            end = after_rounds(moved, here.gain, outliers)
-            reached = Reached(problem, weighted, x, replace(end, wander=(x - about)[None], gain=here.gain))
+            reached = _ended(problem, weighted, x, x - about, here, outliers)
             return reached if moved < ALTERNATING else _likelier(reached, likeliest)
         early = k < CLOCK_ROUNDS
         about = x if early else 0.5 * (likeliest.about + x)
@@ -155,7 +154,18 @@ def _likelier(reached: Reached, likeliest: _Round) -> Reached:
         return reached
     problem, x, optimum, outliers, _ = likeliest
     weighted = problem.weighted(problem.kalman(x))
-    here, wander = linearise_at(problem, x, weighted), optimum - x
+    return _ended(problem, weighted, x, optimum - x, linearise_at(problem, x, weighted), outliers)
+
+
+def _ended(
+    problem: EstimationProblem,
+    weighted: WeightedData,
+    x: np.ndarray,
+    wander: np.ndarray,
+    here: LinearisedProblem,
+    outliers: int,
+) -> Reached:
+    """The end of rounds at x, where the optimum of a filter and its coordinates are `wander` apart, shape (P,)."""
     end = after_rounds(_standard_errors(wander, here), here.gain, outliers)
     return Reached(problem, weighted, x, replace(end, wander=wander[None], gain=here.gain))
 
