@@ -23,9 +23,8 @@ from .settings import DiagnosisSettings
 
 BIC_TEMPER = 10.0  # by how much a change of BIC overstates its evidence
 BESIDE_FORMULAS = 7.0  # factor of the required change of BIC where effects with inexact formulas are at work
-# least share of the misfit at its place that a named mistake of the rig explains (`credit_by_round`): such a mistake
-# leaves noise where it is
-LEAST_CREDIT_OF_A_MISTAKE = 0.7
+LEAST_CREDIT = 0.5  # least share of the misfit at its place that a named effect must explain; see `credit_by_round`
+LEAST_CREDIT_OF_A_MISTAKE = 0.7  # the same of a mistake of the rig, which leaves noise where it is what is wrong
 
 
 _PRINTED_FROM = 0.02
@@ -90,7 +89,7 @@ def doubted_effects(
 
 
 def _least_credit(name: str | None) -> float:
-    return WORTH_NAMING if name is None or rig_effect(name) is None else LEAST_CREDIT_OF_A_MISTAKE
+    return LEAST_CREDIT if name is None or rig_effect(name) is None else LEAST_CREDIT_OF_A_MISTAKE
 
 
 def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
