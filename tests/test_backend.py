@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -101,14 +102,29 @@ def test_a_folder_of_programs_that_others_can_write_is_not_used_and_said_so(tmp_
 
 
 @pytest.mark.usefixtures("nowhere")
-def test_what_is_oldest_goes_where_there_is_too_much(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(backend, "MOST_BYTES", 250)
+@pytest.mark.parametrize(
+    ("bound", "most", "days_ago", "stay"),
+    [
+        ("MOST_BYTES", 250, None, {"new", "old"}),
+        ("MOST_FILES", 1, None, {"new"}),
+        ("MOST_FILES", 1, 1.1, {"new"}),
+        ("MOST_FILES", 1, 0.9, {"new", "old", "oldest"}),
+    ],
+)
+def test_once_a_day_what_is_oldest_goes_where_there_is_too_much(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bound: str, most: int, days_ago: float | None, stay: set[str]
+) -> None:
+    monkeypatch.setattr(backend, bound, most)
     (tmp_path / "programs").mkdir()
     for age, name in enumerate(("new", "old", "oldest")):
         (tmp_path / "programs" / name).write_bytes(b"x" * 100)
         os.utime(tmp_path / "programs" / name, (1e9 - age, 1e9 - age))
+    if days_ago is not None:
+        looked = tmp_path / "programs.tidied"
+        looked.touch()
+        os.utime(looked, (time.time() - days_ago * 86_400,) * 2)
     backend.keep_compiled_in(tmp_path)
-    assert {file.name for file in (tmp_path / "programs").iterdir()} == {"new", "old"}
+    assert {file.name for file in (tmp_path / "programs").iterdir()} == stay
 
 
 WORK = """
