@@ -29,7 +29,7 @@ from .probabilities import (
     named_effects,
     with_effect_before_rounds,
 )
-from .refit import held_out_shows_noise, start
+from .refit import held_out_shows_noise, settled, start
 from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, reported
 from .score import score, tie_covariance
 from .settings import DEFAULT, DiagnosisSettings
@@ -226,7 +226,7 @@ def _diagnosis_without_piece(
 
 def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
     """The progress after effects were exchanged for better ones, with further rounds if one was; effects that are no
-    longer worth their parameters are taken away.
+    longer worth their parameters are taken away, and the model that remains is fitted to its optimum.
 
     `found` keeps what is known of the removed effects too.
     """
@@ -236,6 +236,8 @@ def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progr
     if changed:
         progress = forward(result, progress, report)
     s, removed = pruned(progress.model, report)
+    if s.added:
+        s = settled(s, report, result.settings)
     return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 

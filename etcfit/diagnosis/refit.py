@@ -11,7 +11,8 @@ from ..estimation.free_run import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend, descend_in_stages
 from ..estimation.result import FitResult, Optimum, Termination
-from ..estimation.rounds import rounds
+from ..estimation.rounds import SETTLED, finished, rounds
+from ..estimation.settings import FitSettings
 from ..problem import weights
 from ..problem.cores import concurrently
 from ..problem.problem import EstimationProblem
@@ -134,6 +135,17 @@ def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, rep
     still, most = STILL, WHITENING_ROUNDS
     problem, _, x, end = rounds(problem.with_release_times(x), x, report, still, most)
     return whitened(s, problem, s.held_out, x, end)
+
+
+def settled(s: CandidateModel, report: Report, settings: FitSettings) -> CandidateModel:
+    """The model at the end of the rounds and the search that a fit makes; unchanged far from the data, and where its
+    data are not likelier there. The end of a refit need not be an optimum."""
+    if s.far:
+        return s
+    ended = rounds(s.problem.with_release_times(s.x), s.x, report, SETTLED, settings.rounds, settings)
+    problem, _, x, end = finished(ended, report, settings)
+    new = whitened(s, problem, s.held_out, x, end)
+    return new if new.deviance < s.deviance else s
 
 
 def further_from_data(after: float | None, before: float | None) -> bool:
