@@ -300,6 +300,7 @@ def test_the_picture_is_drawn(tuned: Tuned, tmp_path: Path) -> None:
     assert (tmp_path / "pictures" / "tune.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_a_log_that_tells_nothing_ends_with_1_and_what_to_record(tmp_path: Path) -> None:
     car = replace(draw_car(9000), duration=8.0)  # 100 Hz, and nobody says the gains
     write_log(tmp_path / "lap.csv", log_of(car, 9000))

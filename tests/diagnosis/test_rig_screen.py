@@ -102,6 +102,7 @@ def test_the_signature_is_the_change_of_the_residual(case: Case) -> None:
     assert np.linalg.norm(found.columns - own) < 0.02 * np.linalg.norm(own)
 
 
+@pytest.mark.slow
 def test_a_turn_asks_about_it_beside_all_others(case: Case) -> None:
     every = score_candidates(case.model, case.composition.candidates, kept=lambda whole: whole)
     assert WARM in {g.variant.effect.name for g in every}

@@ -208,6 +208,7 @@ def height(reached: Reached) -> float:
     return free_run_cost(reached.problem, reached.x)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_weighing")
 @pytest.mark.parametrize("settings", [SMALL_SEARCH, NEVER_NEAR], ids=["near", "far"])
 def test_a_caught_model_ends_no_higher_than_the_smaller_ones_inside_it(
@@ -233,6 +234,7 @@ def test_a_caught_model_ends_no_higher_than_the_smaller_ones_inside_it(
     assert comes_near(end, settings) is (settings is SMALL_SEARCH)
 
 
+@pytest.mark.slow
 def test_the_effect_that_lowers_the_error_most_comes_first_whatever_their_order(rig: Rig, truth: Truth) -> None:
     smaller = begun(with_only(rig, ()), truth)
     larger = {name: begun(with_only(rig, (name,)), truth) for name in (STRIBECK, DRAG)}
