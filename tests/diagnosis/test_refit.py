@@ -10,10 +10,19 @@ import numpy as np
 import pytest
 
 from etcfit.diagnosis.candidate_model import CandidateModel
-from etcfit.diagnosis.refit import further_from_data, held_out_shows_noise, is_no_worse, refit_worsened
+from etcfit.diagnosis.refit import (
+    further_from_data,
+    held_out_shows_noise,
+    is_no_worse,
+    refit_worsened,
+    settled,
+    whitened,
+)
 from etcfit.diagnosis.score import holdout_rms, score
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
+from etcfit.estimation.rounds import Reached, quiet
+from etcfit.estimation.settings import FitSettings
 
 SETTINGS = DiagnosisSettings()
 FAR = Termination(True, "far", far=True)
@@ -101,3 +110,21 @@ def test_nothing_contradicts_a_model_to_which_each_held_out_sample_is_noise(
     assert not held_out_shows_noise(worse, best)
     assert not held_out_shows_noise(replace(best, holdout=None), worse)
     assert not held_out_shows_noise(replace(best, end=FAR), worse)
+
+
+def test_the_last_model_goes_where_a_fit_ends_if_its_data_are_likelier_there(
+    small: CandidateModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rounds are left out: these traces are invented, and no model comes near them."""
+    own = [whitened(s, s.problem, s.held_out, s.x, s.end) for s in two_points(small)]
+    near, far = sorted(own, key=lambda s: s.deviance)
+    assert near.deviance < far.deviance - 1.0
+    end = Termination(True, "the optimum", gain=0.003)
+    monkeypatch.setattr("etcfit.diagnosis.refit.rounds", lambda *_: None)
+    monkeypatch.setattr("etcfit.diagnosis.refit.finished", lambda *_: Reached(near.problem, near.weighted, near.x, end))
+    new = settled(far, quiet, FitSettings())
+    np.testing.assert_array_equal(new.x, near.x)
+    assert new.end is end
+    assert settled(near, quiet, FitSettings()) is near, "no likelier than where it is"
+    elsewhere = replace(far, end=FAR)
+    assert settled(elsewhere, quiet, FitSettings()) is elsewhere
