@@ -336,7 +336,7 @@ def _warnings(
         )
     yield from warnings_of(goodness_of(problem.batch.traces, whitened, predictions.score_fit, settings), known.widest)
     if end.outliers:
-        yield f"{end.outliers} samples lie far outside their trace's residuals; their weight was reduced."
+        yield f"The weight of samples far outside their trace's residuals was reduced: {end.outliers} of them."
     if not end.converged:
         yield f"NOT CONVERGED: {end.reason}"
     if known.alternating:
