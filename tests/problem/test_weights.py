@@ -72,15 +72,21 @@ def test_a_channel_counts_for_no_more_than_its_error_allows(
     assert_allclose(placed(problem, discounted.sigma), 7.0 * placed(problem, problem.sigma))
 
 
-@pytest.mark.parametrize(("square", "jitter"), [(1.0, 0.1), (3.0, np.sqrt(0.01 + 1e-3)), (0.0, np.sqrt(0.01 - 5e-4))])
-def test_jitter_takes_half_a_step_of_scoring(
+@pytest.mark.parametrize("jitter", [0.1, 0.02, 0.0])
+@pytest.mark.parametrize("square", [0.0, 1.0, 3.0])
+def test_jitter_goes_half_way_to_its_mean_with_a_small_one_expected(
     problem: EstimationProblem, monkeypatch: pytest.MonkeyPatch, square: float, jitter: float
 ) -> None:
-    """a + sum q (r^2 - 1) / (2 sum q^2) with every q = 1000."""
-    share = 1e3 * np.array(problem.slots.weight)
+    """Every q is 1000."""
+    weight = np.array(problem.slots.weight)
+    share = 1e3 * weight
     monkeypatch.setattr(EstimationProblem, "filter_and_timing", lambda *_: (None, share))
-    before = replace(problem, jitter=0.1)
-    r = np.sqrt(square) * np.array(problem.slots.weight)
-    assert_allclose(weights.timed(before, np.zeros(1), r).jitter, jitter)
+    before = replace(problem, jitter=jitter)
+    r = np.sqrt(square) * weight
+    likeliest, error = jitter**2 + 1e-3 * (square - 1.0), 1e-3 * np.sqrt(2.0 / weight.sum())
+    a = np.linspace(0.0, 0.05, 2_000_001)
+    p = np.exp(-0.5 * ((a - likeliest) / error) ** 2 - a / 0.02**2)
+    mean = np.sum(a * p) / np.sum(p)
+    assert_allclose(weights.timed(before, np.zeros(1), r).jitter, np.sqrt(0.5 * (jitter**2 + mean)), rtol=1e-3)
     monkeypatch.setattr(EstimationProblem, "filter_and_timing", lambda *_: (None, 1e-3 * share))
     assert weights.timed(before, np.zeros(1), r) is before  # nothing changes fast enough to tell
