@@ -175,8 +175,8 @@ class LinearisedProblem:
 
     unit: float  # chi2 per degree of freedom, at least 1: the unit of differences in chi2
     covariance: np.ndarray  # covariance of the coordinates, in that unit, shape (P, P)
-    gain: float  # fall of chi2 by a full Gauss-Newton step, g^T F^-1 g, in that unit
-    step: np.ndarray  # that step, -F^-1 g, shape (P,)
+    gain: float  # fall of chi2 by a full Gauss-Newton step, g^T C g, C the covariance in units of noise, in that unit
+    step: np.ndarray  # that step, -C g, shape (P,)
 
 
 def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedData) -> LinearisedProblem:
@@ -190,9 +190,9 @@ def linearise_at(problem: EstimationProblem, x: np.ndarray, weighted: WeightedDa
     gradient = np.asarray(of_data.gradient)[:size] + prior_residual_here(padded, weighted)[:size] / prior_sd
     if not (np.isfinite(information).all() and np.isfinite(gradient).all()):
         return LinearisedProblem(unit, np.diag((WIDE * reach) ** 2), np.inf, np.zeros(size))
-    step = -np.linalg.solve(information, gradient)
     values, vectors = np.linalg.eigh(information * np.outer(reach, reach))
     covariance = (vectors / np.maximum(values, 1.0 / WIDE**2)) @ vectors.T * np.outer(reach, reach)
+    step = -covariance @ gradient
     return LinearisedProblem(unit, unit * covariance, -float(gradient @ step) / unit, step)
 
 

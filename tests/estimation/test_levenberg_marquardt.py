@@ -200,3 +200,15 @@ def test_where_derivatives_overflow_nothing_is_told_and_the_gain_is_infinite(
     assert lost.gain == np.inf
     assert np.all(lost.step == 0.0)
     assert lost.covariance[0, 0] > 1e3 * told.covariance[0, 0]
+
+
+def test_a_direction_that_nothing_tells_takes_no_step(held: Held, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such a matrix has no inverse, and a diagnosis ended there."""
+    problem, weighted = held
+    x = problem.layout.coordinates({"R_a": 1.1 * OHM, "T_f": 0.2})
+    told = linearise_at(problem, x, weighted)
+    monkeypatch.setattr(levenberg_marquardt, "prior_information", lambda *_: np.zeros((2, 2)))
+    here = linearise_at(problem, x, weighted)  # the plate is held: its friction is not seen
+    assert here.step[1] == 0.0
+    assert here.step[0] == pytest.approx(told.step[0], rel=1e-6)
+    assert here.gain == pytest.approx(told.gain, rel=1e-6)
