@@ -32,6 +32,7 @@ FAR_CHI2 = 10.0  # chi2 above noise a sample of a model that is far from the dat
 MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on another cause is at work
 BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
 WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
+LIKELIER_THAN_NOT = 0.5  # the same where something without a name is as likely
 
 
 def likely_hypotheses(probabilities: Mapping[str, float | None]) -> list[tuple[str, float]]:
@@ -230,7 +231,7 @@ class NamedEffects(NamedTuple):
     """Which effects of a model are stated by name, and how sure each is."""
 
     names: tuple[str, ...]  # effects that are stated, in the order found
-    # effects that are not stated: another cause is likelier, or they are too improbable (`WORTH_NAMING`)
+    # effects that are not stated: another cause is likelier, or they are too improbable
     doubts: tuple[str, ...]
     # questions, probabilities: as returned by the functions of these names
     questions: tuple[Question, ...]
@@ -262,7 +263,8 @@ def named_effects(
     alike = {str(each.added): (str(each.added), *each.ties) for each in rounds}
     likely = {n: sum(chance.get(e, 0.0) for e in alike.get(n, (n,))) for n in names if n in chance}
     silent = slow and _leaves_more_than_noise(rounds)
-    unlikely = [name for name, p in likely.items() if p < WORTH_NAMING or (silent and rig_effect(name) is None)]
+    least = max(WORTH_NAMING, min(LIKELIER_THAN_NOT, chance[UNEXPLAINED]))
+    unlikely = [name for name, p in likely.items() if p < least or (silent and rig_effect(name) is None)]
     if unlikely:
         return named_effects(rounds, present, (*doubts, *unlikely), curve, settings, slow, corrected)
     return NamedEffects(names, tuple(doubts), round_questions, chance)
