@@ -122,7 +122,8 @@ def test_once_a_day_what_is_oldest_goes_where_there_is_too_much(
     if days_ago is not None:
         looked = tmp_path / "programs.tidied"
         looked.touch()
-        os.utime(looked, (time.time() - days_ago * 86_400,) * 2)
+        when = time.time() - days_ago * 86_400
+        os.utime(looked, (when, when))
     backend.keep_compiled_in(tmp_path)
     assert {file.name for file in (tmp_path / "programs").iterdir()} == stay
 
