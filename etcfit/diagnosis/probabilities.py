@@ -32,7 +32,7 @@ FAR_CHI2 = 10.0  # chi2 above noise a sample of a model that is far from the dat
 MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on another cause is at work
 BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
 WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
-LIKELIER_THAN_NOT = 0.5  # the same where something without a name is as likely
+LIKELIER_THAN_NOT = 0.5  # the same where something without a name is at least as likely as this
 
 
 def likely_hypotheses(probabilities: Mapping[str, float | None]) -> list[tuple[str, float]]:

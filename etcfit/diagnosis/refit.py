@@ -11,7 +11,8 @@ from ..estimation.free_run import guide_stiffness_of
 from ..estimation.joint_fit import MISFIT, Report
 from ..estimation.levenberg_marquardt import descend, descend_in_stages
 from ..estimation.result import FitResult, Optimum, Termination
-from ..estimation.rounds import SETTLED, finished, rounds
+from ..estimation.rounds import rounds
+from ..estimation.rounds import whitened as fitted_in_rounds
 from ..estimation.settings import FitSettings
 from ..problem import weights
 from ..problem.cores import concurrently
@@ -142,8 +143,7 @@ def settled(s: CandidateModel, report: Report, settings: FitSettings) -> Candida
     data are not likelier there. The end of a refit need not be an optimum."""
     if s.far:
         return s
-    ended = rounds(s.problem.with_release_times(s.x), s.x, report, SETTLED, settings.rounds, settings)
-    problem, _, x, end = finished(ended, report, settings)
+    problem, _, x, end = fitted_in_rounds(s.problem.with_release_times(s.x), s.x, report, settings)
     new = whitened(s, problem, s.held_out, x, end)
     return new if new.deviance < s.deviance else s
 

@@ -120,8 +120,8 @@ def test_the_last_model_goes_where_a_fit_ends_if_its_data_are_likelier_there(
     near, far = sorted(own, key=lambda s: s.deviance)
     assert near.deviance < far.deviance - 1.0
     end = Termination(True, "the optimum", gain=0.003)
-    monkeypatch.setattr("etcfit.diagnosis.refit.rounds", lambda *_: None)
-    monkeypatch.setattr("etcfit.diagnosis.refit.finished", lambda *_: Reached(near.problem, near.weighted, near.x, end))
+    reached = Reached(near.problem, near.weighted, near.x, end)
+    monkeypatch.setattr("etcfit.diagnosis.refit.fitted_in_rounds", lambda *_: reached)
     new = settled(far, quiet, FitSettings())
     np.testing.assert_array_equal(new.x, near.x)
     assert new.end is end
