@@ -37,7 +37,7 @@ class Ran(NamedTuple):
     current: Any  # A
 
 
-class Asked(NamedTuple):
+class Demand(NamedTuple):
     """What is judged at each tick of a setpoint, shape (K,), or at one tick. Weights are 0 where nothing is judged."""
 
     wanted: Any  # setpoint, share of the travel
@@ -54,7 +54,9 @@ class Asked(NamedTuple):
     effort: Any  # 1 / ticks from the first change on
 
     @classmethod
-    def of(cls, setpoint: Setpoint, time: np.ndarray, levels: Sequence[Level], stretches: Sequence[Stretch]) -> Asked:
+    def of_setpoint(
+        cls, setpoint: Setpoint, time: np.ndarray, levels: Sequence[Level], stretches: Sequence[Stretch]
+    ) -> Demand:
         """Args: setpoint; time: s, shape (K,); levels, stretches: those that are judged, none within another."""
         at = cls(*np.zeros((len(cls._fields), time.size)))
         at.wanted[:], at.band[:] = setpoint.at(time), np.inf
@@ -91,32 +93,32 @@ def _tick(time: np.ndarray, instant: float) -> int:
 # the formulas: xp is NumPy for a whole response and JAX for a tick, from which a loop's kernel is made
 
 
-def overshoot(xp: Any, at: Asked, ran: Ran) -> Any:
+def overshoot(xp: Any, at: Demand, ran: Ran) -> Any:
     """%, of the change."""
     return xp.where(at.overshot != 0.0, at.overshot * (ran.share - at.level), 0.0)
 
 
-def settling(xp: Any, at: Asked, ran: Ran) -> Any:
+def settling(xp: Any, at: Demand, ran: Ran) -> Any:
     """s, until the first tick after the last one outside."""
     return xp.where(xp.abs(ran.share - at.level) > at.band, at.after, 0.0)
 
 
-def steady_state_error(xp: Any, at: Asked, ran: Ran) -> Any:
+def steady_state_error(xp: Any, at: Demand, ran: Ran) -> Any:
     """%, of the change."""
     return xp.where(at.held > 0.0, at.held * xp.abs(ran.share - at.level), 0.0)
 
 
-def tracking_error(xp: Any, at: Asked, ran: Ran) -> Any:
+def tracking_error(xp: Any, at: Demand, ran: Ran) -> Any:
     """Square of %, of the travel (Eq. 9)."""
     return xp.where(at.tracked > 0.0, at.tracked * xp.square(100.0 * (ran.share - at.wanted)), 0.0)
 
 
-def duty_activity(xp: Any, at: Asked, ran: Ran) -> Any:
+def duty_activity(xp: Any, at: Demand, ran: Ran) -> Any:
     """%."""
     return 100.0 * ran.duty
 
 
-def current_rms(xp: Any, at: Asked, ran: Ran) -> Any:
+def current_rms(xp: Any, at: Demand, ran: Ran) -> Any:
     """Square of A."""
     return xp.where(at.effort > 0.0, at.effort * xp.square(ran.current), 0.0)
 
@@ -124,46 +126,46 @@ def current_rms(xp: Any, at: Asked, ran: Ran) -> Any:
 class Reduction(NamedTuple):
     """The way from a formula's values at the ticks to one figure: of all ticks together, or tick by tick."""
 
-    of_all: Callable[[np.ndarray, Asked], np.ndarray]  # values, shape (..., K) -> (...)
+    of_all: Callable[[np.ndarray, Demand], np.ndarray]  # values, shape (..., K) -> (...)
     begin: tuple[float, ...]  # before the first tick; the figure is the first number after the last one
-    add: Callable[[Any, tuple[Any, ...], Any, Asked], tuple[Any, ...]]  # xp, numbers before, value, tick -> after
+    add: Callable[[Any, tuple[Any, ...], Any, Demand], tuple[Any, ...]]  # xp, numbers before, value, tick -> after
     root: bool = False  # whether the figure is the square root of that
 
 
-def _largest(values: np.ndarray, at: Asked) -> np.ndarray:
+def _largest(values: np.ndarray, at: Demand) -> np.ndarray:
     return np.maximum(np.max(values, axis=-1), 0.0)
 
 
-def _add_largest(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+def _add_largest(xp: Any, before: tuple[Any, ...], value: Any, at: Demand) -> tuple[Any, ...]:
     return (xp.maximum(before[0], value),)
 
 
-def _sum(values: np.ndarray, at: Asked) -> np.ndarray:
+def _sum(values: np.ndarray, at: Demand) -> np.ndarray:
     return np.sum(values, axis=-1)
 
 
-def _add_sum(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+def _add_sum(xp: Any, before: tuple[Any, ...], value: Any, at: Demand) -> tuple[Any, ...]:
     return (before[0] + value,)
 
 
-def _worst_stretch(values: np.ndarray, at: Asked) -> np.ndarray:
+def _worst_stretch(values: np.ndarray, at: Demand) -> np.ndarray:
     begins = np.append(0, np.flatnonzero(at.tracked_ends)[:-1] + 1)
     return np.max(np.add.reduceat(values, begins, axis=-1), axis=-1)
 
 
-def _add_stretch(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+def _add_stretch(xp: Any, before: tuple[Any, ...], value: Any, at: Demand) -> tuple[Any, ...]:
     worst, total = before[0], before[1] + value
     ends = at.tracked_ends > 0.0
     return xp.where(ends, xp.maximum(worst, total), worst), xp.where(ends, 0.0, total)
 
 
-def _variance(values: np.ndarray, at: Asked) -> np.ndarray:
+def _variance(values: np.ndarray, at: Demand) -> np.ndarray:
     tails = zip(np.flatnonzero(at.tail_begins), np.flatnonzero(at.tail_ends) + 1, strict=True)
     each = [np.var(values[..., begin:end], axis=-1) for begin, end in tails]
     return np.mean(each, axis=0) if each else np.zeros(values.shape[:-1])
 
 
-def _add_variance(xp: Any, before: tuple[Any, ...], value: Any, at: Asked) -> tuple[Any, ...]:
+def _add_variance(xp: Any, before: tuple[Any, ...], value: Any, at: Demand) -> tuple[Any, ...]:
     """The sums are of what is left of a tail's first value: the variance of a constant is 0."""
     every, first, mean, square = before
     first = xp.where(at.tail_begins > 0.0, value, first)
@@ -352,7 +354,7 @@ def _known(
     levels: Sequence[Level],
     stretches: Sequence[Stretch],
 ) -> LoopFigures:
-    at = Asked.of(setpoint, time, levels, stretches)
+    at = Demand.of_setpoint(setpoint, time, levels, stretches)
 
     def figure_of(symbol: str) -> np.ndarray:
         by, formula = FIGURES[symbol].how["by"], FIGURES[symbol].how["formula"]
@@ -370,7 +372,7 @@ def tally() -> Tally:
     return {symbol: REDUCTIONS[FIGURES[symbol].how["by"]].begin for symbol in BY_RESPONSE}
 
 
-def add_to_tally(xp: Any, before: Tally, at: Asked, ran: Ran) -> Tally:
+def add_to_tally(xp: Any, before: Tally, at: Demand, ran: Ran) -> Tally:
     """The numbers after a tick."""
     ran = ran._replace(share=xp.where(xp.isfinite(ran.share), ran.share, np.inf))
     how = {symbol: FIGURES[symbol].how for symbol in before}

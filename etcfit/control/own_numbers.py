@@ -82,7 +82,7 @@ def shares(task: Task, gains: Gains) -> tuple[Share, Share, Share]:
     return found[0], found[1], found[2]
 
 
-def said(task: Task, gains: Gains, title: str) -> Iterator[str]:
+def sentences(task: Task, gains: Gains, title: str) -> Iterator[str]:
     """Sentences on the meaning of the shares, the distance of the present P from instability, and how to find unknown
     gains."""
     P, *rest = shares(task, gains)

@@ -152,7 +152,9 @@ _NOISE = 3.0  # standard deviations of a sample
 _ROOM = 1.25  # of a range over what is expected
 _FINE = 3.0  # steps of a logger may be so many standard deviations of the noise wide: 12 of a uniform error's variance
 DOUBT = 0.05  # relative standard deviation of the graph readings that draws from a folder without a fit have
-_TOLD = 0.5  # relative standard error below which all candidates together must bring a parameter for it to count
+_DETERMINABLE = (
+    0.5  # relative standard error below which all candidates together must bring a parameter for it to count
+)
 
 
 class Criterion(StrEnum):
@@ -260,15 +262,15 @@ def plan_campaign(
         raise UsageError(f"no test keeps within the limits: {every[nearest].plan.says} would have "
                          f"{'; '.join(bad[nearest])}. Fit the folder first and plan by its RUN, or allow more current "
                          "or heat.")  # fmt: skip
-    told = dict(
+    informations = dict(
         zip(left, informations_of_others(problem, [trace_of(every[k].plan, setting) for k in left], x), strict=True)
     )
-    chosen = sorted(_chosen(every, told, judge, settings, criterion), key=lambda k: _effort(every[k]))
+    chosen = sorted(_chosen(every, informations, judge, settings, criterion), key=lambda k: _effort(every[k]))
     # stated standard errors over those of the Fisher information, at least 1
     wide = 1.0 if at is None else np.maximum(judge.relative(at.taken_as_exact().covariance) / judge.sd(), 1.0)
     winding, more, tests = Winding.of_model(values), np.zeros_like(judge.information), []
     for number, k in enumerate(chosen, 1):
-        before, more = wide * judge.sd(more), more + told[k]
+        before, more = wide * judge.sd(more), more + informations[k]
         pause = winding.pause(float(seen[k].warmth[:, -1].max()))
         file = f"{every[k].plan.test}/plan_{number}.csv"
         tests.append(PlannedTest(every[k], seen[k], before, wide * judge.sd(more), pause, file))
@@ -301,23 +303,23 @@ def _largest(every: Sequence[Candidate], bad: Sequence[tuple[str, ...]]) -> Iter
 
 def _chosen(
     every: Sequence[Candidate],
-    told: dict[int, np.ndarray],
+    informations: dict[int, np.ndarray],
     judge: Judge,
     settings: CampaignSettings,
     criterion: Criterion,
 ) -> list[int]:
     """Indices of the tests, best first."""
-    asked = judge.sd(sum(told.values())) < _TOLD
-    if not asked.any():
-        asked[:] = True
+    determinable = judge.sd(sum(informations.values())) < _DETERMINABLE
+    if not determinable.any():
+        determinable[:] = True
 
     def size(more: np.ndarray | float) -> float:
-        return criterion.log_size(judge.sd(more)[asked])
+        return criterion.log_size(judge.sd(more)[determinable])
 
     chosen: list[int] = []
     more = np.zeros_like(judge.information)
     while len(chosen) < settings.tests:
-        left = {k: each for k, each in told.items() if k not in chosen}
+        left = {k: each for k, each in informations.items() if k not in chosen}
         if not left:
             break
         here = size(more)
@@ -326,7 +328,7 @@ def _chosen(
         if chosen and drop[best] < settings.least:
             break
         chosen.append(best)
-        more = more + told[best]
+        more = more + informations[best]
     return chosen
 
 

@@ -164,8 +164,8 @@ def _place(path: Path, settings: list[_Setting], ours: Mapping[str, str], title:
     name, rows = ours["name"], ours.get("rows")
     found = [each for each in settings if each.attributes.get("name") == name]
     if len(found) != 1 or (rows is not None and found[0].attributes.get("rows") != rows):
-        asked = f"{name} with {rows} rows" if rows else name
-        raise MeasurementError(str(path), f"no setting {asked} in it.", f"A tune of {title} is required.",
+        wanted = f"{name} with {rows} rows" if rows else name
+        raise MeasurementError(str(path), f"no setting {wanted} in it.", f"A tune of {title} is required.",
                                "Name one of the firmware that runs on your ECU.")  # fmt: skip
     return found[0]
 

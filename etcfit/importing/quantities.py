@@ -173,8 +173,8 @@ def _by_unit(column: Column) -> Take | None:
     for quantity, reason in (("current", ""), ("motor_speed", ""), ("torque", ""), ("temperature", ""),
                              ("position", "an angle")):  # fmt: skip
         if quantity in possible and "voltage" not in possible:
-            told = reason or f"only {quantity.replace('_', ' ')} is logged in {column.unit}"
-            return Take(column, quantity, column.unit, f"by its unit: {told}")
+            why = reason or f"only {quantity.replace('_', ' ')} is logged in {column.unit}"
+            return Take(column, quantity, column.unit, f"by its unit: {why}")
     return None
 
 
@@ -205,11 +205,11 @@ def _beside_current(
     out: list[Take] = []
     rest = list(volts)
     if not {"voltage", "duty"} & set(by) and rest:
-        drive, sure, told = _what_current_follows(rest, by, plate, time)
+        drive, sure, why = _what_current_follows(rest, by, plate, time)
         if is_percent(drive.unit):
-            out.append(Take(drive, "duty", drive.unit, told, sure))
+            out.append(Take(drive, "duty", drive.unit, why, sure))
         else:
-            out.append(_volts(drive, "voltage", told, sure))
+            out.append(_volts(drive, "voltage", why, sure))
         rest = [c for c in rest if c is not drive]
     rest = [c for c in rest if not is_percent(c.unit)]
     if plate is None and (sensors := [c for c in rest if _like_a_sensor(c)]):
@@ -236,8 +236,8 @@ def _what_current_follows(
         speeds = [shapes.slope(place, clock) for place in places]
         scores.append(max(shapes.explained(current, own, speed) for speed in speeds))
     first, second = sorted(range(len(volts)), key=lambda k: -scores[k])[:2]
-    told = f"current follows it: {100 * scores[first]:.0f} % of its variance, against {100 * scores[second]:.0f} %"
-    return volts[first], scores[first] > shapes.FOLLOWS and scores[first] - scores[second] > _LEAD, told
+    why = f"current follows it: {100 * scores[first]:.0f} % of its variance, against {100 * scores[second]:.0f} %"
+    return volts[first], scores[first] > shapes.FOLLOWS and scores[first] - scores[second] > _LEAD, why
 
 
 def _without_current(
@@ -262,14 +262,14 @@ def _without_current(
              for a, b in (volts, volts[::-1])]  # fmt: skip
     best, emf, sensor = max(tried, key=lambda each: each[0])
     if best > shapes.FOLLOWS:
-        told = "the other voltage follows its rate of change: it is the sensor"
-        return [_emf(emf, best), _volts(sensor, "tps", told, best > shapes.SURELY_FOLLOWS)]
+        why = "the other voltage follows its rate of change: it is the sensor"
+        return [_emf(emf, best), _volts(sensor, "tps", why, best > shapes.SURELY_FOLLOWS)]
     return []
 
 
 def _emf(column: Column, correlation: float) -> Take:
-    told = f"no current, and it follows the speed of the plate (correlation {correlation:.2f})"
-    return _volts(column, "emf", told, correlation > shapes.SURELY_FOLLOWS)
+    why = f"no current, and it follows the speed of the plate (correlation {correlation:.2f})"
+    return _volts(column, "emf", why, correlation > shapes.SURELY_FOLLOWS)
 
 
 def _like_a_sensor(column: Column) -> bool:

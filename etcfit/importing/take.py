@@ -59,8 +59,8 @@ class Take:
         """Values in SI, shape (n,); a share of the travel for per cent of it, sensor volts for `tps`."""
         if is_percent(self.unit):
             return 0.01 * self.column.values
-        told = conversion(self.quantity, self.unit)
-        return told.scale * self.column.values + told.offset
+        to_si = conversion(self.quantity, self.unit)
+        return to_si.scale * self.column.values + to_si.offset
 
     def turned(self, why: str, sure: bool) -> Take:
         """The take with its sign turned."""

@@ -237,14 +237,14 @@ def in_step(work: Callable[[Job, LogProbability], Done], jobs: Sequence[Job], fu
         jobs: each by itself.
         function: shape (K, P) -> (K,), computed for the points of all jobs that are not done together.
     """
-    asked: dict[int, tuple[np.ndarray, Future[np.ndarray]]] = {}
+    waiting: dict[int, tuple[np.ndarray, Future[np.ndarray]]] = {}
     busy = set(range(len(jobs)))
     lock = Lock()
 
     def answer_if_all_wait() -> None:
-        if not asked or len(asked) < len(busy):
+        if not waiting or len(waiting) < len(busy):
             return
-        parts, answers = zip(*(asked.pop(k) for k in sorted(asked)), strict=True)
+        parts, answers = zip(*(waiting.pop(k) for k in sorted(waiting)), strict=True)
         try:
             values = np.split(function(np.concatenate(parts)), np.cumsum([len(part) for part in parts])[:-1])
         except BaseException as error:
@@ -258,7 +258,7 @@ def in_step(work: Callable[[Job, LogProbability], Done], jobs: Sequence[Job], fu
         def together(points: np.ndarray) -> np.ndarray:
             answer: Future[np.ndarray] = Future()
             with lock:
-                asked[k] = points, answer
+                waiting[k] = points, answer
                 answer_if_all_wait()
             return answer.result()
 

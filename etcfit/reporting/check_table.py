@@ -84,13 +84,13 @@ def findings_table(findings: Sequence[Finding]) -> RenderableType | None:
 
 
 def _oddities(result: CheckResult) -> list[str]:
-    told = {(f.test, f.channel) for f in result.rig.findings if f.kind == "saturation"}
+    known_saturated = {(f.test, f.channel) for f in result.rig.findings if f.kind == "saturation"}
     out = []
     for trace in result.traces:
         for c in trace.channels:
             if c.frozen:
                 out.append(f"{trace.file}: {c.name} never changes ({short(c.low, 4)} {c.unit}).")
-            if c.clipped and (trace.test, c.name) not in told:
+            if c.clipped and (trace.test, c.name) not in known_saturated:
                 out.append(f"{trace.file}: {c.name} rests on its lowest or highest value for {c.clipped} samples: "
                            "saturated or clipped.")  # fmt: skip
             if c.empty:

@@ -15,7 +15,7 @@ from ..control.design import Design
 from ..control.judged import Robust
 from ..control.loop_figures import MARGINS, REQUIRED, LoopFigures
 from ..control.on_units import OddOne, Share
-from ..control.own_numbers import said, shares
+from ..control.own_numbers import sentences, shares
 from ..control.pid import Gains, Task
 from ..control.pid.feedforward import Bias, Sliding
 from ..control.pid.optimal import FrontPoint
@@ -83,7 +83,7 @@ def written_for(design: Design) -> dict[str, Any] | None:
     return {
         "profile": profile,
         "gains": dict(zip(profile.gains, typed, strict=True)),
-        "says": [] if notation is not None else list(said(design.task, gains, profile.title)),
+        "says": [] if notation is not None else list(sentences(design.task, gains, profile.title)),
         "limits": {
             limit.name: {"value": limit.value(ecu, body.upper - body.lower), "unit": limit.unit}
             for limit in profile.limits

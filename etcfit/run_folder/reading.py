@@ -71,19 +71,19 @@ def read_foretold(run: Path, made_with: str | None) -> tuple[Foretold, str, Mapp
     path, cure = run / "tune.json", "Name the run folder of an `etcfit tune` that gave gains."
     if not path.is_file():
         raise UsageError(f"--foretold {run}: there is no tune.json. {cure}")
-    told = object_in(path, "tune", ("steps", "large_steps", "options"), cure)
-    if told["why_not"] or not told["steps"]:
+    tuned = object_in(path, "tune", ("steps", "large_steps", "options"), cure)
+    if tuned["why_not"] or not tuned["steps"]:
         raise UsageError(f"--foretold {run}: it gave no gains, so nothing was foretold. {cure}")
-    steps = {step["name"]: step for step in told["steps"]}
+    steps = {step["name"]: step for step in tuned["steps"]}
     name = made_with or (HALF_WAY if HALF_WAY in steps else PROPOSED)
     if name not in steps:
         raise UsageError(f"--made-with {name}: {path} foretells {', '.join(steps)}.")
     step, before = steps[name], steps.get(PRESENT) if name != PRESENT else None
-    levels = told["large_steps"]
+    levels = tuned["large_steps"]
     found = Foretold(levels["low_pct"], levels["high_pct"], levels["hold_s"], _range(step["overshoot_pct"]),
                      _range(step["settling_s"]), _range(step["error_pct"]),
-                     None if before is None else _range(before["error_pct"]), told["held_out"]["rms_pct"])  # fmt: skip
-    return found, name, told
+                     None if before is None else _range(before["error_pct"]), tuned["held_out"]["rms_pct"])  # fmt: skip
+    return found, name, tuned
 
 
 def _range(each: Sequence[float | None]) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ import pytest
 import results
 import rigs
 from etcfit.control.design import ecu_of, gains_as_found, task_of
-from etcfit.control.own_numbers import checked, said, shares
+from etcfit.control.own_numbers import checked, sentences, shares
 from etcfit.control.pid import Gains, Refusal, Requirements, Task
 from etcfit.control.pid.linear_loop import closed, sampled
 from etcfit.errors import UsageError
@@ -73,15 +73,15 @@ def test_nothing_known_is_no_number_with_a_unit() -> None:
     P, I, D = shares(task(), PROPOSED)  # noqa: E741
     assert [each.value for each in (P, I, D)] == [None] * 3
     assert P.shown[1] == "times the P at which P alone becomes unstable"
-    assert "--swings-at" in " ".join(said(task(), PROPOSED, "MaxxECU"))
+    assert "--swings-at" in " ".join(sentences(task(), PROPOSED, "MaxxECU"))
 
 
 def test_it_says_how_far_yours_is_from_instability() -> None:
     limit = PROPOSED.Kp / (shares(task(), PROPOSED)[0].of_ultimate or np.nan)
     now = Gains(0.5 * limit, 100.0, 1.0)
-    words = list(said(task(now), PROPOSED, "MaxxECU"))
+    words = list(sentences(task(now), PROPOSED, "MaxxECU"))
     assert "P alone becomes unstable at about 2 times yours" in words[1]
-    words = list(said(task(now, {"P": 60.0, "I": 1.0, "D": 1.0, "swings_at": 150.0}), PROPOSED, "MaxxECU"))
+    words = list(sentences(task(now, {"P": 60.0, "I": 1.0, "D": 1.0, "swings_at": 150.0}), PROPOSED, "MaxxECU"))
     assert any("at a P of 120; you found 150" in each for each in words)
 
 

@@ -21,7 +21,7 @@ from ...model.stepper import step
 from ...model.tangents import fusion_barrier
 from ...model.throttle import Throttle
 from ...problem.cores import CORES, side_by_side
-from ..loop_figures import Asked, LoopFigures, Ran, add_to_tally, of_tally, tally, with_heat
+from ..loop_figures import Demand, LoopFigures, Ran, add_to_tally, of_tally, tally, with_heat
 from ..motion import free_step
 from ..setpoint import Setpoint
 from ..settings import LoopSettings
@@ -89,7 +89,7 @@ def _path(path: Path, memory: Any) -> Path:
     return path
 
 
-def _figures_of(before: Any, path: Path, run: _Run, at: Asked) -> Any:
+def _figures_of(before: Any, path: Path, run: _Run, at: Demand) -> Any:
     ran = Ran(run.body.share(path.position), path.voltage / run.ecu.supply, path.current)
     return add_to_tally(jnp, before, at, ran)
 
@@ -355,7 +355,7 @@ class Loop:
         time = setpoint.instants(self.ecu.period)
         wanted = self.angle(setpoint.at(time))
         tallied = isinstance(keep, Tallied)
-        judged = Asked.of(setpoint, time, setpoint.levels, setpoint.stretches) if tallied else ()
+        judged = Demand.of_setpoint(setpoint, time, setpoint.levels, setpoint.stretches) if tallied else ()
         ahead = self.ahead(wanted)
         start = State(0.0, self.angle(setpoint.shares[0]), 0.0) if start is None else start
         shape = np.shape(jax.tree.leaves(settings)[0])

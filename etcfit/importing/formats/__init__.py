@@ -120,8 +120,8 @@ def _possible(sheet: Sheet) -> Sheet:
     """The sheet with gaps in place of numbers that are infinite or too large for a reading, and a remark on them."""
     with np.errstate(invalid="ignore"):
         odd = {column.label: np.abs(column.values) > HUGE for column in sheet.columns}
-    told = tuple(
+    losses = tuple(
         f"'{label}': {np.sum(at)} numbers that no instrument gives are gaps" for label, at in odd.items() if at.any()
     )
     columns = tuple(replace(each, values=np.where(odd[each.label], np.nan, each.values)) for each in sheet.columns)
-    return replace(sheet, columns=columns, losses=(*sheet.losses, *told)) if told else sheet
+    return replace(sheet, columns=columns, losses=(*sheet.losses, *losses)) if losses else sheet

@@ -64,8 +64,8 @@ class Format:
 
 def unreadable(where: str, found: str, kind: str, error: Exception | None = None) -> MeasurementError:
     """The error for a file that is not what its name says."""
-    told = f"{found} ({' '.join(str(error).split())[:200]})" if error else found
-    return MeasurementError(where, f"{told.rstrip('.')}.", f"It must be {kind}.", "Export it again, or as CSV.")
+    sentence = f"{found} ({' '.join(str(error).split())[:200]})" if error else found
+    return MeasurementError(where, f"{sentence.rstrip('.')}.", f"It must be {kind}.", "Export it again, or as CSV.")
 
 
 @contextmanager

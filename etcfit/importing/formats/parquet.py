@@ -22,16 +22,16 @@ def _read(source: Source) -> list[Sheet]:
     from pyarrow import parquet
 
     with reading(source, _KIND), parquet.ParquetFile(source.path, page_checksum_verification=True) as file:
-        rows, told = file.metadata.num_rows, {field.name: _why_no_signal(file, field) for field in file.schema_arrow}
-        wanted = [name for name, why in told.items() if not why]
+        rows, why_not = file.metadata.num_rows, {field.name: _why_no_signal(file, field) for field in file.schema_arrow}
+        wanted = [name for name, why in why_not.items() if not why]
         source.refuse_larger(8 * rows * len(wanted))
         table = file.read(columns=wanted)
-        fields = [(field, k) for k, field in enumerate(table.schema) if not told.get(field.name, "nested")]
+        fields = [(field, k) for k, field in enumerate(table.schema) if not why_not.get(field.name, "nested")]
         made = tuple(_column(field, table.column(k)) for field, k in fields)
     if made and table.num_rows != rows:
         raise unreadable(source.where, f"it says that it has {rows} rows, and holds {table.num_rows}", _KIND)
-    remarks = tuple(f"'{name}' is left out: {why}" for name, why in told.items() if why in _NO_SIGNAL)
-    missing = tuple(f"'{name}' cannot be read: {why}" for name, why in told.items() if why not in ("", *_NO_SIGNAL))
+    remarks = tuple(f"'{name}' is left out: {why}" for name, why in why_not.items() if why in _NO_SIGNAL)
+    missing = tuple(f"'{name}' cannot be read: {why}" for name, why in why_not.items() if why not in ("", *_NO_SIGNAL))
     return [Sheet(source.where, "", made, remarks, missing=missing)]
 
 

@@ -84,9 +84,9 @@ def _sheets(where: str, file: Any, group: Any, cut: str) -> list[Sheet]:
             together.setdefault(kept, []).append(_column(channel, kept))
         for length, columns in together.items():
             several = len(by_clock) > 1 or len(together) > 1
-            told = " ".join(filter(None, (part, columns[0].name if several else "")))
+            part_name = " ".join(filter(None, (part, columns[0].name if several else "")))
             time = (time_base(first + step * np.arange(length)),) if step > 0.0 else ()
-            out.append(Sheet(where, told, (*time, *columns), missing=(*missing, *lacking)))
+            out.append(Sheet(where, part_name, (*time, *columns), missing=(*missing, *lacking)))
     return out
 
 

@@ -56,8 +56,8 @@ def _read(source: Source) -> list[Sheet]:
     entries, others, cut = _entries(raw, source.where)
     numbers = [each for each in entries if each.kind in _NUMBERS and each.times]
     if not numbers:
-        told = ", ".join(sorted(f"'{name}' ({kind})" for name, kind in others.items())[:8]) or "none"
-        raise MeasurementError(source.where, f"no entry of numbers in it; there are: {told}.",
+        entries_there = ", ".join(sorted(f"'{name}' ({kind})" for name, kind in others.items())[:8]) or "none"
+        raise MeasurementError(source.where, f"no entry of numbers in it; there are: {entries_there}.",
                                "Entries of the type double, float or int64 are required.",
                                "Log voltage, position and velocity with DataLogManager or SysIdRoutine.")  # fmt: skip
     states = [each for each in entries if each.name.startswith(_STATE)]

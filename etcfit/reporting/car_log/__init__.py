@@ -230,8 +230,8 @@ class Held:
 
     log: str  # name of its file
     run: Path  # run folder of `etcfit tune`
-    made_with: str  # name of the step in `told`
-    told: Mapping[str, Any]  # the object of tune.json
+    made_with: str  # name of the step in `tuned`
+    tuned: Mapping[str, Any]  # the object of tune.json
     found: Comparison  # the comparison
 
     @property
@@ -252,7 +252,7 @@ class Held:
 
 def foretold_table(held: Held) -> RenderableType:
     """One row per figure: predicted, allowed range, found."""
-    levels = held.told["large_steps"]
+    levels = held.tuned["large_steps"]
     rows = [(f"{figure.name}, {figure.unit}", between(figure.low, figure.high), _as_foretold(figure),
              or_never(figure.found),
              "as foretold" if figure.as_foretold else Cell("NOT as foretold", "bad"))

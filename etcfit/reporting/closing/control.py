@@ -125,10 +125,10 @@ def _tune(logs: Iterable[str], options: Iterable[str], present: Iterable[str], r
 
 def of_foretold(held: Held, log: Path) -> Closing:
     """A log compared with the prediction: go on to the next gains, or tune again with it."""
-    steps = {step["name"]: step["gains"] for step in held.told["steps"]}
-    names, gains = ECUS[held.told["ecu"]].gains, steps[held.made_with]
+    steps = {step["name"]: step["gains"] for step in held.tuned["steps"]}
+    names, gains = ECUS[held.tuned["ecu"]].gains, steps[held.made_with]
     present = ",".join(short(gain, 4) for gain in gains.values())
-    again = f"tune again with this log: {_tune([str(log)], held.told['options'], [present], next_run(held.run))}"
+    again = f"tune again with this log: {_tune([str(log)], held.tuned['options'], [present], next_run(held.run))}"
     if not held.found.as_foretold:
         if held.found.unchanged:
             seen = "see whether these gains are in the ECU at all, and log once more; if they are,"
@@ -140,7 +140,7 @@ def of_foretold(held: Held, log: Path) -> Closing:
     further = order[order.index(held.made_with) + 1]
     from ...control.borne import is_borne  # no other closing needs its imports
 
-    judged = dict(zip(order[1:], held.told["borne"], strict=False))
+    judged = dict(zip(order[1:], held.tuned["borne"], strict=False))
     if further in judged and not is_borne(judged[further]["worst"]):
         return Closing(held.says, f"keep these gains: the run's logs do not tell whether the loop holds with the "
                        f"{further.replace('_', '-')} ones; {again}")  # fmt: skip

@@ -50,7 +50,7 @@ def rule_rows(pid: Pid) -> list[dict[str, Any]]:
 
 def rules_table(pid: Pid) -> Table:
     """Gains, and whether they meet the requirements; the state of the fit if the model is no estimate."""
-    word, asked = doubt(state_of(pid)), pid.get("margins_asked") or {}
+    word, required = doubt(state_of(pid)), pid.get("margins_asked") or {}
 
     def met(row: Mapping[str, Any]) -> Any:
         if row["Kp"] is None:
@@ -58,7 +58,7 @@ def rules_table(pid: Pid) -> Table:
         return (word or row["met"]) if row["stable"] else "unstable"
 
     def margins(row: Mapping[str, Any]) -> Any:  # a loop without margins cannot miss one
-        return all(row[symbol] is None or row[symbol] >= asked.get(symbol, 0.0) for symbol in MARGINS)
+        return all(row[symbol] is None or row[symbol] >= required.get(symbol, 0.0) for symbol in MARGINS)
 
     def chance(row: Mapping[str, Any]) -> str:
         return "-" if row["probability_met"] is None else f"{row['probability_met']:.2f}"
@@ -84,10 +84,10 @@ def figures_table(pid: Pid) -> Table:
 
 def how_to_read(pid: Pid) -> Notes:
     """Notes on the figures, the requirements, the models and the ECU."""
-    scenarios, asked = (pid.get("setpoint") or {}).get("scenarios") or (), pid.get("margins_asked") or {}
+    scenarios, required = (pid.get("setpoint") or {}).get("scenarios") or (), pid.get("margins_asked") or {}
     limits = ((FIGURES[symbol], limit) for symbol, limit in (pid.get("requirements") or {}).items()
               if symbol in REQUIRED and limit is not None)  # fmt: skip
-    margins = ", ".join(f"{asked[symbol]:g} {FIGURES[symbol].unit}" for symbol in MARGINS if symbol in asked)
+    margins = ", ".join(f"{required[symbol]:g} {FIGURES[symbol].unit}" for symbol in MARGINS if symbol in required)
     said = [f"required: {', '.join(f'{of.name} < {limit:g} {of.unit}' for of, limit in limits)}; margins {margins}"]
     if scenarios:
         said = [f"figures are of the nonlinear model, the worst of {len(scenarios)} scenarios; RMSE is the tracking "

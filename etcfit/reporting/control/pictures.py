@@ -79,8 +79,8 @@ def _notation(design: Design) -> Notation | None:
 
 def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     assert tuned.band is not None, "a rule with gains has been tried"
-    asked, place = design.task.requirements, hardest_place(tuned, design.task.requirements)
-    missed = misses(tuned, asked)
+    required, place = design.task.requirements, hardest_place(tuned, design.task.requirements)
+    missed = misses(tuned, required)
     panel.set_title(f"{_name(design, tuned)}\n{_verdict(design, missed, place)}", loc="left", fontsize=10,
                     color=style.FAILED if missed else "black")  # fmt: skip
     if design.parts is not None:
@@ -94,7 +94,7 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     seen = (time >= level.begins - _BEFORE) & (time < level.ends - 0.5 * design.task.ecu.period)
     upwards = np.sign(level.change)
     since, band = time[seen] - level.begins, tuned.band[:, seen] - level.after
-    _limits(panel, level, asked)
+    _limits(panel, level, required)
     wanted = design.setpoint.at(np.maximum(time[seen], level.begins - 0.5 * _BEFORE)) - level.after
     panel.plot(since, 100.0 * upwards * wanted, color=style.MEASURED, lw=1.2, label="setpoint")
     draw_band(panel, since, upwards * (band if upwards > 0.0 else band[::-1]), _models(design))
@@ -102,7 +102,7 @@ def _panel(panel: Axes, design: Design, tuned: Tuned) -> None:
     turned = "" if upwards > 0.0 else ", drawn upwards"
     where = f"{place.scenario}, {100.0 * level.before:.3g} → {100.0 * level.after:.3g} % of travel{turned}"
     panel.text(0.985, 0.04, where, transform=panel.transAxes, fontsize=9, ha="right", color=style.MEASURED)
-    far = 3.0 * _allowed(level, asked)[place.hardest.symbol]  # half of the height, a few times what is allowed
+    far = 3.0 * _allowed(level, required)[place.hardest.symbol]  # half of the height, a few times what is allowed
     most = max(far, min(3.0 * far, 1.1 * 100.0 * float(np.max(upwards * band))))
     panel.set_ylim(-far, most)
 
@@ -121,21 +121,21 @@ def _level(design: Design, tuned: Tuned, place: Place) -> Level:
     return max(design.setpoint.only(place.scenario), key=strain)
 
 
-def _allowed(level: Level, asked: Requirements) -> dict[str, float]:
+def _allowed(level: Level, required: Requirements) -> dict[str, float]:
     """Allowed distance from the new level by each requirement, % of the travel."""
     size = abs(level.change)
     return {
-        "overshoot_pct": asked.overshoot_pct * max(size, LEAST_OVERSHOT),
+        "overshoot_pct": required.overshoot_pct * max(size, LEAST_OVERSHOT),
         "settling_s": 100.0 * max(SETTLED * size, NEGLIGIBLE),
-        "steady_state_error_pct": asked.steady_state_error_pct * max(size, LEAST_HELD),
+        "steady_state_error_pct": required.steady_state_error_pct * max(size, LEAST_HELD),
     }
 
 
-def _limits(panel: Axes, level: Level, asked: Requirements) -> None:
+def _limits(panel: Axes, level: Level, required: Requirements) -> None:
     """Forbidden regions of a response, shaded."""
-    over, near, held = (_allowed(level, asked)[symbol] for symbol in OF_THE_PAPER)
+    over, near, held = (_allowed(level, required)[symbol] for symbol in OF_THE_PAPER)
     length = level.ends - level.begins
-    settled, tail = min(asked.settling_s, length), (1.0 - TAIL) * length
+    settled, tail = min(required.settling_s, length), (1.0 - TAIL) * length
     time = np.array([0.0, settled, settled, max(settled, tail), max(settled, tail), length])
     high = np.minimum(over, np.array([over, over, near, near, min(near, held), min(near, held)]))
     sky = np.full(time.size, 1e3)
@@ -250,10 +250,10 @@ def draw_front(design: Design) -> Figure:
     fig = style.figure(11.0, 6.6, design.fitted.config.synthetic)
     panel = fig.add_axes((0.08, 0.11, 0.89, 0.67))
     # every rule with gains, by its figures on the nominal model
-    asked = design.task.requirements
+    required = design.task.requirements
     rules = [
         _Point(float(tuned.nonlinear.duty_activity_pct), float(tuned.nonlinear.rmse_pct),
-               tuned.rule.replace("_", " "), tuple(misses(tuned, asked, _DUTY)))
+               tuned.rule.replace("_", " "), tuple(misses(tuned, required, _DUTY)))
         for tuned in design.tuned.values() if tuned.nonlinear is not None
     ]  # fmt: skip
     best = _least([_Point(p.activity, p.rmse) for p in design.front if p.meets] + [p for p in rules if not p.missed])
@@ -311,10 +311,10 @@ def _draw_rules(panel: Axes, rules: Sequence[_Point], design: Design) -> None:
 
 def _limit(panel: Axes, design: Design) -> None:
     """The limit of the duty's activity, if the picture includes it."""
-    asked, end = design.task.requirements.duty_activity_pct, panel.get_xlim()[1]
-    if asked < _WIDER * end:
+    required, end = design.task.requirements.duty_activity_pct, panel.get_xlim()[1]
+    if required < _WIDER * end:
         panel.axvspan(
-            asked, 10.0 * end, color=style.FAILED, alpha=0.08, lw=0.0, label=f"not allowed: above {asked:g} %"
+            required, 10.0 * end, color=style.FAILED, alpha=0.08, lw=0.0, label=f"not allowed: above {required:g} %"
         )
         panel.set_xlim(right=end)
 
@@ -389,8 +389,8 @@ def _faults(panel: Axes, design: Design) -> None:
     panel.imshow(np.clip(beyond, 0.0, None), cmap="Reds", vmin=0.0, vmax=1.1, aspect="auto")
     for k, row in enumerate(cells):
         for column, (opens, after) in enumerate(row):
-            told = "" if column == 0 else ("\nnot detected" if after is None else f"\nafter {short(after, 2)} s")
-            panel.text(column, k, f"opens to {100.0 * opens:.0f} %{told}", ha="center", va="center", fontsize=10)
+            when = "" if column == 0 else ("\nnot detected" if after is None else f"\nafter {short(after, 2)} s")
+            panel.text(column, k, f"opens to {100.0 * opens:.0f} %{when}", ha="center", va="center", fontsize=10)
     panel.set_xticks(range(3), ["no check", "jam check", "jam check and\ntwo sensors"], fontsize=10)
     faults = [f"{style.wrapped(each.fault, 3.2, 9)}\n(setpoint: {100.0 * each.setpoint:.0f} %)" for each in every]
     panel.set_yticks(range(len(every)), faults, fontsize=9)

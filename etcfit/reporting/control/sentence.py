@@ -50,16 +50,16 @@ def hardest(figures: Mapping[str, float | None], limits: Mapping[str, float | No
         figures: figures by requirement; None or NaN if never reached. Requirements without a figure are not judged.
         limits: upper limits by requirement; None or infinite for none.
     """
-    asked = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
+    required = {symbol: limit for symbol, limit in limits.items() if limit is not None and math.isfinite(limit)}
     reached = {symbol: math.inf if figure is None or math.isnan(figure) else float(figure)
                for symbol, figure in figures.items()}  # fmt: skip
-    every = [Hardest(symbol, reached[symbol], limit) for symbol, limit in asked.items() if symbol in reached]
+    every = [Hardest(symbol, reached[symbol], limit) for symbol, limit in required.items() if symbol in reached]
     return max(every, key=lambda each: each.strain, default=None)
 
 
-def missed_margins(figures: Mapping[str, float | None], asked: Mapping[str, float]) -> list[str]:
+def missed_margins(figures: Mapping[str, float | None], required: Mapping[str, float]) -> list[str]:
     """Each stability margin below its requirement, in words; a loop without a margin misses none."""
-    less = ((FIGURES[symbol], figures.get(symbol), asked[symbol]) for symbol in MARGINS if symbol in asked)
+    less = ((FIGURES[symbol], figures.get(symbol), required[symbol]) for symbol in MARGINS if symbol in required)
     return [f"{of.name} {short(value)} {of.unit} (at least {least:g} {of.unit})"
             for of, value, least in less if value is not None and value < least]  # fmt: skip
 
@@ -75,7 +75,7 @@ class Place(NamedTuple):
     hardest: Hardest
 
 
-def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list[str]:
+def misses(tuned: Tuned, required: Requirements, but: Collection[str] = ()) -> list[str]:
     """Every requirement and margin that the gains of a rule miss, in words, the worst first; only "UNSTABLE" if so.
 
     Requirements in `but` do not count.
@@ -83,15 +83,15 @@ def misses(tuned: Tuned, asked: Requirements, but: Collection[str] = ()) -> list
     assert tuned.nonlinear is not None, "a rule with gains has been tried"
     if not tuned.stable:
         return [UNSTABLE]
-    figures, limits = tuned.nonlinear.known(), asked.limits((*REQUIRED, *MARGINS))
+    figures, limits = tuned.nonlinear.known(), required.limits((*REQUIRED, *MARGINS))
     each = [hardest(figures, {symbol: limits[symbol]}) for symbol in REQUIRED if symbol not in but]
     missed = sorted((one for one in each if one is not None and not one.met), key=lambda one: -one.strain)
     return [one.says for one in missed] + missed_margins(figures, limits)
 
 
-def hardest_place(tuned: Tuned, asked: Requirements) -> Place | None:
+def hardest_place(tuned: Tuned, required: Requirements) -> Place | None:
     """The hardest scenario for the gains of a rule; None if no scenario is judged."""
-    limits = asked.limits(OF_THE_PAPER)
+    limits = required.limits(OF_THE_PAPER)
     every = []
     for name, figures in tuned.scenarios.items():
         judged = {symbol: value for symbol, value in figures.known().items() if symbol in limits and value == value}

@@ -114,9 +114,9 @@ def tuned_of(run: Path) -> Mapping[str, Any]:
     path, gains = run / "tune.json", run / "pid.json"
     if not path.is_file():
         return {}
-    told = _object(path, "tune", path.read_bytes())
+    tuned = _object(path, "tune", path.read_bytes())
     of_gains = hashlib.sha256(gains.read_bytes()).hexdigest() if gains.is_file() else ""
-    return told if told.get("pid") == of_gains else {}
+    return tuned if tuned.get("pid") == of_gains else {}
 
 
 def rows_of(rows: Sequence[Mapping[str, Any]]) -> list[PredictionError]:

@@ -83,10 +83,10 @@ def render(contents: Contents, budget: int = BUDGET) -> str:
 
 def _parts(contents: Contents, budget: int) -> dict[str, Any]:
     fit, diagnosis, plant, pid = (contents.get(k) for k in ("fit", "diagnosis", "transfer_function", "pid"))
-    response, told = contents.get("frequency_response"), tuned_of(contents.run)
+    response, tuned = contents.get("frequency_response"), tuned_of(contents.run)
     return {
-        "tuned": told,
-        "tables_of_steps": tables_of_steps(told) if told else (),
+        "tuned": tuned,
+        "tables_of_steps": tables_of_steps(tuned) if tuned else (),
         "rig": fit["rig"],
         "synthetic": fit["synthetic"],
         "folder": fit.get("folder"),

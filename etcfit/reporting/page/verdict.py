@@ -27,11 +27,11 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
     `etcfit tune` its own."""
     left, pid = left_unexplained(contents), contents.get("pid")
     text = Markup("<strong>Something is left that no known effect explains</strong>, with probability {}.")
-    told = tuned_of(contents.run)
-    said = (told["says"]["answer"], told["says"]["requirements"]) if told else (sentence(pid) if pid else None,)
-    of_gains = [escape(each) for each in said if each]
+    tuned = tuned_of(contents.run)
+    sentences = (tuned["says"]["answer"], tuned["says"]["requirements"]) if tuned else (sentence(pid) if pid else None,)
+    of_gains = [escape(each) for each in sentences if each]
     return (
-        *(of_gains if told else ()),  # for `tune` the gains come first
+        *(of_gains if tuned else ()),  # for `tune` the gains come first
         _fits(contents),
         _predicts(contents),
         *([] if left is None else [text.format(number(left, 2))]),
@@ -39,7 +39,7 @@ def verdict(contents: Contents) -> tuple[Markup, ...]:
         *_mistakes(contents),
         *_contradicts(contents),
         _knows(contents) + Markup("."),
-        *(() if told else of_gains),
+        *(() if tuned else of_gains),
     )
 
 
