@@ -1,7 +1,7 @@
 """Expresses proposed gains for an ECU that publishes no unit of its gains: relative to the gains or the stability limit
 that its user knows.
 
-The user states them as `present` of a design (`Task.present`). `reporting` prints the sentences of `said`.
+The user states them as `present` of a design (`Task.present`). `reporting` prints `sentences`.
 """
 
 from __future__ import annotations

@@ -187,11 +187,11 @@ def after_rounds(moved: float, gain: float, outliers: int = 0) -> Termination:
     if moved > WANDERING:
         text = f"the last round still moved a parameter by {moved:.2g} standard errors"
         return Termination(False, text, outliers, reason_code=Reason.WANDERING)
-    still = f"gradient zero to {gain:.1e} of chi2"
+    still = f"one more step would lower chi2 by {gain:.1e} chi2/dof"
     if moved > ALTERNATING:
-        text = f"{still}; the rounds alternate by {moved:.2g} standard errors, which the intervals include"
+        text = f"{still}; the rounds alternate by up to {moved:.2g} standard errors, which the intervals include"
         return Termination(True, text, outliers, reason_code=Reason.ALTERNATING)
-    text = f"{still}, last round moved {moved:.2g} standard errors"
+    text = f"{still}; the last round moved no parameter by more than {moved:.2g} standard errors"
     return Termination(True, text, outliers, reason_code=Reason.OPTIMUM)
 
 
@@ -202,9 +202,9 @@ def after_search(gain: float, outliers: int = 0) -> Termination:
         gain: fall of chi2 by the last points drawn, in units of chi2 per degree of freedom.
     """
     if gain > ROUGH:
-        text = f"points about the end still lower chi2, by {gain:.2g} of its own size per sample"
+        text = f"points near the end still lower chi2 by {gain:.2g} chi2/dof"
         return Termination(False, text, outliers, reason_code=Reason.ROUGH)
-    text = f"chi2 is too rough for its gradient; no point drawn within a standard error lowers it by {ROUGH}"
+    text = f"chi2 is too rough for its gradient; no point within a standard error lowers it by {ROUGH} chi2/dof"
     return Termination(True, text, outliers, reason_code=Reason.SEARCHED)
 
 

@@ -194,7 +194,10 @@ def test_the_end_of_the_rounds_is_judged_by_what_the_last_one_moved() -> None:
         Reason.OPTIMUM, Reason.OPTIMUM, Reason.ALTERNATING, Reason.ALTERNATING, Reason.WANDERING
     ]  # fmt: skip
     assert [end.converged for end in judged.values()] == [True, True, True, True, False]
-    assert judged[0.02].reason == "gradient zero to 1.0e-09 of chi2, last round moved 0.02 standard errors"
+    assert judged[0.02].reason == (
+        "one more step would lower chi2 by 1.0e-09 chi2/dof; "
+        "the last round moved no parameter by more than 0.02 standard errors"
+    )
     assert "alternate by 1" in judged[1.01].reason
     assert judged[10.1].reason == "the last round still moved a parameter by 10 standard errors"
     nowhere = after_rounds(0.0, np.nan, outliers=3)
