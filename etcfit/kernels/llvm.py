@@ -138,8 +138,36 @@ class _Writer:
         yield "}"
 
     def body(self) -> None:
+        """What is done before the rows, for each row, and after the last."""
+        begun, sums = self.before_rows()
+        head = len(self.lines)  # the phi nodes stand here; the second value of each is known at the end of a row
+        results, totals = self.each_row(bool(begun), bool(sums))
+        phis = ["  %row = phi i64 [ 0, %begin ], [ %next, %entry ]"]
+        for name, firsts, lasts in (("carried", begun, results), ("sum", sums, totals)):
+            # nothing begins in a register where the values stay in memory
+            phis += [f"  %{name}{k} = phi {self.type(True)} [ {first}, %begin ], [ {last}, %entry ]"
+                     for k, (first, last) in enumerate(zip(firsts, lasts, strict=False))]  # fmt: skip
+        self.lines[head:head] = phis
+        self.lines += ["  %next = add i64 %row, 1", "  %more = icmp slt i64 %next, %rows",
+                       "  br i1 %more, label %entry, label %last", "last:"]  # fmt: skip
+        for place, value in enumerate(results if begun else []):
+            self.store(value, "%carried", place * self.width)
+        for place, value in enumerate(totals if sums else []):
+            self.store(value, "%sums", place * self.width)
+        self.lines += ["  br label %end", "end:"]
+        if self.x86:
+            self.lines.append("  call void @llvm.x86.sse.ldmxcsr(ptr %control)")
+        self.lines.append("  ret void")
+
+    def before_rows(self) -> tuple[list[str], list[str]]:
+        """Load and compute what no row changes.
+
+        Returns:
+            The values that are carried and the sums, as they begin; empty where they stay in memory, for there are too
+            many of them for the registers.
+        """
         loop = self.loop
-        apart, along = loop.across is not Across.LANES, loop.across is not Across.POINTS  # what vectors are read of
+        apart = loop.across is not Across.LANES  # the fixed values differ from entry to entry of a vector
         self.lines.append("begin:")
         if self.x86:
             self.without_denormals()
@@ -148,30 +176,28 @@ class _Writer:
         for node in loop.nodes:
             if node not in loop.changing and self.graph.operands(node):
                 self.values[node] = self.operation(node)
-        kept = len(loop.carried) <= _KEPT
-        begun = [self.load("%carried", place * self.width, True) for place in range(len(loop.carried))] if kept else []
-        added = len(loop.sums) <= _KEPT
-        sums = [self.load("%sums", place * self.width, True) for place in range(len(loop.sums))] if added else []
+
+        def loaded(base: str, count: int) -> list[str]:
+            return [self.load(base, place * self.width, True) for place in range(count)] if count <= _KEPT else []
+
+        begun, sums = loaded("%carried", len(loop.carried)), loaded("%sums", len(loop.sums))
         self.lines += self.begin_of_blocks()
         self.lines += ["  %some = icmp sgt i64 %rows, 0", "  br i1 %some, label %entry, label %end", "entry:"]
-        vector = self.type(True)
-        phis = ["  %row = phi i64 [ 0, %begin ], [ %next, %entry ]"]
+        return begun, sums
+
+    def each_row(self, kept: bool, added: bool) -> tuple[list[str], list[str]]:
+        """Load a row, compute and store what it makes.
+
+        Args:
+            kept: the values that are carried are in registers, and the sums too if `added`.
+        Returns:
+            The values that the next row gets, and the sums.
+        """
+        loop = self.loop
         if kept:
             for place, (node, _) in enumerate(loop.carried):
                 self.values[node] = f"%carried{place}"
-        at = len(self.lines)
-        for k, record in enumerate(loop.records):
-            stride = "1" if k in loop.common else "%stride"
-            self.lines.append(f"  %size{k} = mul i64 {stride}, {len(record)}")
-            self.lines.append(f"  %skip{k} = mul i64 %row, %size{k}")
-            self.lines.append(f"  %at{k} = getelementptr double, ptr %record{k}, i64 %skip{k}")
-        used = set(loop.nodes)
-        for k, record in enumerate(loop.records):
-            for place, node in enumerate(record):
-                if node in used:
-                    common = k in loop.common
-                    offset = place if common else self.new(f"mul i64 %stride, {place}")
-                    self.values[node] = self.load(f"%at{k}", offset, along and not common)
+        self.load_records()
         if not kept:
             for place, (node, _) in enumerate(loop.carried):
                 self.values[node] = self.load("%carried", place * self.width, True)
@@ -183,23 +209,23 @@ class _Writer:
         self.write()
         for place, value in enumerate(results if not kept else []):
             self.store(value, "%carried", place * self.width)
-        if kept:
-            phis += [f"  %carried{k} = phi {vector} [ {first}, %begin ], [ {last}, %entry ]"
-                     for k, (first, last) in enumerate(zip(begun, results, strict=True))]  # fmt: skip
-        if added:
-            phis += [f"  %sum{k} = phi {vector} [ {first}, %begin ], [ {last}, %entry ]"
-                     for k, (first, last) in enumerate(zip(sums, totals, strict=True))]  # fmt: skip
-        self.lines[at:at] = phis
-        self.lines += ["  %next = add i64 %row, 1", "  %more = icmp slt i64 %next, %rows",
-                       "  br i1 %more, label %entry, label %last", "last:"]  # fmt: skip
-        for place, value in enumerate(results if kept else []):
-            self.store(value, "%carried", place * self.width)
-        for place, value in enumerate(totals if added else []):
-            self.store(value, "%sums", place * self.width)
-        self.lines += ["  br label %end", "end:"]
-        if self.x86:
-            self.lines.append("  call void @llvm.x86.sse.ldmxcsr(ptr %control)")
-        self.lines.append("  ret void")
+        return results, totals
+
+    def load_records(self) -> None:
+        """Load what this row has in the records, of what is used."""
+        loop, used = self.loop, set(self.loop.nodes)
+        along = loop.across is not Across.POINTS  # the records differ from entry to entry of a vector
+        for k, record in enumerate(loop.records):
+            stride = "1" if k in loop.common else "%stride"
+            self.lines.append(f"  %size{k} = mul i64 {stride}, {len(record)}")
+            self.lines.append(f"  %skip{k} = mul i64 %row, %size{k}")
+            self.lines.append(f"  %at{k} = getelementptr double, ptr %record{k}, i64 %skip{k}")
+        for k, record in enumerate(loop.records):
+            for place, node in enumerate(record):
+                if node in used:
+                    common = k in loop.common
+                    offset = place if common else self.new(f"mul i64 %stride, {place}")
+                    self.values[node] = self.load(f"%at{k}", offset, along and not common)
 
     @property
     def blocks(self) -> list[tuple[int, int]]:
