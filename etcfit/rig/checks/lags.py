@@ -155,10 +155,13 @@ def _fitted(current: Channel, k: int) -> Rise:
     interval, length = float(np.median(np.diff(t))), float(t[-1])
     noise = current.error
 
+    centred = y - np.mean(y)
+
     def miss(p: np.ndarray) -> np.ndarray:
         shape = _shape(np.maximum(t - interval * p[0], 0.0), *np.exp(p[1:]))
-        rows = np.column_stack([np.ones(t.size), shape])
-        return (y - rows @ np.linalg.lstsq(rows, y, rcond=None)[0]) / noise
+        shape -= np.mean(shape)
+        # y_0 and A by linear regression
+        return (centred - shape * (shape @ centred / max(shape @ shape, 1e-300))) / noise
 
     def best(starts: Sequence[Sequence[float]]) -> OptimizeResult:
         lags = len(starts[0])
