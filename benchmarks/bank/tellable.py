@@ -30,7 +30,8 @@ def missed_effects(before: Any, after: Any, names: Sequence[str], missing: Seque
     from etcfit.estimation.joint_fit import fit_near, quiet
     from etcfit.model.effects import EFFECT_BY_NAME
 
-    rig = replace(before.rig, config=replace(before.rig.config, effects=tuple(names)))
+    known = before.rig.config.effects  # the fit adds effects of its own, as a phase of the edges
+    rig = replace(before.rig, config=replace(before.rig.config, effects=(*known, *names)))
     ends = [end for about in (after.values, None) if (end := fit_near(rig, quiet, about=about)) is not None]
     if not ends:
         return {"chi2": None}
