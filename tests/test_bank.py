@@ -304,7 +304,7 @@ def test_the_page_has_the_table_of_the_records_kept() -> None:
     assert not any(tempfile.gettempdir() in str(each) for each in records)  # messages name files of the folder alone
     pages = ROOT / "docs" / "validation"
     assert table(latest(records)) in (pages / "bank_training.md").read_text(encoding="utf-8")
-    test = [*latest(saved(ROOT / "benchmarks" / "bank" / "test_short_records.jsonl")).values()]
+    test = [*latest(saved(ROOT / "benchmarks" / "bank" / "test_records.jsonl")).values()]
     assert rates(test) in (pages / "bank.md").read_text(encoding="utf-8")
 
 
