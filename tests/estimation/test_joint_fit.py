@@ -198,7 +198,7 @@ def test_the_end_of_the_rounds_is_judged_by_what_the_last_one_moved() -> None:
         "one more step would lower chi2 by 1.0e-09 chi2/dof; "
         "the last round moved no parameter by more than 0.02 standard errors"
     )
-    assert "alternate by 1" in judged[1.01].reason
+    assert "alternate by up to 1 standard errors" in judged[1.01].reason
     assert judged[10.1].reason == "the last round still moved a parameter by 10 standard errors"
     nowhere = after_rounds(0.0, np.nan, outliers=3)
     assert (nowhere.converged, nowhere.reason_code, nowhere.outliers) == (False, Reason.NOT_COMPUTABLE, 3)
@@ -207,9 +207,9 @@ def test_the_end_of_the_rounds_is_judged_by_what_the_last_one_moved() -> None:
 def test_the_end_of_a_search_is_judged_by_what_it_still_gained() -> None:
     done, cut = after_search(0.09), after_search(0.11, outliers=2)
     assert (done.converged, done.reason_code) == (True, Reason.SEARCHED)
-    assert done.reason.endswith("lowers it by 0.1")
+    assert done.reason.endswith("lowers it by 0.1 chi2/dof")
     assert (cut.converged, cut.reason_code, cut.outliers) == (False, Reason.ROUGH, 2)
-    assert "by 0.11 of its own size" in cut.reason
+    assert "by 0.11 chi2/dof" in cut.reason
 
 
 def test_everything_is_identifiable_with_all_six_tests_and_responses(case: Case) -> None:
