@@ -126,10 +126,8 @@ class Parts:
         return self._plants(fitted, self.model.future(len(rest), np.random.default_rng(seed)), rest)
 
     def _plants(self, fitted: Fitted, units: FleetModel, rest: np.ndarray) -> Throttle:
-        of_units = {
-            symbol: units.values[symbol] for symbol in self.model.identifiable_symbols if symbol in fitted.values
-        }
-        return Throttle.build(fitted.free_parameters.layout.types, fitted.values_at(rest) | of_units)
+        known = {symbol: units.values[symbol] for symbol in self.model.identifiable_symbols if symbol in fitted.values}
+        return Throttle.build(fitted.free_parameters.layout.types, fitted.values_at(rest) | known)
 
     def must_be_of(self, fitted: Fitted) -> None:
         """Refuse a model of another design, because its parameters have another meaning.

@@ -152,9 +152,7 @@ _NOISE = 3.0  # standard deviations of a sample
 _ROOM = 1.25  # of a range over what is expected
 _FINE = 3.0  # steps of a logger may be so many standard deviations of the noise wide: 12 of a uniform error's variance
 DOUBT = 0.05  # relative standard deviation of the graph readings that draws from a folder without a fit have
-_DETERMINABLE = (
-    0.5  # relative standard error below which all candidates together must bring a parameter for it to count
-)
+_DETERMINABLE = 0.5  # relative standard error that all candidates together must reach for a parameter to count
 
 
 class Criterion(StrEnum):

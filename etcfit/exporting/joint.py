@@ -69,18 +69,12 @@ def _cannot_hold(source: Source) -> Iterator[str]:
 
 
 def _mjcf(
-    source: Source,
-    name: str,
-    damping: float,
-    kind: str,
-    actuator: Mapping[str, str],
-    meaning: str,
-    lost: tuple[str, ...],
+    source: Source, name: str, damping: float, kind: str, actuator: Mapping[str, str], says: str, lost: tuple[str, ...]
 ) -> Export:
     """The plate on its hinge with its actuator, and a comment on what it is and leaves out."""
     joint, body = _joint(source), source.body
     root = Xml.Element("mujoco", {"model": "throttle"})
-    root.append(Xml.Comment(xml_comment((source.title, source.origin, meaning, *lost))))
+    root.append(Xml.Comment(xml_comment((source.title, source.origin, says, *lost))))
     Xml.SubElement(root, "compiler", {"angle": "radian"})
     Xml.SubElement(root, "option", {"timestep": repr(source.settings.step), "integrator": "implicitfast",
                                     "gravity": "0 0 0"})  # fmt: skip
@@ -102,12 +96,12 @@ def _motor(source: Source) -> Export:
     """A motor that takes volts: torque = gear (per_volt ctrl - back_emf gear omega)."""
     joint, supply = _joint(source), source.fitted.config.supply_V
     limits = {} if supply is None else {"ctrllimited": "true", "ctrlrange": f"{-supply!r} {supply!r}"}
-    meaning = ("ctrl of the motor is its terminal voltage, V. With the terminals open, set its biasprm to 0: what is "
+    says = ("ctrl of the motor is its terminal voltage, V. With the terminals open, set its biasprm to 0: what is "
             "left is the free return.")  # fmt: skip
     actuator = {"gear": repr(joint.gear), "gaintype": "fixed", "biastype": "affine", "gainprm": repr(joint.per_volt),
                 "biasprm": f"0 0 {-joint.back_emf!r}", **limits}  # fmt: skip
     lost = (*_cannot_hold(source), _SOFT)
-    return _mjcf(source, "etcfit_throttle.xml", joint.damping, "general", actuator, meaning, lost)
+    return _mjcf(source, "etcfit_throttle.xml", joint.damping, "general", actuator, says, lost)
 
 
 def _position(source: Source) -> Export:
@@ -125,13 +119,13 @@ def _position(source: Source) -> Export:
                                         "forcerange": f"{-per_volt * supply!r} {per_volt * supply!r}"}  # fmt: skip
     actuator = {"kp": repr(per_volt * float(gains.Kp)), "kv": repr(per_volt * float(gains.Kd)), "ctrllimited": "true",
                 "ctrlrange": f"{low!r} {high!r}", **limits}  # fmt: skip
-    meaning = (f"ctrl of the actuator is the angle asked for, rad. kp and kv are the gains of {whose}, times "
+    says = (f"ctrl of the actuator is the angle asked for, rad. kp and kv are the gains of {whose}, times "
             f"N K_m/R_a = {per_volt:.6g} N m/V; damping is the bearings' and the back-EMF's.")  # fmt: skip
     integral = (f"The integral gain, Ki = {float(gains.Ki):.4g} V/(rad s): a position actuator has none.",)
     lost = (*_cannot_hold(source), _SOFT, *(integral if gains.Ki else ()),
             "The controller's clock, delay and filter, and a derivative of the setpoint.")  # fmt: skip
     damping = joint.damping + joint.gear**2 * joint.back_emf
-    return _mjcf(source, "etcfit_servo.xml", damping, "position", actuator, meaning, lost)
+    return _mjcf(source, "etcfit_servo.xml", damping, "position", actuator, says, lost)
 
 
 def _gains(source: Source) -> tuple[Gains, str]:

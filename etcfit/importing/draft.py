@@ -139,9 +139,9 @@ def _at_one_row_an_instant(sheet: Sheet, takes: list[Take]) -> tuple[Sheet, list
         out[group[there]] = values[there]
         return out
 
-    merged = f"{more.size} rows at the instant of the row above are one with it"
+    remark = f"{more.size} rows at the instant of the row above are one with it"
     columns = tuple(replace(column, values=last_of(column.values)) for column in sheet.columns)
-    made = replace(sheet, columns=columns, remarks=(*sheet.remarks, merged))
+    made = replace(sheet, columns=columns, remarks=(*sheet.remarks, remark))
     return made, [replace(t, column=replace(t.column, values=last_of(t.column.values))) for t in takes]
 
 

@@ -173,8 +173,8 @@ def rig_test_of(record: Record) -> Shown:
         if not record.unexplained or not lacks or "setpoint" in signals:
             return shown
         # the test follows from a signal that was not logged, and an unexplained column may be that signal
-        doubted = f"{shown.reason}; but it is not known what '{record.unexplained[0]}' is, which moves"
-        return shown._replace(reason=doubted, sure=False)
+        reason = f"{shown.reason}; but it is not known what '{record.unexplained[0]}' is, which moves"
+        return shown._replace(reason=reason, sure=False)
     if named == shown.test:
         return shown
     if any({named, shown.test} <= family for family in _FAMILIES):

@@ -139,18 +139,18 @@ class _Writer:
 
     def body(self) -> None:
         """What is done before the rows, for each row, and after the last."""
-        begun, sums = self.before_rows()
+        initial, sums = self.before_rows()
         head = len(self.lines)  # the phi nodes stand here; the second value of each is known at the end of a row
-        results, totals = self.each_row(bool(begun), bool(sums))
+        results, totals = self.each_row(bool(initial), bool(sums))
         phis = ["  %row = phi i64 [ 0, %begin ], [ %next, %entry ]"]
-        for name, firsts, lasts in (("carried", begun, results), ("sum", sums, totals)):
+        for name, before, after in (("carried", initial, results), ("sum", sums, totals)):
             # nothing begins in a register where the values stay in memory
             phis += [f"  %{name}{k} = phi {self.type(True)} [ {first}, %begin ], [ {last}, %entry ]"
-                     for k, (first, last) in enumerate(zip(firsts, lasts, strict=False))]  # fmt: skip
+                     for k, (first, last) in enumerate(zip(before, after, strict=False))]  # fmt: skip
         self.lines[head:head] = phis
         self.lines += ["  %next = add i64 %row, 1", "  %more = icmp slt i64 %next, %rows",
                        "  br i1 %more, label %entry, label %last", "last:"]  # fmt: skip
-        for place, value in enumerate(results if begun else []):
+        for place, value in enumerate(results if initial else []):
             self.store(value, "%carried", place * self.width)
         for place, value in enumerate(totals if sums else []):
             self.store(value, "%sums", place * self.width)
@@ -180,10 +180,10 @@ class _Writer:
         def loaded(base: str, count: int) -> list[str]:
             return [self.load(base, place * self.width, True) for place in range(count)] if count <= _KEPT else []
 
-        begun, sums = loaded("%carried", len(loop.carried)), loaded("%sums", len(loop.sums))
+        initial, sums = loaded("%carried", len(loop.carried)), loaded("%sums", len(loop.sums))
         self.lines += self.begin_of_blocks()
         self.lines += ["  %some = icmp sgt i64 %rows, 0", "  br i1 %some, label %entry, label %end", "entry:"]
-        return begun, sums
+        return initial, sums
 
     def each_row(self, kept: bool, added: bool) -> tuple[list[str], list[str]]:
         """Load a row, compute and store what it makes.

@@ -86,11 +86,11 @@ def of_check(result: CheckResult, folder: Path) -> Closing:
     fit = command("fit", folder, "--out", Path("runs") / folder.resolve().name)
     mistakes = [each for each in result.rig.findings if each.kind not in ALLOWED_FOR]
     lost = f"; they cannot tell {first_few(verdict.lost)}" if verdict.lost else ""
-    determinable = f"{counted(len(result.traces), 'trace')} can tell the parameters of Eqs. 1-2{lost}."
+    sentence = f"{counted(len(result.traces), 'trace')} can tell the parameters of Eqs. 1-2{lost}."
     if mistakes:
-        found = f"The records show {counted(len(mistakes), 'mistake')} of the rig: {mistakes[0].found} {determinable}"
+        found = f"The records show {counted(len(mistakes), 'mistake')} of the rig: {mistakes[0].found} {sentence}"
         return Closing(found, mended(mistakes[0].mend, folder, command("check", folder)))
-    return Closing(determinable, fit)
+    return Closing(sentence, fit)
 
 
 def of_advice(advice: Advice, folder: Path, at: Path | None, written: Path | None) -> Closing:

@@ -318,12 +318,10 @@ def _of_trace(
     fixed = ("circuit", "plate", "series", "gear_ratio", "lower", "upper")
     lacks = [f"{name.replace('_', ' ')} is logged late" for name in lags]
     lacks += [f"what the rig does to {name.replace('_', ' ')}" for name, line in readings.items() if line is None]
-    gains_and_offsets = {name: line for name, line in readings.items() if line is not None and line != (1.0, 0.0)}
+    lines = {name: line for name, line in readings.items() if line is not None and line != (1.0, 0.0)}
     boundary = {name: float(steps[name][-1]) for name in fixed}
     i, theta, omega = start
-    return Excitation(
-        t[kept], level[kept], within, boundary, (i, theta, omega), release, gains_and_offsets, tuple(lacks)
-    )
+    return Excitation(t[kept], level[kept], within, boundary, (i, theta, omega), release, lines, tuple(lacks))
 
 
 def _polyline(time: np.ndarray, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

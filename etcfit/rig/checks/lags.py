@@ -151,17 +151,15 @@ def _fitted(current: Channel, k: int) -> Rise:
     """Fit both models to the rise that begins about sample k."""
     from scipy.optimize import least_squares  # its import takes longer than the check of most folders
 
-    t, y = current.time - current.time[k], current.value
+    t, y = current.time - current.time[k], current.value - np.mean(current.value)
     interval, length = float(np.median(np.diff(t))), float(t[-1])
     noise = current.error
-
-    centred = y - np.mean(y)
 
     def miss(p: np.ndarray) -> np.ndarray:
         shape = _shape(np.maximum(t - interval * p[0], 0.0), *np.exp(p[1:]))
         shape -= np.mean(shape)
         # y_0 and A by linear regression
-        return (centred - shape * (shape @ centred / max(shape @ shape, 1e-300))) / noise
+        return (y - shape * (shape @ y / max(shape @ shape, 1e-300))) / noise
 
     def best(starts: Sequence[Sequence[float]]) -> OptimizeResult:
         lags = len(starts[0])
