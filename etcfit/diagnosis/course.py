@@ -189,8 +189,12 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
     one = None if progress.is_at_an_end else progress.model
     if one is not None and explains_misfit(one, result) and is_white(one):
         return progress, None
-    errors = result.score_fit if before.added == () else score(before).fit_rows
-    return progress, of_another_rig(result, before, errors, report, one)
+    # the piece of another rig may be what the checks saw: it is sought without the effects that they found first
+    first = start(result, before.settings) if before.added else before
+    strange = of_another_rig(result, first, result.score_fit, report, one)
+    if strange is None and before.added:
+        strange = of_another_rig(result, before, score(before).fit_rows, report, one)
+    return progress, strange
 
 
 def _astray(s: CandidateModel, result: FitResult) -> bool:

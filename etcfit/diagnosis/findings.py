@@ -81,6 +81,8 @@ class RoundReport:
     ties: tuple[str, ...]  # effects that explain these data as well as the one added
     why: str  # one sentence
     beside_formulas: bool = False  # whether effects with inexact formulas are at work in that model
+    # chi2 per sample of that model, its formulas taken as exact; None far from the data, where the rows are exact too
+    chi2_per_sample: float | None = None
 
 
 @dataclass(frozen=True)

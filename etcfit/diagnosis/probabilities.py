@@ -15,7 +15,9 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 from ..model.rig_effects import Place, rig_effect
+from ..problem.free_parameters import effect_named
 from .findings import Candidate, Question, RoundReport, Whiteness
+from .formula_errors import chi2_left_by_formula
 from .settings import DiagnosisSettings
 
 # ---- What is probable enough to be printed: one list for statements, terminal and pages
@@ -31,6 +33,8 @@ _PRINTED_FROM = 0.02
 FAR_CHI2 = 10.0  # chi2 above noise a sample of a model that is far from the data
 MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on another cause is at work
 BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
+LARGE_MISFIT = 3.0  # chi2 a sample of the last model, formulas taken as exact, from which on it is not the right one
+BESIDE_A_LARGE_MISFIT = 0.7  # most probability of an effect of the throttle there
 WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
 LIKELIER_THAN_NOT = 0.5  # the same where something without a name is at least as likely as this
 
@@ -56,7 +60,9 @@ def likely_in_one_line(probabilities: Mapping[str, float | None]) -> str:
 #     p <= G / (G + R + sum of G_o of other mistakes at its place)
 #
 # G and R are sums of n (rms^2 - 1) of the whitened residual over the samples where the effect acts: so a mistake in one
-# trace must bring that trace to its noise, however much a folder of many traces gains. R of a white residual is 0.
+# trace must bring that trace to its noise, however much a folder of many traces gains. R of a white residual is 0. What
+# inexact formulas take up in that residual beyond `chi2_left_by_formula` is added to R of an effect of the throttle:
+# formulas 10 % off can imitate any effect that is no larger.
 #
 # Source: none. It replaces a fixed probability that a name is wrong.
 
@@ -94,10 +100,10 @@ def _least_credit(name: str | None) -> float:
 
 
 def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> float:
-    """Share of the first model's misfit above noise that has no name, from 0 to 1: the misfit of the last model, and
-    the share that effects in doubt explain."""
+    """Share of the first model's misfit above noise that has no name, from 0 to 1: the misfit of the last model, what
+    formula errors take up in it, and the share that effects in doubt explain."""
     first, last = rounds[0].evidence.rows, rounds[-1].evidence.rows
-    left = sum(map(_chi2_left, last))
+    left = sum(map(_chi2_left, last)) + _taken_up_by_formulas(rounds)
     left += sum(_gain(k, rounds, _EVERYWHERE) for k in range(len(rounds) - 1) if rounds[k].added in doubted)
     return left / max(left, sum(map(_excess, first)), 1e-300)
 
@@ -111,8 +117,24 @@ def _credit(k: int, rounds: Sequence[RoundReport], added: Collection[str], corre
     others = [j for j in range(len(rounds) - 1) if j != k and rounds[j].added in added]
     of_a_formula = corrected and rig_effect(name) is None
     elsewise = 0.0 if of_a_formula else sum(_chi2_left(row) for row in rounds[-1].evidence.rows if _is_at(row, place))
+    elsewise += 0.0 if rig_effect(name) else _taken_up_by_formulas(rounds)
     elsewise += sum(_gain(j, rounds, place) for j in others if _in_one_test(_place(str(rounds[j].added)), place))
     return own / (own + elsewise) if elsewise else 1.0
+
+
+def _taken_up_by_formulas(rounds: Sequence[RoundReport]) -> float:
+    """chi2 of the last model that formula errors take up, less what the formulas of the effects added may leave."""
+    last = rounds[-1]
+    if last.chi2_per_sample is None:
+        return 0.0
+    n = sum(row.n for row in last.evidence.rows)
+    may_be_left = sum(
+        chi2_left_by_formula(effect_named(str(each.added)).inexact, _gain(k, rounds, _EVERYWHERE), n)
+        for k, each in enumerate(rounds[:-1])
+        if each.added is not None
+    )
+    taken_up = n * (last.chi2_per_sample - 1.0) - max(0.0, sum(map(_excess, last.evidence.rows)))
+    return max(0.0, taken_up - may_be_left)
 
 
 def _in_one_test(one: Place, other: Place) -> bool:
@@ -313,9 +335,11 @@ def largest_probability(
     name: str | None, rounds: Sequence[RoundReport], curve: bool, settings: DiagnosisSettings
 ) -> float:
     """The largest probability that an effect may have, however strong its evidence; smaller for a mistake of the rig
-    where more than noise is left."""
+    where more than noise is left, and for any effect where far more is."""
     imitates = name is not None and rig_effect(name) is not None and (curve or _leaves_more_than_noise(rounds))
-    return BESIDE_A_MISFIT if imitates else 1.0 - settings.lapse
+    large = (rounds[-1].chi2_per_sample or 0.0) > LARGE_MISFIT
+    most = BESIDE_A_MISFIT if imitates else BESIDE_A_LARGE_MISFIT if large else 1.0
+    return min(most, 1.0 - settings.lapse)
 
 
 def _leaves_more_than_noise(rounds: Sequence[RoundReport]) -> bool:
@@ -340,9 +364,9 @@ def _probability_of_unnamed_rest(
     noise = last.evidence.white and not doubts
     if curve or not (added or noise):
         return 1.0 - settings.lapse
-    if noise:
-        return settings.lapse if added else settings.missed
-    imitated = _leaves_more_than_noise(rounds) and any(rig_effect(name) is not None for name in added)
+    if noise and not added:
+        return settings.missed
+    imitated = not noise and _leaves_more_than_noise(rounds) and any(rig_effect(name) is not None for name in added)
     least = 1.0 - BESIDE_A_MISFIT if imitated else settings.lapse
     return min(max(left_share(rounds, doubts), least), 1.0 - settings.lapse)
 

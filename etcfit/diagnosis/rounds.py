@@ -243,6 +243,7 @@ def reported(turned: Round) -> RoundReport:
         ties=tuple(e.name for e in turned.choice.ties),
         why=turned.choice.why,
         beside_formulas=bool(turned.score.errors),
+        chi2_per_sample=None if turned.before.far else turned.before.chi2_per_sample,
     )
 
 

@@ -316,6 +316,23 @@ def test_what_an_inexact_formula_leaves_is_no_other_cause_of_what_an_effect_expl
         assert doubted_effects(rounds, [name], (SPRING,)) == ([] if name == DRAG else [name])
 
 
+def test_what_a_formula_may_not_leave_is_another_cause() -> None:
+    """Friction that is 10 % off took up all that a coasting bridge and a limp-home spring did to a real throttle."""
+    first, noise = excess_round(FRICTION, {DRIVE: 10.0}), excess_round(None, {DRIVE: 0.0})
+    for taken_up, other in ((0.02, 0.0), (2.0, 1.96)):
+        rounds = (first, replace(noise, chi2_per_sample=1.0 + taken_up))
+        for corrected in ((), (FRICTION,)):
+            assert credit_by_round(rounds, [FRICTION], corrected)[0] == pytest.approx(10.0 / (10.0 + other))
+        assert left_share(rounds) == pytest.approx(other / 10.0)
+
+
+def test_no_name_is_sure_where_the_last_model_leaves_three_times_the_noise() -> None:
+    first, last = excess_round(FRICTION, {DRIVE: 2000.0}), excess_round(None, {DRIVE: 0.0})
+    for left, most in ((1.2, 1.0 - DEFAULT.lapse), (3.5, 0.7), (None, 1.0 - DEFAULT.lapse)):
+        rounds = (first, replace(last, chi2_per_sample=left))
+        assert largest_probability(FRICTION, rounds, False, DEFAULT) == most
+
+
 def test_a_mistake_must_explain_more_of_the_misfit_than_an_effect_to_be_said() -> None:
     for name, doubts in ((WARM, [WARM]), (DRAG, [])):
         rounds = (excess_round(name, {VOLTS_2: 4.0}), excess_round(None, {VOLTS_2: 1.6}))
