@@ -263,7 +263,7 @@ def _fit_and_design(
     result = fit(rig, part_of(report, _IMPORT, _FIT), fit_settings(prepared.model), about)
     keep_fit(run, result)
     # one round of two candidates, because a log without a current separates few effects
-    brief = DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, free_pool=0)
+    brief = DiagnosisSettings(rounds=1, refits=2, rig_refits=1, folds=1, pieces=0, free_pool=0, orders=0)
     diagnosis = diagnose(result, part_of(report, _FIT, _DIAGNOSIS), brief)
     keep_diagnosis(run, diagnosis)
     final = diagnosis.after

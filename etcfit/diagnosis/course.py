@@ -15,7 +15,6 @@ from ..estimation.result import FitResult, Optimum, Termination, outcome
 from ..rig.base import SLOW_LOG
 from .candidate_model import CandidateModel
 from .evidence import is_white, motions
-from .exchange import exchanged, pruned
 from .faint_effects import allowing_for_faint_effects
 from .findings import Diagnosis, Question, SetTried, Unexplained
 from .formula_errors import formula_covariance, percent_off
@@ -29,8 +28,8 @@ from .probabilities import (
     named_effects,
     with_effect_before_rounds,
 )
-from .refit import held_out_shows_noise, settled, start
-from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, reported
+from .refit import held_out_shows_noise, start
+from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, looked_back
 from .score import score, tie_covariance
 from .settings import DEFAULT, DiagnosisSettings
 from .statements import rig_mistakes, runs_free_worse, statements, tie, verdict
@@ -148,7 +147,7 @@ def diagnose(
     keep(progress)
     if not progress.is_at_an_end:
         progress = forward(result, progress, report, keep=keep)
-    progress = _looked_back(result, progress, report)
+    progress = looked_back(result, progress, report)
     sets: tuple[SetTried, ...] = ()
     if first.far and progress.model.far:
         progress, sets = searched_free(result, first, progress, report)
@@ -226,23 +225,6 @@ def _diagnosis_without_piece(
         statements=(stated, *rest.statements),
         verdict=(stated.sentence, *rest.verdict),
     )
-
-
-def _looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
-    """The progress after effects were exchanged for better ones, with further rounds if one was; effects that are no
-    longer worth their parameters are taken away, and the model that remains is fitted to its optimum.
-
-    `found` keeps what is known of the removed effects too.
-    """
-    s, found, changed, turned = exchanged(progress.model, progress.found, report)
-    rounds = (*progress.rounds, *map(reported, turned))
-    progress = replace(progress, model=s, found=found, rounds=rounds, changed=(*progress.changed, *changed))
-    if changed:
-        progress = forward(result, progress, report)
-    s, removed = pruned(progress.model, report)
-    if s.added:
-        s = settled(s, report, result.settings)
-    return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 
 def _assembled(

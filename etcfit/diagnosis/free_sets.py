@@ -35,6 +35,7 @@ from .choice import TIED_LIKELIHOOD
 from .composition import Effect
 from .exchange import Found
 from .findings import RoundReport, SetTried
+from .orders import other_orders
 from .refit import refit_fully
 from .rounds import Progress
 from .score import holdout_worsened, independent
@@ -126,35 +127,49 @@ def grown(result: FitResult, names: Sequence[str], report: Report, settings: Dia
 def searched_free(
     result: FitResult, first: CandidateModel, progress: Progress, report: Report
 ) -> tuple[Progress, tuple[SetTried, ...]]:
-    """The rounds' progress, or one with the grown set where its free run is likelier; and the sets compared."""
-    s, settings = progress.model, first.settings
-    names = pool(progress.rounds, settings)
+    """The progress whose free run is preferred: that of the rounds, one of another order of effects, or one with the
+    grown set; and the sets compared."""
+    every, settings = progress.rounds, first.settings
+    own, tried = _free_run(progress.model, result), []
+    for other in other_orders(result, first, progress, report):
+        run, every = _free_run(other.model, result), (*every, *other.rounds)
+        taken, change = preferred(run, own, settings), bic_change(run, own)
+        tried.append(SetTried(run.effects, change, taken))
+        if taken:
+            progress, own = replace(other, changed=(*other.changed, _gave_way(own, run, change))), run
+    names = pool(every, settings)
     if not names:
-        return progress, ()
+        return replace(progress, free=own.values), tuple(tried)
     other = grown(result, names, report, settings)
     found = {e.name: e for e in first.composition.candidates}
     effects = tuple(found[name] for name in other.effects)
+    if set(effects) == set(progress.model.added):
+        return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), tuple(tried)
+    taken, change = bool(effects) and preferred(other, own, settings), bic_change(other, own)
+    if effects:
+        tried.append(SetTried(other.effects, change, taken))
+    if not taken:
+        return replace(progress, free=own.values), tuple(tried)
+    return _in_its_place(progress, effects, other.values, _gave_way(own, other, change), report), tuple(tried)
+
+
+def _free_run(s: CandidateModel, result: FitResult) -> FreeRun:
+    """The best free run near a model."""
     lean = s.lean()
     run = freed(lean.problem.guided(0.0), lean.x, FREE_SPREAD, result.settings)
-    own = FreeRun.of_model(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
-    if set(effects) == set(s.added):
-        return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), ()
-    taken = bool(effects) and preferred(other, own, settings)
-    tried = (SetTried(other.effects, bic_change(other, own), taken),) if effects else ()
-    if not taken:
-        return replace(progress, free=own.values), tried
-    return _in_its_place(progress, effects, other.values, bic_change(other, own), report), tried
+    return FreeRun.of_model(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
+
+
+def _gave_way(old: FreeRun, new: FreeRun, change: float) -> str:
+    before = f"{listed(old.effects)} gave way to" if old.effects else "Nothing was found under the guide; there is"
+    return f"{before} {listed(new.effects)}, whose free run is likelier (BIC {change:+.1f})."
 
 
 def _in_its_place(
-    progress: Progress, effects: tuple[Effect, ...], values: Mapping[str, float], change: float, report: Report
+    progress: Progress, effects: tuple[Effect, ...], values: Mapping[str, float], why: str, report: Report
 ) -> Progress:
-    s = progress.model
-    new = refit_fully(s.with_effects(effects, values), report)
+    """The progress with another set of effects, refitted from these values, SI by symbol."""
+    new = refit_fully(progress.model.with_effects(effects, values), report)
     known = {each.effect: each for each in progress.found}
     found = tuple(known.get(e, Found(e, {}, {})).without_ties_to(effects) for e in effects)
-    before = (
-        f"{listed(e.name for e in s.added)} gave way to" if s.added else "Nothing was found under the guide; there is"
-    )
-    words = f"{before} {listed(e.name for e in effects)}, whose free run is likelier (BIC {change:+.1f})."
-    return replace(progress, model=new, found=found, changed=(*progress.changed, words), free=dict(values))
+    return replace(progress, model=new, found=found, changed=(*progress.changed, why), free=dict(values))

@@ -15,10 +15,10 @@ from .candidate_model import CandidateModel
 from .choice import Choice, Outcome, first_of, is_accepted
 from .composition import Effect, carried
 from .evidence import evidence, is_white
-from .exchange import Found
+from .exchange import Found, exchanged, pruned
 from .findings import Candidate, RoundReport
 from .loop import Round, refit_chosen, run_round, screened
-from .refit import is_no_worse, refit_fully
+from .refit import is_no_worse, refit_fully, settled
 from .score import Score, baseline
 from .trial import Trial, judge_trial
 
@@ -245,6 +245,26 @@ def reported(turned: Round) -> RoundReport:
         beside_formulas=bool(turned.score.errors),
         chi2_per_sample=None if turned.before.far else turned.before.chi2_per_sample,
     )
+
+
+# ---- Looking back at the end of the rounds
+
+
+def looked_back(result: FitResult, progress: Progress, report: Report) -> Progress:
+    """The progress after effects were exchanged for better ones, with further rounds if one was; effects that are no
+    longer worth their parameters are taken away, and the model that remains is fitted to its optimum.
+
+    `found` keeps what is known of the removed effects too.
+    """
+    s, found, changed, turned = exchanged(progress.model, progress.found, report)
+    rounds = (*progress.rounds, *map(reported, turned))
+    progress = replace(progress, model=s, found=found, rounds=rounds, changed=(*progress.changed, *changed))
+    if changed:
+        progress = forward(result, progress, report)
+    s, removed = pruned(progress.model, report)
+    if s.added:
+        s = settled(s, report, result.settings)
+    return replace(progress, model=s, changed=(*progress.changed, *removed))
 
 
 # ---- What the rig's checks found before any fit is tried first, each from the value that the check states
