@@ -110,7 +110,10 @@ MECHANISMS: Mapping[str, Mechanism] = {
     "free sets": Mechanism(
         "far from the data, sets of effects are compared by their free runs",
         "free_sets.searched_free", lambda _, result, first, progress, *__: (progress, ()),
-        lambda out, result, first, progress, *_: out[0] is not progress),
+        lambda out, *_: any(each.taken for each in out[1])),
+    "other orders": Mechanism(
+        "far from the data, the rounds are carried on from other effects that were as likely too",
+        "orders.other_turns", _nothing([])),
     "corrected formula": Mechanism(
         "a curve of the shape of a named effect corrects its formula: nothing without a name is left",
         "unexplained.corrected_formulas", _nothing(())),

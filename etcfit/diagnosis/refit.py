@@ -32,6 +32,7 @@ NEAR_CHI2_PER_DOF = 10.0
 WHITENING_ROUNDS = 10  # most rounds of whitening and refitting
 STILL = 0.2  # standard errors: a round of whitening that moves no parameter by more is the last
 REWEIGHINGS = 2  # times that the samples are weighed by their residuals, far from the data
+VANISHED = 0.02  # share of J_eq below which an inertia has vanished: no motor and no plate is without one
 WORSE_CHI2 = 1.5  # chi2 per sample after a full refit over that before, from which on the refit is refused
 
 
@@ -111,7 +112,8 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
 
     Where it stays far, its guided residual is minimised. Where the rounds make the model worse, they are repeated from
     the coordinates before the descent. They are tried from there too before a model that was near is called far: a
-    whitened residual forgives one wrong stick, which spoils the rest of a free run.
+    whitened residual forgives one wrong stick, which spoils the rest of a free run. Where an inertia has vanished, the
+    rounds are made from a shared one too.
     """
     problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
@@ -128,7 +130,25 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     new = _in_rounds(s, problem, x, report)
     if refit_worsened(new, s):
         new = min(new, _in_rounds(s, problem, s.x, report), key=lambda end: end.deviance)
-    return new
+    shared = with_inertia_shared(new)
+    ends = [new] if shared is None else [new, _in_rounds(new, new.problem, shared, report)]
+    return min(ends, key=lambda end: end.deviance)
+
+
+def with_inertia_shared(s: CandidateModel) -> np.ndarray | None:
+    """Coordinates, shape (P,), at which motor and plate have half of J_eq = N^2 J_m + J_L each, where one of the two
+    has vanished; None where none has, or one is not free.
+
+    An inertia that a fit far from its data has brought to zero stays there: its coordinate moves nothing any more.
+    """
+    layout, values, squared = s.problem.layout, s.values, s.problem.config.gear_ratio**2
+    if not {"J_m", "J_L"} <= {*layout.free}:
+        return None
+    motor = squared * values["J_m"]
+    both = motor + values["J_L"]
+    if min(motor, values["J_L"]) >= VANISHED * both:
+        return None
+    return layout.coordinates({**values, "J_m": 0.5 * both / squared, "J_L": 0.5 * both})
 
 
 def _in_rounds(s: CandidateModel, problem: EstimationProblem, x: np.ndarray, report: Report) -> CandidateModel:
