@@ -35,6 +35,7 @@ MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on 
 BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
 LARGE_MISFIT = 3.0  # chi2 a sample of the last model, formulas taken as exact, from which on it is not the right one
 BESIDE_A_LARGE_MISFIT = 0.7  # most probability of an effect of the throttle there
+STRAYING = 5.0  # chi2 a sample up to which the free run of held-out traces strays without any effect
 WORTH_NAMING = 0.2  # probability, including that of its ties, from which on an effect is stated by name
 LIKELIER_THAN_NOT = 0.5  # the same where something without a name is at least as likely as this
 
@@ -334,12 +335,30 @@ def with_effect_before_rounds(name: str, probability: float, found: Mapping[str,
 def largest_probability(
     name: str | None, rounds: Sequence[RoundReport], curve: bool, settings: DiagnosisSettings
 ) -> float:
-    """The largest probability that an effect may have, however strong its evidence; smaller for a mistake of the rig
-    where more than noise is left, and for any effect where far more is."""
+    """The largest probability that an effect may have, however strong its evidence.
+
+    It is smaller for a mistake of the rig where more than noise is left, for any effect where far more is, and where
+    the free run of the held-out traces strays as before (`held_out_share`).
+    """
     imitates = name is not None and rig_effect(name) is not None and (curve or _leaves_more_than_noise(rounds))
     large = (rounds[-1].chi2_per_sample or 0.0) > LARGE_MISFIT
     most = BESIDE_A_MISFIT if imitates else BESIDE_A_LARGE_MISFIT if large else 1.0
-    return min(most, 1.0 - settings.lapse)
+    return min(most, held_out_share(rounds), 1.0 - settings.lapse)
+
+
+def held_out_share(rounds: Sequence[RoundReport]) -> float:
+    """Share of the held-out traces' free-run error that all effects together explain, from 0 to 1.
+
+        G / (G + max(0, chi2 - 5)),    G = max(0, chi2 before all rounds - chi2) + 1
+
+    in units of the noise, chi2 being that of the last model a sample; 5 is `STRAYING`, which folders with nothing to
+    find reach. 1 where nothing is held out.
+    """
+    first, last = rounds[0].holdout_rms, rounds[-1].holdout_rms
+    if first is None or last is None:
+        return 1.0
+    explained = max(0.0, first**2 - last**2) + 1.0
+    return explained / (explained + max(0.0, last**2 - STRAYING))
 
 
 def _leaves_more_than_noise(rounds: Sequence[RoundReport]) -> bool:
@@ -368,7 +387,7 @@ def _probability_of_unnamed_rest(
         return settings.missed
     imitated = not noise and _leaves_more_than_noise(rounds) and any(rig_effect(name) is not None for name in added)
     least = 1.0 - BESIDE_A_MISFIT if imitated else settings.lapse
-    return min(max(left_share(rounds, doubts), least), 1.0 - settings.lapse)
+    return min(max(left_share(rounds, doubts), 1.0 - held_out_share(rounds), least), 1.0 - settings.lapse)
 
 
 def _answers(

@@ -18,6 +18,7 @@ from etcfit.diagnosis.probabilities import (
     WORTH_NAMING,
     credit_by_round,
     doubted_effects,
+    held_out_share,
     largest_probability,
     left_share,
     named_effects,
@@ -331,6 +332,26 @@ def test_no_name_is_sure_where_the_last_model_leaves_three_times_the_noise() -> 
     for left, most in ((1.2, 1.0 - DEFAULT.lapse), (3.5, 0.7), (None, 1.0 - DEFAULT.lapse)):
         rounds = (first, replace(last, chi2_per_sample=left))
         assert largest_probability(FRICTION, rounds, False, DEFAULT) == most
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "share"),
+    [(3.0, 2.2, 1.0), (10.0, 2.2, 1.0), (10.0, 10.0, 1.0 / 96.0), (10.0, 20.0, 1.0 / 396.0), (11.0, 5.0, 97.0 / 117.0),
+     (None, None, 1.0)],
+    ids=["noise", "to noise", "as far", "further", "most of it", "nothing held out"],
+)  # fmt: skip
+def test_what_strays_as_before_on_held_out_traces_has_no_sure_name(
+    before: float | None, after: float | None, share: float
+) -> None:
+    """Friction that drifts was called dependent on the load with 0.88."""
+    first = replace(excess_round(DRAG, {DRIVE: 400.0}), holdout_rms=before)
+    rounds = (first, replace(excess_round(None, {DRIVE: 0.0}), holdout_rms=after))
+    assert held_out_share(rounds) == pytest.approx(share)
+    assert largest_probability(DRAG, rounds, False, DEFAULT) == pytest.approx(min(share, 0.9))
+    found = named_effects(rounds, [DRAG], [], False, DEFAULT, slow=False)
+    assert found.names == ((DRAG,) if share > 0.5 else ())
+    if found.names:
+        assert found.probabilities[UNEXPLAINED] == pytest.approx(max(0.1, 1.0 - share))
 
 
 def test_a_mistake_must_explain_more_of_the_misfit_than_an_effect_to_be_said() -> None:

@@ -80,7 +80,7 @@ CONSTANTS: dict[ModuleType, dict[str, float]] = {
     formula_errors: {"ERROR_STRETCHES": 20, "FORMULA_STRETCHES": 6, "FORMULA_CEILING": 0.04},
     random_curves: {"CURVE_LENGTH": 3.0, "CURVE_EVIDENCE": 10.0, "LARGE_CURVE": 0.05, "CURVE_STRETCHES": 20},
     probabilities: {"BIC_TEMPER": 10.0, "BESIDE_FORMULAS": 7.0, "LEAST_CREDIT": 0.5, "LEAST_CREDIT_OF_A_MISTAKE": 0.7,
-                    "LARGE_MISFIT": 3.0, "BESIDE_A_LARGE_MISFIT": 0.7},
+                    "LARGE_MISFIT": 3.0, "BESIDE_A_LARGE_MISFIT": 0.7, "STRAYING": 5.0},
     refit: {"REFIT_TOLERANCE": 1e-4, "NEAR_CHI2_PER_DOF": 10.0, "WHITENING_ROUNDS": 10, "STILL": 0.2,
             "REWEIGHINGS": 2, "WORSE_CHI2": 1.5},
     rig_screen: {"LATE_STRETCHES": 20},
