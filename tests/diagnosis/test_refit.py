@@ -9,20 +9,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import results
 from etcfit.diagnosis.candidate_model import CandidateModel
 from etcfit.diagnosis.refit import (
     further_from_data,
     held_out_shows_noise,
     is_no_worse,
+    refit_fully,
     refit_worsened,
     settled,
+    start,
     whitened,
+    with_inertia_shared,
 )
 from etcfit.diagnosis.score import holdout_rms, score
 from etcfit.diagnosis.settings import DiagnosisSettings
 from etcfit.estimation.result import Termination
 from etcfit.estimation.rounds import Reached, quiet
 from etcfit.estimation.settings import FitSettings
+from etcfit.rig.base import Rig
 
 SETTINGS = DiagnosisSettings()
 FAR = Termination(True, "far", far=True)
@@ -128,3 +133,51 @@ def test_the_last_model_goes_where_a_fit_ends_if_its_data_are_likelier_there(
     assert settled(near, quiet, FitSettings()) is near, "no likelier than where it is"
     elsewhere = replace(far, end=FAR)
     assert settled(elsewhere, quiet, FitSettings()) is elsewhere
+
+
+@pytest.fixture
+def whole(rig: Rig) -> CandidateModel:
+    """Of invented traces, with both inertias free."""
+    return start(results.result(rig), SETTINGS)
+
+
+def with_inertias(s: CandidateModel, motor: float, plate: float) -> CandidateModel:
+    """The model with N^2 J_m and J_L, kg m2."""
+    gear = s.problem.config.gear_ratio
+    return replace(s, x=s.problem.layout.coordinates({**s.values, "J_m": motor / gear**2, "J_L": plate}))
+
+
+@pytest.mark.parametrize(("motor", "vanished"), [(1.5e-5, True), (9.7e-4, False), (9.9e-4, True)])
+def test_an_inertia_that_vanished_gets_half_of_the_equivalent_one(
+    whole: CandidateModel, small: CandidateModel, motor: float, vanished: bool
+) -> None:
+    x = with_inertia_shared(with_inertias(whole, motor, 1e-3 - motor))
+    if not vanished:
+        assert x is None
+        return
+    assert x is not None
+    np.testing.assert_allclose(x, with_inertias(whole, 5e-4, 5e-4).x)
+    assert with_inertia_shared(small) is None, "neither is free there"
+
+
+@pytest.mark.parametrize("likelier", [True, False])
+def test_a_refit_with_a_vanished_inertia_ends_where_a_shared_one_leads_if_that_is_likelier(
+    whole: CandidateModel, monkeypatch: pytest.MonkeyPatch, likelier: bool
+) -> None:
+    """The first rounds end without a motor; the second ones stay where they begin."""
+    gone = with_inertias(whole, 1e-9, 1e-3)
+    shared = with_inertia_shared(gone)
+    begun: list[np.ndarray] = []
+
+    def in_rounds(s: CandidateModel, problem: object, x: np.ndarray, report: object) -> CandidateModel:
+        begun.append(x)
+        return gone if len(begun) == 1 else replace(s, x=x)
+
+    monkeypatch.setattr("etcfit.diagnosis.refit._in_rounds", in_rounds)
+    monkeypatch.setattr("etcfit.diagnosis.refit.MISFIT", 1e99)
+    monkeypatch.setattr("etcfit.diagnosis.refit.refit_worsened", lambda *_: False)
+    monkeypatch.setattr(CandidateModel, "deviance", property(lambda s: 0.0 if (s is gone) is likelier else -1.0))
+    new = refit_fully(whole, quiet)
+    assert shared is not None
+    np.testing.assert_array_equal(begun[1], shared)
+    np.testing.assert_array_equal(new.x, shared if likelier else gone.x)
