@@ -81,12 +81,13 @@ def _was(why: Sequence[tuple[str, str, str]]) -> str:
 
 
 def rates(records: Sequence[Record], before: Sequence[Record] | None = None) -> str:
-    """A row for each rate; `before`: the same folders of an older file."""
+    """A row for each rate that these folders have; `before`: the same folders of an older file."""
     rows = []
     for rate in RATES:
-        flags = rate.of(records)
-        low, high = interval(flags) if flags else (0.0, 0.0)
-        cells = [rate.words, share(flags), f"{100 * low:.0f} to {100 * high:.0f} %" if flags else "", rate.target]
+        if not (flags := rate.of(records)):
+            continue
+        low, high = interval(flags)
+        cells = [rate.words, share(flags), f"{100 * low:.0f} to {100 * high:.0f} %", rate.target]
         cells += [] if before is None else [share(rate.of(before))]
         rows.append([*cells, rate.verdict(flags)])
     head = ["", "now", "its 95 % interval", "asked", *([] if before is None else ["before"]), ""]

@@ -47,7 +47,7 @@ class DiagnosisSettings:
     free_pool: int = whole(6, 0)
     """Most effects from which a set is grown in the free run where the model stays far from its data, among those that
     were accepted in any round; 0: no set is grown."""
-    orders: int = whole(4, 0)
+    orders: int = whole(2, 0)
     """Most other orders of the effects that are carried on where the model stays far from its data; 0: none."""
     pieces: int = whole(3, 0)
     """Number of traces, and of tests, without which the fit is repeated where one effect does not explain the data; the

@@ -35,7 +35,7 @@ def test_another_turn_is_one_that_bic_accepts_and_that_is_nearly_as_likely(rig: 
     first = turned(rig, "b", a=-13.0, b=-10.5, c=-10.1, d=-9.0, untried=None)
     second = turned(rig, "f", e=-30.0, f=-36.0, g=-34.0)
     last = turned(rig, None, h=-11.0)
-    found = other_turns((first, second, last), SETTINGS)
+    found = other_turns((first, second, last), replace(SETTINGS, orders=4))
     assert [(turn.round, turn.instead) for turn in found] == [(0, "a"), (0, "c"), (1, "g")]
     assert found[0].behind == pytest.approx(-2.5)
     assert other_turns((first, second), replace(SETTINGS, orders=1)) == [Turn(found[0].behind, 0, "a")]

@@ -64,7 +64,7 @@ def test_the_defaults_are_those_of_the_recorded_folders() -> None:
     """Results of many folders are on record with these: a change of one makes them void."""
     assert plain(DEFAULT) == {
         "rounds": 8, "refits": 4, "rig_refits": 3, "refits_side_by_side": 2, "strong_bic_change": -10.0,
-        "refit_rise": 0.2, "folds": 3, "free_pool": 6, "orders": 4,
+        "refit_rise": 0.2, "folds": 3, "free_pool": 6, "orders": 2,
         "pieces": 3, "single_traces": 8, "lapse": 0.1, "missed": 0.1, "slow_log": 0.5, "suspicion": 0.8,
     }  # fmt: skip
 
