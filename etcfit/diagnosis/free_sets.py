@@ -130,9 +130,9 @@ def searched_free(
     """The progress whose free run is preferred: that of the rounds, one of another order of effects, or one with the
     grown set; and the sets compared."""
     every, settings = progress.rounds, first.settings
-    own, tried = _free_run(progress.model, result), []
+    own, tried = best_free_run(progress.model, result), []
     for other in other_orders(result, first, progress, report):
-        run, every = _free_run(other.model, result), (*every, *other.rounds)
+        run, every = best_free_run(other.model, result), (*every, *other.rounds)
         taken, change = preferred(run, own, settings), bic_change(run, own)
         tried.append(SetTried(run.effects, change, taken))
         if taken:
@@ -153,7 +153,7 @@ def searched_free(
     return _in_its_place(progress, effects, other.values, _gave_way(own, other, change), report), tuple(tried)
 
 
-def _free_run(s: CandidateModel, result: FitResult) -> FreeRun:
+def best_free_run(s: CandidateModel, result: FitResult) -> FreeRun:
     """The best free run near a model."""
     lean = s.lean()
     run = freed(lean.problem.guided(0.0), lean.x, FREE_SPREAD, result.settings)

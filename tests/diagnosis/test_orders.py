@@ -60,7 +60,7 @@ def test_the_end_of_another_order_is_kept_where_its_free_run_is_preferred(
 
     runs: list[Any] = []
     monkeypatch.setattr(free_sets, "other_orders", lambda *_: iter([other]))
-    monkeypatch.setattr(free_sets, "_free_run", free_run)
+    monkeypatch.setattr(free_sets, "best_free_run", free_run)
     after, (tried,) = searched_free(result, first, own, quiet)
     assert (tried.effects, tried.taken) == (("airflow_torque",), taken)
     assert tried.bic_change == pytest.approx(200.0 * np.log(error))

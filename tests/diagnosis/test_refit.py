@@ -169,14 +169,15 @@ def test_a_refit_with_a_vanished_inertia_ends_where_a_shared_one_leads_if_that_i
     shared = with_inertia_shared(gone)
     begun: list[np.ndarray] = []
 
-    def in_rounds(s: CandidateModel, problem: object, x: np.ndarray, report: object) -> CandidateModel:
+    def in_rounds(problem: object, x: np.ndarray, *_: object) -> tuple[object, None, np.ndarray, Termination]:
         begun.append(x)
-        return gone if len(begun) == 1 else replace(s, x=x)
+        return problem, None, gone.x if len(begun) == 1 else x, whole.end
 
-    monkeypatch.setattr("etcfit.diagnosis.refit._in_rounds", in_rounds)
+    monkeypatch.setattr("etcfit.diagnosis.refit.rounds", in_rounds)
+    monkeypatch.setattr("etcfit.diagnosis.refit.whitened", lambda s, *end: replace(s, x=end[2], end=end[3]))
     monkeypatch.setattr("etcfit.diagnosis.refit.MISFIT", 1e99)
     monkeypatch.setattr("etcfit.diagnosis.refit.refit_worsened", lambda *_: False)
-    monkeypatch.setattr(CandidateModel, "deviance", property(lambda s: 0.0 if (s is gone) is likelier else -1.0))
+    monkeypatch.setattr(CandidateModel, "deviance", property(lambda s: float((s.x is gone.x) is likelier)))
     new = refit_fully(whole, quiet)
     assert shared is not None
     np.testing.assert_array_equal(begun[1], shared)

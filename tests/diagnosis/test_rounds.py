@@ -81,7 +81,7 @@ def test_a_round_is_reported_with_its_choice_and_the_model_that_it_began_with(tu
 
 def test_an_effect_that_was_refitted_unscreened_is_reported_with_what_the_refit_gained(turned: Round) -> None:
     """Else it had no probability: a check of the rig had found it, so that no round screened it."""
-    told = reported(replace(turned, screened=()))
+    told = replace(reported(replace(turned, screened=())), chi2_per_sample=1.0)  # its traces are invented
     assert [c.effect for c in told.candidates] == [GRAVITY.name, LIMP.name]
     first = told.candidates[0]
     assert (first.refitted, first.bic_change, first.screened) == (True, -500.0, turned.trials[0].verdict.gain)
