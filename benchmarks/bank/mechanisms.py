@@ -128,7 +128,7 @@ MECHANISMS: Mapping[str, Mechanism] = {
         "formula_errors.FormulaErrors.of_model", _exact),
     "credit": Mechanism(
         "an effect that explains too little of the misfit at its place is not named",
-        "probabilities.doubted_effects", _nothing([])),
+        "credit.doubted_effects", _nothing([])),
     "white but for one event": Mechanism(
         "a residual that is noise but for one event of one trace counts as noise",
         "evidence.white_but_for_one_event", _nothing(False)),

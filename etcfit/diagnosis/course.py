@@ -14,20 +14,14 @@ from ..estimation.joint_fit import Report, quiet
 from ..estimation.result import FitResult, Optimum, Termination, outcome
 from ..rig.base import SLOW_LOG
 from .candidate_model import CandidateModel
+from .credit import UNSAID, doubted_effects, largest_probability
 from .evidence import is_white, motions
 from .faint_effects import allowing_for_faint_effects
 from .findings import Diagnosis, Question, SetTried, Unexplained
 from .formula_errors import formula_covariance, percent_off
 from .free_sets import FREE_SPREAD, searched_free
 from .other_rig import Strange, explains_misfit, of_another_rig
-from .probabilities import (
-    SOMETHING_ELSE,
-    UNSAID,
-    doubted_effects,
-    largest_probability,
-    named_effects,
-    with_effect_before_rounds,
-)
+from .probabilities import SOMETHING_ELSE, named_effects, with_effect_before_rounds
 from .refit import held_out_shows_noise, start
 from .rounds import Keep, Progress, first_from_checks, forward, keep_nothing, looked_back
 from .score import score, tie_covariance

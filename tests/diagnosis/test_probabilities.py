@@ -8,6 +8,13 @@ from dataclasses import replace
 
 import pytest
 
+from etcfit.diagnosis.credit import (
+    credit_by_round,
+    doubted_effects,
+    held_out_share,
+    largest_probability,
+    left_share,
+)
 from etcfit.diagnosis.findings import Candidate, Evidence, RoundReport, Whiteness
 from etcfit.diagnosis.probabilities import (
     BETWEEN_SAMPLES,
@@ -16,11 +23,6 @@ from etcfit.diagnosis.probabilities import (
     SOMETHING_ELSE,
     UNEXPLAINED,
     WORTH_NAMING,
-    credit_by_round,
-    doubted_effects,
-    held_out_share,
-    largest_probability,
-    left_share,
     named_effects,
     questions,
 )
