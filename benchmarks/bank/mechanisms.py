@@ -110,7 +110,7 @@ MECHANISMS: Mapping[str, Mechanism] = {
     "free sets": Mechanism(
         "far from the data, sets of effects are compared by their free runs",
         "free_sets.searched_free", lambda _, result, first, progress, *__: (progress, ()),
-        lambda out, *_: any(each.taken for each in out[1])),
+        lambda out, result, first, progress, *_: out[0] is not progress),
     "other orders": Mechanism(
         "far from the data, the rounds are carried on from other effects that were as likely too",
         "orders.other_turns", _nothing([])),

@@ -172,7 +172,8 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
     The effects that the rig's checks found are tried first, then any single effect, then a piece of the data that is of
     another rig: data are set aside only where no single effect explains all of them.
     """
-    if not _astray(progress.model, result):
+    first = progress.model
+    if not _astray(first, result):
         return progress, None
     progress = first_from_checks(result, progress, report)
     before = progress.model
@@ -182,8 +183,7 @@ def _simplest(result: FitResult, progress: Progress, report: Report) -> tuple[Pr
     one = None if progress.is_at_an_end else progress.model
     if one is not None and explains_misfit(one, result) and is_white(one):
         return progress, None
-    # the piece of another rig may be what the checks saw: it is sought without the effects that they found first
-    first = start(result, before.settings) if before.added else before
+    # a file of another rig can look like a mistake that the checks know: it is sought without their effects first
     strange = of_another_rig(result, first, result.score_fit, report, one)
     if strange is None and before.added:
         strange = of_another_rig(result, before, score(before).fit_rows, report, one)

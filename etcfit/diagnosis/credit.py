@@ -13,9 +13,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from ..model.rig_effects import Place, rig_effect
-from ..problem.free_parameters import effect_named
 from .findings import RoundReport, Whiteness
-from .formula_errors import chi2_left_by_formula
+from .formula_errors import FORMULA_CEILING
 from .settings import DiagnosisSettings
 
 # ---- The share of the misfit at its place that a named effect explains, and the share left for other causes
@@ -29,7 +28,7 @@ from .settings import DiagnosisSettings
 #
 # G and R are sums of n (rms^2 - 1) of the whitened residual over the samples where the effect acts: so a mistake in one
 # trace must bring that trace to its noise, however much a folder of many traces gains. R of a white residual is 0. What
-# inexact formulas take up in that residual beyond `chi2_left_by_formula` is added to R of an effect of the throttle:
+# inexact formulas take up in that residual beyond `FORMULA_CEILING` is added to R of an effect of the throttle:
 # formulas 10 % off can imitate any effect that is no larger.
 #
 # Source: none. It replaces a fixed probability that a name is wrong.
@@ -75,7 +74,8 @@ def left_share(rounds: Sequence[RoundReport], doubted: Collection[str] = ()) -> 
     """Share of the first model's misfit above noise that has no name, from 0 to 1: the misfit of the last model, what
     formula errors take up in it, and the share that effects in doubt explain."""
     first, last = rounds[0].evidence.rows, rounds[-1].evidence.rows
-    left = sum(map(_chi2_left, last)) + _taken_up_by_formulas(rounds)
+    left = 0.0 if rounds[-1].evidence.white else sum(map(_chi2_left, last))
+    left += _taken_up_by_formulas(rounds)
     left += sum(_gain(k, rounds, _EVERYWHERE) for k in range(len(rounds) - 1) if rounds[k].added in doubted)
     return left / max(left, sum(map(_excess, first)), 1e-300)
 
@@ -95,18 +95,13 @@ def _credit(k: int, rounds: Sequence[RoundReport], added: Collection[str], corre
 
 
 def _taken_up_by_formulas(rounds: Sequence[RoundReport]) -> float:
-    """chi2 of the last model that formula errors take up, less what the formulas of the effects added may leave."""
+    """chi2 of the last model that formula errors take up, beyond what may be put down to them."""
     last = rounds[-1]
     if last.chi2_per_sample is None:
         return 0.0
     n = sum(row.n for row in last.evidence.rows)
-    may_be_left = sum(
-        chi2_left_by_formula(effect_named(str(each.added)).inexact, _gain(k, rounds, _EVERYWHERE), n)
-        for k, each in enumerate(rounds[:-1])
-        if each.added is not None
-    )
-    taken_up = n * (last.chi2_per_sample - 1.0) - max(0.0, sum(map(_excess, last.evidence.rows)))
-    return max(0.0, taken_up - may_be_left)
+    above_noise = n * (last.chi2_per_sample - 1.0 - FORMULA_CEILING)
+    return max(0.0, above_noise - max(0.0, sum(map(_excess, last.evidence.rows))))
 
 
 def _in_one_test(one: Place, other: Place) -> bool:
@@ -152,7 +147,7 @@ def _is_at(row: Whiteness, place: Place) -> bool:
 MISFIT_LEFT = 0.05  # chi2 above noise a sample, left at the end, from which on another cause is at work
 BESIDE_A_MISFIT = 0.3  # most probability of a mistake of the rig there
 LARGE_MISFIT = 3.0  # chi2 a sample of the last model, formulas taken as exact, from which on it is not the right one
-BESIDE_A_LARGE_MISFIT = 0.7  # most probability of an effect of the throttle there
+BESIDE_A_LARGE_MISFIT = 0.7  # most probability of any effect there
 STRAYING = 5.0  # chi2 a sample up to which the free run of held-out traces strays without any effect
 
 
@@ -161,13 +156,14 @@ def largest_probability(
 ) -> float:
     """The largest probability that an effect may have, however strong its evidence.
 
-    It is smaller for a mistake of the rig where more than noise is left, for any effect where far more is, and where
-    the free run of the held-out traces strays as before (`held_out_share`).
+    It is smaller for a mistake of the rig where more than noise is left, for any effect where a model near its data
+    leaves far more, and for an effect of the throttle where the free run of the held-out traces strays as before
+    (`held_out_share`). Held-out traces need not show a mistake of the rig.
     """
-    imitates = name is not None and rig_effect(name) is not None and (curve or leaves_more_than_noise(rounds))
-    large = (rounds[-1].chi2_per_sample or 0.0) > LARGE_MISFIT
-    most = BESIDE_A_MISFIT if imitates else BESIDE_A_LARGE_MISFIT if large else 1.0
-    return min(most, held_out_share(rounds), 1.0 - settings.lapse)
+    of_the_rig = name is not None and rig_effect(name) is not None
+    imitates = of_the_rig and (curve or leaves_more_than_noise(rounds))
+    most = BESIDE_A_MISFIT if imitates else BESIDE_A_LARGE_MISFIT if _leaves_far_more(rounds) else 1.0
+    return min(most, 1.0 if of_the_rig else held_out_share(rounds), 1.0 - settings.lapse)
 
 
 def held_out_share(rounds: Sequence[RoundReport]) -> float:
@@ -176,10 +172,10 @@ def held_out_share(rounds: Sequence[RoundReport]) -> float:
         G / (G + max(0, chi2 - 5)),    G = max(0, chi2 before all rounds - chi2) + 1
 
     in units of the noise, chi2 being that of the last model a sample; 5 is `STRAYING`, which folders with nothing to
-    find reach. 1 where nothing is held out.
+    find reach. 1 where nothing is held out, and where no round was left to begin with the last effect.
     """
     first, last = rounds[0].holdout_rms, rounds[-1].holdout_rms
-    if first is None or last is None:
+    if first is None or last is None or rounds[-1].added is not None:
         return 1.0
     explained = max(0.0, first**2 - last**2) + 1.0
     return explained / (explained + max(0.0, last**2 - STRAYING))
@@ -189,3 +185,9 @@ def leaves_more_than_noise(rounds: Sequence[RoundReport]) -> bool:
     """Whether the last model leaves more than `MISFIT_LEFT` of chi2 above noise a sample."""
     last = rounds[-1].evidence.rows
     return sum(map(_chi2_left, last)) > MISFIT_LEFT * sum(row.n for row in last)
+
+
+def _leaves_far_more(rounds: Sequence[RoundReport]) -> bool:
+    """Whether the last model is near its data and leaves more than `LARGE_MISFIT`."""
+    last = rounds[-1]
+    return last.added is None and last.chi2_per_sample is not None and last.chi2_per_sample > LARGE_MISFIT

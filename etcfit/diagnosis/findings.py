@@ -122,7 +122,7 @@ class SetTried:
     """A set of effects whose free run was compared with that of the set that the rounds found."""
 
     effects: tuple[str, ...]  # names
-    bic_change: float  # of taking it in place of the rounds' own set
+    bic_change: float  # of taking it in place of the set kept before it
     taken: bool  # whether it was taken
 
 

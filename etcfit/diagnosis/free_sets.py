@@ -1,15 +1,15 @@
 """Sets of effects compared in the free run, where the model stays far from its data.
 
 There the rounds compare effects in a run that a guide draws along the measured angle. Such a run shows little of how an
-effect changes the motion of a free plate, so the set that the rounds found need not have the best free run. So a second
-set is grown, from the free run of the first fit: of the effects that were accepted in any round, the one whose guided
-start (`free_run.guided_start`, as in a fit of named effects) has the lowest misfit is taken first, then the next, as
-long as
+effect changes the motion of a free plate, so the set that the rounds found need not have the best free run. So it is
+compared with the ends of other orders (`orders`). And a further set is grown, from the free run of the first fit: of
+the effects that were accepted in any round, the one whose guided start (`free_run.guided_start`, as in a fit of named
+effects) has the lowest misfit is taken first, then the next, as long as
 
     -2 log L = 2 n log(error) + k log n,    n = number of independent samples,
 
-falls by as much as BIC requires of an effect and the held-out free run does not become worse. Of the two sets the
-likelier one is kept; where these data do not tell them apart, the one with fewer parameters. The free run of a set is
+falls by as much as BIC requires of an effect and the held-out free run does not become worse. Of all sets the
+likeliest one is kept; where these data do not tell them apart, the one with fewer parameters. The free run of a set is
 the better of two searches: from the starts of a fit, and from the free run of the set before.
 
 Source: forward selection (Miller 2002, Subset Selection in Regression, ch. 3); BIC: Schwarz 1978. Differs from source:
@@ -85,12 +85,12 @@ def bic_change(new: FreeRun, old: FreeRun) -> float:
     return float(likelihood + (new.x.size - old.x.size) * np.log(count))
 
 
-def preferred(grown: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool:
-    """Whether a grown set replaces that of the rounds: it is likelier, or as likely with fewer parameters."""
-    change = bic_change(grown, own)
-    if holdout_worsened(grown.holdout_rms, own.holdout_rms, settings.refit_rise):
+def preferred(other: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> bool:
+    """Whether another set replaces the one kept so far: it is likelier, or as likely with fewer parameters."""
+    change = bic_change(other, own)
+    if holdout_worsened(other.holdout_rms, own.holdout_rms, settings.refit_rise):
         return False
-    return change < -TIED_LIKELIHOOD or (change < TIED_LIKELIHOOD and grown.x.size < own.x.size)
+    return change < -TIED_LIKELIHOOD or (change < TIED_LIKELIHOOD and other.x.size < own.x.size)
 
 
 def pool(rounds: Sequence[RoundReport], settings: DiagnosisSettings) -> tuple[str, ...]:
@@ -129,28 +129,29 @@ def searched_free(
 ) -> tuple[Progress, tuple[SetTried, ...]]:
     """The progress whose free run is preferred: that of the rounds, one of another order of effects, or one with the
     grown set; and the sets compared."""
-    every, settings = progress.rounds, first.settings
+    settings, others = first.settings, list(other_orders(result, first, progress, report))
+    names = pool([each for end in (progress, *others) for each in end.rounds], settings)
+    if not names:
+        return progress, ()
     own, tried = best_free_run(progress.model, result), []
-    for other in other_orders(result, first, progress, report):
-        run, every = best_free_run(other.model, result), (*every, *other.rounds)
+    for end in others:
+        run = best_free_run(end.model, result)
         taken, change = preferred(run, own, settings), bic_change(run, own)
         tried.append(SetTried(run.effects, change, taken))
         if taken:
-            progress, own = replace(other, changed=(*other.changed, _gave_way(own, run, change))), run
-    names = pool(every, settings)
-    if not names:
-        return replace(progress, free=own.values), tuple(tried)
-    other = grown(result, names, report, settings)
+            progress, own = replace(end, changed=(*end.changed, _gave_way(own, run, change))), run
+    set_grown = grown(result, names, report, settings)
     found = {e.name: e for e in first.composition.candidates}
-    effects = tuple(found[name] for name in other.effects)
+    effects = tuple(found[name] for name in set_grown.effects)
     if set(effects) == set(progress.model.added):
-        return replace(progress, free=min((other, own), key=lambda each: each.unlikely).values), tuple(tried)
-    taken, change = bool(effects) and preferred(other, own, settings), bic_change(other, own)
+        return replace(progress, free=min((set_grown, own), key=lambda run: run.unlikely).values), tuple(tried)
+    taken, change = bool(effects) and preferred(set_grown, own, settings), bic_change(set_grown, own)
     if effects:
-        tried.append(SetTried(other.effects, change, taken))
+        tried.append(SetTried(set_grown.effects, change, taken))
     if not taken:
         return replace(progress, free=own.values), tuple(tried)
-    return _in_its_place(progress, effects, other.values, _gave_way(own, other, change), report), tuple(tried)
+    why = _gave_way(own, set_grown, change)
+    return _in_its_place(progress, effects, set_grown.values, why, report), tuple(tried)
 
 
 def best_free_run(s: CandidateModel, result: FitResult) -> FreeRun:
@@ -161,6 +162,8 @@ def best_free_run(s: CandidateModel, result: FitResult) -> FreeRun:
 
 
 def _gave_way(old: FreeRun, new: FreeRun, change: float) -> str:
+    if {*old.effects} == {*new.effects}:
+        return f"Found in another order, {listed(new.effects)} have a likelier free run (BIC {change:+.1f})."
     before = f"{listed(old.effects)} gave way to" if old.effects else "Nothing was found under the guide; there is"
     return f"{before} {listed(new.effects)}, whose free run is likelier (BIC {change:+.1f})."
 

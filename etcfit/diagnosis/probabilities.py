@@ -58,7 +58,7 @@ def likely_in_one_line(probabilities: Mapping[str, float | None]) -> str:
 # (`trial.surprise`, which the change of BIC leaves out here) is not tempered. `lapse` is the probability of the answer
 # "something else": the rate at which a name is wrong however strong its evidence is, because the true cause may be
 # outside the catalogue; it is higher where an effect explains only a part of the misfit at its place
-# (`credit_by_round`), and where a mistake of the rig leaves more than noise. The answers of a question add up to one.
+# (`credit_by_round`), and by the limits of `largest_probability`. The answers of a question add up to one.
 # An effect is absent only if it is absent in every round. The calibration of these probabilities:
 # docs/validation/bank.md.
 #
@@ -224,7 +224,8 @@ def _probability_of_unnamed_rest(
         return settings.missed
     imitated = not noise and leaves_more_than_noise(rounds) and any(rig_effect(name) is not None for name in added)
     least = 1.0 - BESIDE_A_MISFIT if imitated else settings.lapse
-    return min(max(left_share(rounds, doubts), 1.0 - held_out_share(rounds), least), 1.0 - settings.lapse)
+    astray = 0.0 if all(rig_effect(name) is not None for name in added) else 1.0 - held_out_share(rounds)
+    return min(max(left_share(rounds, doubts), astray, least), 1.0 - settings.lapse)
 
 
 def _answers(

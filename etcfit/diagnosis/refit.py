@@ -112,8 +112,8 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
 
     Where it stays far, its guided residual is minimised. Where the rounds make the model worse, they are repeated from
     the coordinates before the descent. They are tried from there too before a model that was near is called far: a
-    whitened residual forgives one wrong stick, which spoils the rest of a free run. Where an inertia has vanished, the
-    rounds are made from a shared one too.
+    whitened residual forgives one wrong stick, which spoils the rest of a free run. Where an inertia has vanished in a
+    model near its data, the rounds are made from a shared one too.
     """
     problem = s.problem.reprepared(s.x).with_room_for(s.held_out, s.x)
     weighted = problem.weighted(weights.forgiving(problem))
@@ -124,14 +124,19 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
     limit = NEAR_CHI2_PER_DOF if s.far else MISFIT
     if problem.chi2(x, weighted) / max(1.0, weighted.samples - x.size) > limit:
         if not s.far and not refit_worsened(new := _in_rounds(s, problem, s.x, report), s):
-            return new
+            return _with_both_inertias(new, report)
         end = Termination(True, "optimum of the guided residual", far=True)
         return _reweighed(whitened(s, problem, s.held_out, s.x, end), s.held_out)
     new = _in_rounds(s, problem, x, report)
     if refit_worsened(new, s):
         new = min(new, _in_rounds(s, problem, s.x, report), key=lambda end: end.deviance)
-    shared = with_inertia_shared(new)
-    ends = [new] if shared is None else [new, _in_rounds(new, new.problem, shared, report)]
+    return _with_both_inertias(new, report)
+
+
+def _with_both_inertias(s: CandidateModel, report: Report) -> CandidateModel:
+    """The model; where an inertia has vanished, the end of rounds from a shared one if the data are likelier there."""
+    x = with_inertia_shared(s)
+    ends = [s] if x is None else [s, _in_rounds(s, s.problem, x, report)]
     return min(ends, key=lambda end: end.deviance)
 
 

@@ -334,6 +334,10 @@ def test_no_name_is_sure_where_the_last_model_leaves_three_times_the_noise() -> 
     for left, most in ((1.2, 1.0 - DEFAULT.lapse), (3.5, 0.7), (None, 1.0 - DEFAULT.lapse)):
         rounds = (first, replace(last, chi2_per_sample=left))
         assert largest_probability(FRICTION, rounds, False, DEFAULT) == most
+    exhausted = (first, replace(excess_round(DRAG, {DRIVE: 2.5}), chi2_per_sample=3.5))
+    assert largest_probability(FRICTION, exhausted, False, DEFAULT) == 1.0 - DEFAULT.lapse, (
+        "the last model has the drag"
+    )
 
 
 @pytest.mark.parametrize(
@@ -354,6 +358,21 @@ def test_what_strays_as_before_on_held_out_traces_has_no_sure_name(
     assert found.names == ((DRAG,) if share > 0.5 else ())
     if found.names:
         assert found.probabilities[UNEXPLAINED] == pytest.approx(max(0.1, 1.0 - share))
+
+
+def test_held_out_traces_need_not_show_a_mistake_nor_what_no_round_has_seen_yet() -> None:
+    first, same = (replace(each, holdout_rms=9.0) for each in (excess_round(WARM, {VOLTS_2: 4.0}), turn(None)))
+    assert largest_probability(WARM, (first, same), False, DEFAULT) == 0.9
+    assert named_effects((first, same), [WARM], [], False, DEFAULT, slow=False).probabilities[UNEXPLAINED] == 0.1
+    only = replace(excess_round(DRAG, {DRIVE: 400.0}), holdout_rms=9.0)
+    assert largest_probability(DRAG, (only,), False, DEFAULT) == 0.9, "no round began with it"
+
+
+def test_one_event_that_counts_as_noise_is_no_share_without_a_name() -> None:
+    rounds = (excess_round(DRAG, {DRIVE: 0.4}), excess_round(None, {DRIVE: 0.2}))
+    noise = replace(rounds[1], evidence=replace(rounds[1].evidence, white=True))
+    assert left_share(rounds) == pytest.approx(0.5)
+    assert left_share((rounds[0], noise)) == 0.0
 
 
 def test_a_mistake_must_explain_more_of_the_misfit_than_an_effect_to_be_said() -> None:
