@@ -84,6 +84,12 @@ class CandidateModel:
         """
         return self.within(self.composition, added, values)
 
+    def at_end_of(self, added: tuple[Effect, ...], values: Mapping[str, float]) -> CandidateModel:
+        """Other effects at work, at the values where another model's refit ended, SI by symbol; parameters that it has
+        no value for keep their coordinates."""
+        s = self.with_effects(added, values)
+        return replace(s, x=s.problem.layout.coordinates({**s.values, **values}))
+
     def without(self, effect: Effect) -> CandidateModel:
         """The model with one of the added effects taken away, data and whitening unchanged."""
         return self.with_effects(tuple(e for e in self.added if e is not effect), {})

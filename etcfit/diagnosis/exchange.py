@@ -142,8 +142,7 @@ def compared_in_place(
 
     def deepest(rival: Effect) -> Trial:
         values, own = rivals[rival], resting(rival)
-        there = s.with_effects(replaced_in_order(s.added, effect, rival), {k: values[k] for k in own})
-        there = replace(there, x=there.problem.layout.coordinates({**there.values, **values}))
+        there = s.at_end_of(replaced_in_order(s.added, effect, rival), values)
         ends = (
             run_trial(base, rival, {k: values[k] for k in own}, before),
             judge_trial(rival, before, there.optimised()),

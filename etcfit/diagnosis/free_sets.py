@@ -133,25 +133,25 @@ def searched_free(
     names = pool([each for end in (progress, *others) for each in end.rounds], settings)
     if not names:
         return progress, ()
-    own, tried = best_free_run(progress.model, result), []
+    own = best_free_run(progress.model, result)
+    tried: list[SetTried] = []
     for end in others:
         run = best_free_run(end.model, result)
-        taken, change = preferred(run, own, settings), bic_change(run, own)
-        tried.append(SetTried(run.effects, change, taken))
-        if taken:
-            progress, own = replace(end, changed=(*end.changed, _gave_way(own, run, change))), run
+        tried.append(_compared(run, own, settings))
+        if tried[-1].taken:
+            why = _gave_way(own, run)
+            progress, own = replace(end, changed=(*end.changed, why)), run
     set_grown = grown(result, names, report, settings)
     found = {e.name: e for e in first.composition.candidates}
     effects = tuple(found[name] for name in set_grown.effects)
     if set(effects) == set(progress.model.added):
         return replace(progress, free=min((set_grown, own), key=lambda run: run.unlikely).values), tuple(tried)
-    taken, change = bool(effects) and preferred(set_grown, own, settings), bic_change(set_grown, own)
     if effects:
-        tried.append(SetTried(set_grown.effects, change, taken))
-    if not taken:
-        return replace(progress, free=own.values), tuple(tried)
-    why = _gave_way(own, set_grown, change)
-    return _in_its_place(progress, effects, set_grown.values, why, report), tuple(tried)
+        tried.append(_compared(set_grown, own, settings))
+        if tried[-1].taken:
+            why = _gave_way(own, set_grown)
+            return _in_its_place(progress, effects, set_grown.values, why, report), tuple(tried)
+    return replace(progress, free=own.values), tuple(tried)
 
 
 def best_free_run(s: CandidateModel, result: FitResult) -> FreeRun:
@@ -161,7 +161,12 @@ def best_free_run(s: CandidateModel, result: FitResult) -> FreeRun:
     return FreeRun.of_model(tuple(e.name for e in s.added), run.problem, run.x, s.held_out)
 
 
-def _gave_way(old: FreeRun, new: FreeRun, change: float) -> str:
+def _compared(other: FreeRun, own: FreeRun, settings: DiagnosisSettings) -> SetTried:
+    return SetTried(other.effects, bic_change(other, own), preferred(other, own, settings))
+
+
+def _gave_way(old: FreeRun, new: FreeRun) -> str:
+    change = bic_change(new, old)
     if {*old.effects} == {*new.effects}:
         return f"Found in another order, {listed(new.effects)} have a likelier free run (BIC {change:+.1f})."
     before = f"{listed(old.effects)} gave way to" if old.effects else "Nothing was found under the guide; there is"

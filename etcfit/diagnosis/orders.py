@@ -67,8 +67,7 @@ def _turned(turn: Turn, first: CandidateModel, progress: Progress, report: Repor
     """The progress up to a round that takes another turn, and that round."""
     before, own, turned = progress.found[: turn.round], progress.found[turn.round], progress.rounds[turn.round]
     effect, values = next((e, values) for e, values in own.rivals.items() if e.name == turn.instead)
-    s = first.with_effects((*(each.effect for each in before), effect), values)
-    s = refit_fully(replace(s, x=s.problem.layout.coordinates({**s.values, **values})), report)
+    s = refit_fully(first.at_end_of((*(each.effect for each in before), effect), values), report)
     why = f"{effect.name} is as likely as {turned.added}: the rounds are carried on from it too."
     turned = replace(turned, added=effect.name, ties=(str(turned.added),), why=why)
     return Progress(s, (*before, Found(effect, {}, {})), (*progress.rounds[: turn.round], turned))

@@ -136,8 +136,7 @@ def refit_fully(s: CandidateModel, report: Report) -> CandidateModel:
 def _with_both_inertias(s: CandidateModel, report: Report) -> CandidateModel:
     """The model; where an inertia has vanished, the end of rounds from a shared one if the data are likelier there."""
     x = with_inertia_shared(s)
-    ends = [s] if x is None else [s, _in_rounds(s, s.problem, x, report)]
-    return min(ends, key=lambda end: end.deviance)
+    return s if x is None else min(s, _in_rounds(s, s.problem, x, report), key=lambda end: end.deviance)
 
 
 def with_inertia_shared(s: CandidateModel) -> np.ndarray | None:

@@ -119,7 +119,7 @@ def _position(source: Source) -> Export:
                                         "forcerange": f"{-per_volt * supply!r} {per_volt * supply!r}"}  # fmt: skip
     actuator = {"kp": repr(per_volt * float(gains.Kp)), "kv": repr(per_volt * float(gains.Kd)), "ctrllimited": "true",
                 "ctrlrange": f"{low!r} {high!r}", **limits}  # fmt: skip
-    says = (f"ctrl of the actuator is the angle asked for, rad. kp and kv are the gains of {whose}, times "
+    says = (f"ctrl of the actuator is the setpoint of the angle, rad. kp and kv are the gains of {whose}, times "
             f"N K_m/R_a = {per_volt:.6g} N m/V; damping is the bearings' and the back-EMF's.")  # fmt: skip
     integral = (f"The integral gain, Ki = {float(gains.Ki):.4g} V/(rad s): a position actuator has none.",)
     lost = (*_cannot_hold(source), _SOFT, *(integral if gains.Ki else ()),
